@@ -22,26 +22,16 @@ _CALIBRATIONS = ("calibration", "camera")
 
 _ZED = "expected a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them"
 _RAW = "expected PNG or JPEG: darktable-cli or dcraw convert camera raw files"
-CONVERTED_BY = {
-    ".svo": _ZED,
-    ".svo2": _ZED,
-    ".oni": "expected images: OpenNI 2's Python binding (openni2) or OpenCV built with OpenNI write them as PNG",
-    ".heic": "expected PNG or JPEG: ImageMagick (magick in.heic out.png) converts it",
-    ".heif": "expected PNG or JPEG: ImageMagick (magick in.heif out.png) converts it",
-    ".dng": _RAW,
-    ".cr2": _RAW,
-    ".nef": _RAW,
-    ".arw": _RAW,
-    ".insv": "expected a video: ffmpeg -i in.insv -c copy out.mp4 rewraps it",
-    ".npz": "expected images: write the arrays as PNG (cv2.imwrite)",
-    ".h5": "expected images: export the data set as PNG (h5py and cv2.imwrite)",
-    ".hdf5": "expected images: export the data set as PNG (h5py and cv2.imwrite)",
-    ".zip": "expected a folder: unpack it first",
-    ".tar": "expected a folder: unpack it first",
-    ".gz": "expected a folder: unpack it first",
-    ".7z": "expected a folder: unpack it first",
+_CONVERTED = {
+    (".svo", ".svo2"): "a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them",
+    (".oni",): "images: OpenNI 2's Python binding (openni2) or OpenCV built with OpenNI write them as PNG",
+    (".heic", ".heif"): "PNG or JPEG: ImageMagick (magick in.heic out.png) converts it",
+    (".dng", ".cr2", ".nef", ".arw"): "PNG or JPEG: darktable-cli or dcraw convert camera raw files",
+    (".insv",): "a video: ffmpeg -i in.insv -c copy out.mp4 rewraps it",
+    (".npz", ".h5", ".hdf5"): "images: write the arrays as PNG (cv2.imwrite)",
+    (".zip", ".tar", ".gz", ".7z"): "a folder: unpack it first",
 }
-"""Advice for a file that no adapter reads, by its suffix."""
+"""What is expected in place of a file that no adapter reads, by its suffix."""
 
 
 class Reading(NamedTuple):
@@ -102,8 +92,10 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     if failures:
         raise failures[0]
     who = ", ".join(asked or names)
-    expected = CONVERTED_BY.get(path.suffix.lower(), "expected one of the sources in datasets/README.md")
-    raise VfoaError(f"{path}: not recognised by {who}; {expected}")
+    suffix = path.suffix.lower()
+    other = (expected for suffixes, expected in _CONVERTED.items() if suffix in suffixes)
+    expected = next(other, "one of the sources in datasets/README.md")
+    raise VfoaError(f"{path}: not recognised by {who}; expected {expected}")
 
 
 def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
-from vfoa.types import Float, StereoFrame
+from vfoa.types import StereoFrame
+
+Value = TypeVar("Value")
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
@@ -31,17 +34,25 @@ MIN_DEPTH_M, MAX_DEPTH_M = 0.05, 200.0
 MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
 """Usual baselines of cameras that watch people; others are probably in another unit."""
 
+_OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per metre"
+
 DARK = 16
 """Greatest brightness of 12-bit values in 16-bit files, of which only the upper 8 bits are read: 15."""
 
 
-def calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> list[str]:
+def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> list[str]:
     """Return each problem once, with its frames. ``says_unit``: the manifest gives the unit of the baseline itself."""
     problems: dict[str, list[int]] = {}
     for frame in frames:
         rig = frame.rig
         if frame.right is not None and not says_unit and not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-            problems.setdefault(baseline_question(rig.baseline_m), []).append(frame.index)
+            guess = "" if rig.baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
+            problem = (
+                f"the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: "
+                'say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source], or rescale the '
+                "file: vfoa calibrate FILE --square-mm SIDE"
+            )
+            problems.setdefault(problem, []).append(frame.index)
         if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
             problem = (
                 f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
@@ -51,17 +62,7 @@ def calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> l
     return [f"frame {', '.join(map(str, numbers))}: {problem}" for problem, numbers in problems.items()]
 
 
-def baseline_question(baseline_m: float) -> str:
-    """A question about a baseline that is unusual for cameras that watch people."""
-    guess = "" if baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
-    return (
-        f"the baseline is {baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: say "
-        'calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source], or rescale the file: '
-        "vfoa calibrate FILE --square-mm SIDE"
-    )
-
-
-def image_problems(frames: Sequence[StereoFrame]) -> list[str]:
+def _image_problems(frames: Sequence[StereoFrame]) -> list[str]:
     """Images that decode but cannot be right: the same on both sides, or nearly black."""
     same = [str(frame.index) for frame in frames if frame.right is not None and np.array_equal(frame.left, frame.right)]
     problems = [f"frame {', '.join(same)}: left and right are the same image; expected two views"] if same else []
@@ -74,29 +75,43 @@ def image_problems(frames: Sequence[StereoFrame]) -> list[str]:
     return problems
 
 
-def rectification_problems(error_px: float | None) -> list[str]:
-    """Rows that do not match; ``error_px`` is the median row difference of matched points."""
-    if error_px is None or error_px <= MAX_VERTICAL_ERROR_PX:
-        return []
-    return [
-        f"matched points lie {error_px:.1f} rows apart (median); "
-        f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
-    ]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Matching:
+    """Points that were matched between left and right: the median row difference, None with too few of them."""
+
+    matches: int | None = None
+    error_px: float | None = None
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
 
 
-def order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
-    """Negative disparities: points in front of the cameras must be further right in the left image."""
-    shifts = [
-        columns + frame.rig.cx_right_px - frame.rig.cx_px
-        for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
-    ]
-    disparity_px = float(np.median(np.concatenate(shifts)))
-    if disparity_px >= 0:
-        return []
-    return [
-        f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
-        "(left and right swapped?)"
-    ]
+def _check_matches(frames: Sequence[StereoFrame]) -> _Matching:
+    """Rows that do not match, and negative disparities: points before the cameras are further right in the left image.
+
+    They are found in both images of the frames that have two.
+    """
+    rows_px, disparities_px = [np.empty(0)], [np.empty(0)]
+    for frame in frames:
+        if frame.right is not None:
+            columns, rows = matched_offsets_px(frame.left, frame.right).T
+            rows_px.append(np.abs(rows))
+            disparities_px.append(columns + frame.rig.cx_right_px - frame.rig.cx_px)
+    if len(rows_px) == 1:
+        return _Matching()
+    if (matches := sum(map(len, rows_px))) < MIN_MATCHES:
+        few = f"{matches} points were matched between left and right"
+        return _Matching(matches=matches, notes=(f"{few}; rectification is checked from {MIN_MATCHES} points on",))
+    error_px, disparity_px = (float(np.median(np.concatenate(each))) for each in (rows_px, disparities_px))
+    problems = []
+    if error_px > MAX_VERTICAL_ERROR_PX:
+        expected = f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
+        problems.append(f"matched points lie {error_px:.1f} rows apart (median); {expected}")
+    if disparity_px < 0:
+        problems.append(
+            f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
+            "(left and right swapped?)"
+        )
+    return _Matching(matches=matches, error_px=error_px, problems=tuple(problems))
 
 
 def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
@@ -108,10 +123,7 @@ def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
     near, middle, far = np.percentile(known, (1, 50, 99))
     share = known.size / sum(depth.size for depth in depths)
     limit_m = BlockMatchingSettings().min_depth_m
-    unit = (
-        f"nearly all of the measured depth is nearer than {limit_m:g} m (another unit? depth_scale in [source] is the "
-        "number of counts per metre)"
-    )
+    unit = f"nearly all of the measured depth is nearer than {limit_m:g} m ({_OTHER_UNIT})"
     return [
         *([unit] if far < limit_m else []),
         f"measured depth on {share:.0%} of the pixels: {near:.2f} to {far:.2f} m (1st to 99th percentile), "
@@ -119,27 +131,18 @@ def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
     ]
 
 
-def depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
+def _depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
     """Measured maps without a value, or with values that suggest another unit."""
-    measured = [(frame.index, frame.depth_m) for frame in frames if frame.depth_m is not None]
-    empty = [str(index) for index, depth in measured if not np.isfinite(depth).any()]
-    medians = [float(np.nanmedian(depth)) for _, depth in measured if np.isfinite(depth).any()]
+    measured = [
+        (frame.index, frame.depth_m[np.isfinite(frame.depth_m)]) for frame in frames if frame.depth_m is not None
+    ]
+    empty = [str(index) for index, depths_m in measured if not depths_m.size]
+    medians = [float(np.median(depths_m)) for _, depths_m in measured if depths_m.size]
     problems = [f"frame {', '.join(empty)}: no pixel has a measured depth"] if empty else []
     if medians and not MIN_DEPTH_M <= np.median(medians) <= MAX_DEPTH_M:
-        problems.append(
-            f"the median measured depth is {np.median(medians):.3g} m; expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m "
-            "(another unit? depth_scale in [source] is the number of counts per metre)"
-        )
+        expected = f"expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m ({_OTHER_UNIT})"
+        problems.append(f"the median measured depth is {np.median(medians):.3g} m; {expected}")
     return problems
-
-
-def unmeasured(matches: int | None) -> list[str]:
-    """A note if too few points were matched to check rectification."""
-    if matches is None or matches >= MIN_MATCHES:
-        return []
-    return [
-        f"{matches} points were matched between left and right; rectification is checked from {MIN_MATCHES} points on"
-    ]
 
 
 MAX_DISTANCE_M = 100.0
@@ -266,41 +269,43 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             notes=clip.notes,
             problems=(*measurement_problems(manifest, clip), *manifest_problems(manifest), *label_problems),
         )
-    pairs = [(frame, frame.right) for frame in frames if frame.right is not None]
-    offsets = [matched_offsets_px(frame.left, right) for frame, right in pairs]
-    matches = sum(map(len, offsets)) if pairs else None
-    error_px = None
-    if matches is not None and matches >= MIN_MATCHES:
-        error_px = float(np.median(np.abs(np.concatenate(offsets)[:, 1])))
-    rig = frames[0].rig
+    matching, rig = _check_matches(frames), frames[0].rig
+    _, drawn_problems = _attempt(lambda: manifest.drawn(clip.frames))
     return ClipCheck(
         name=manifest.name,
         frames=len(clip.frames),
         size_px=(rig.width_px, rig.height_px),
         fx_px=rig.fx_px,
-        baseline_m=rig.baseline_m if pairs else None,
-        vertical_error_px=error_px,
-        matches=matches,
+        baseline_m=None if matching.matches is None else rig.baseline_m,
+        vertical_error_px=matching.error_px,
+        matches=matching.matches,
         labels=labels,
         notes=(
             *clip.notes,
-            *unmeasured(matches),
+            *matching.notes,
             *depth_notes(frames),
             *near_notes(frames),
             *manifest_notes(manifest, clip),
         ),
         problems=(
             *unreadable,
-            *calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
-            *image_problems(frames),
-            *rectification_problems(error_px),
-            *depth_problems(frames),
-            *(order_problems([frame for frame, _ in pairs], offsets) if error_px is not None else ()),
+            *_calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
+            *_image_problems(frames),
+            *_depth_problems(frames),
+            *matching.problems,
             *manifest_problems(manifest),
             *label_problems,
-            *_drawn_problems(manifest, clip),
+            *drawn_problems,
         ),
     )
+
+
+def _attempt(read: Callable[[], Value]) -> tuple[Value | None, tuple[str, ...]]:
+    """What ``read`` returns, or None and its error."""
+    try:
+        return read(), ()
+    except VfoaError as error:
+        return None, (str(error),)
 
 
 def _unreadable(clip: Clip) -> tuple[str, ...]:
@@ -317,21 +322,12 @@ def _unreadable(clip: Clip) -> tuple[str, ...]:
     return (f"{len(errors)} of {len(clip.frames)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
 
 
-def _drawn_problems(manifest: ClipManifest, clip: Clip) -> tuple[str, ...]:
-    """The first error in the shapes drawn on the clip."""
-    try:
-        manifest.drawn(clip.frames)
-    except VfoaError as error:
-        return (str(error),)
-    return ()
-
-
 def _row(name: str, path: Path) -> ClipRow:
     try:
         manifest = load_manifest(path, name)
     except VfoaError as error:
         return ClipRow(name=name, problem=str(error))
-    clip, problem = _open(manifest)
+    clip, problems = _attempt(manifest.open)
     labels, label_problems = _labels(manifest, clip)
     return ClipRow(
         name=manifest.name,
@@ -341,15 +337,8 @@ def _row(name: str, path: Path) -> ClipRow:
         targets=tuple(manifest.targets),
         licence=manifest.licence,
         labels=labels,
-        problem=problem or next(iter(label_problems), None),
+        problem=next(iter((*problems, *label_problems)), None),
     )
-
-
-def _open(manifest: ClipManifest) -> tuple[Clip | MeasuredClip | None, str | None]:
-    try:
-        return manifest.open(), None
-    except VfoaError as error:
-        return None, str(error)
 
 
 def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[int | None, tuple[str, ...]]:
@@ -357,12 +346,9 @@ def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[i
 
     If the clip cannot be opened, the rows' own lengths count.
     """
-    try:
-        labels = manifest.labels(None if clip is None else timeline_of(clip))
-    except VfoaError as error:
-        return None, (str(error),)
+    labels, problems = _attempt(lambda: manifest.labels(None if clip is None else timeline_of(clip)))
     if labels is None:
-        return None, ()
+        return None, problems
     if clip is None:
         scored = [each for each in labels.ranges if each.label.target != IGNORED]
         return sum(each.last_frame - each.first_frame + 1 for each in scored), ()

@@ -101,23 +101,7 @@ class PlayedClip:
         return Arrival(number=number, time_ns=time_ns, arrived_s=arrived_s, read=partial(self._clip.frame, number))
 
 
-class Capture(Protocol):
-    """The methods of ``cv2.VideoCapture`` that are used."""
-
-    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
-        """Whether a camera is open."""
-        ...
-
-    def grab(self) -> bool:
-        """Wait for the next frame."""
-        ...
-
-    def retrieve(self) -> tuple[bool, Any]:
-        """Decode the frame that was grabbed last; return whether that succeeded, and the image, BGR."""
-        ...
-
-
-def open_capture(name: str) -> Capture:
+def open_capture(name: str) -> Any:
     """Open a camera by its number, or anything else that OpenCV opens (a stream's address).
 
     Raises
@@ -125,7 +109,7 @@ def open_capture(name: str) -> Capture:
     VfoaError
         If it cannot be opened.
     """
-    capture: Capture = cv2.VideoCapture(int(name) if name.isdecimal() else opencv_name(name))
+    capture = cv2.VideoCapture(int(name) if name.isdecimal() else opencv_name(name))
     if not capture.isOpened():
         raise VfoaError(f"camera {name}: cannot be opened; expected the number of a camera, or a stream's address")
     return capture
@@ -140,7 +124,7 @@ class CameraPair:
     Parameters
     ----------
     left, right
-        Open captures.
+        Open captures, as of ``cv2.VideoCapture``.
     calibration
         Any calibration file that a stereo folder may have.
     rectified
@@ -149,7 +133,7 @@ class CameraPair:
 
     rate_hz = None
 
-    def __init__(self, left: Capture, right: Capture, calibration: Path, *, rectified: bool = False) -> None:
+    def __init__(self, left: Any, right: Any, calibration: Path, *, rectified: bool = False) -> None:
         self._captures = left, right
         self._calibration, self._rectified = calibration, rectified
         self._rectifier: Rectifier | None = None

@@ -14,12 +14,13 @@ from pydantic import Field
 from harness.files.digests import digest_files
 from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth
+from harness.sources.calibration import Calibration
 from harness.sources.media.images import png_size_px, read_raw
-from harness.sources.media.maps import read_depth, read_sintel_disparity, relabel, small_ids
+from harness.sources.media.maps import read_sintel_disparity, relabel, small_ids
 from harness.sources.stereo_views import read_pair
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
-from vfoa.types import Disparity, Float, Instance, Instances, Map, Mask, StereoFrame, StereoRig
+from vfoa.types import Disparity, Float, Instance, Instances, StereoFrame
 
 _CAMERA_TAG = np.float32(202021.25)
 
@@ -47,12 +48,6 @@ def read_segments(path: Path) -> NDArray[np.uint32]:
     if image.ndim != 3 or image.dtype != np.uint8:
         raise VfoaError(f"{path}: found shape {image.shape} of {image.dtype}; expected Sintel's 8-bit RGB segmentation")
     return image.astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
-
-
-def read_mask(path: Path) -> Mask:
-    """Read a mask (H, W): pixels that are not black; VfoaError if it is no image."""
-    image = read_raw(path)
-    return (image if image.ndim == 2 else image.max(axis=2)) > 0
 
 
 BASELINE_M = 0.10
@@ -89,8 +84,6 @@ class SintelClip:
       clean_left/SCENE/frame_0001.png       clean_right/SCENE/...     or final_left, final_right
       camdata_left/SCENE/frame_0001.cam     intrinsics, read for every frame: fx changes within some scenes
       disparities/SCENE/frame_0001.png      optional: true disparity
-      occlusions/SCENE/frame_0001.png       optional: with outofframe/, what the right view does not see
-      depth/SCENE/frame_0001.dpt            optional: true depth
       segmentation/SCENE/frame_0001.png     optional: true instances, without names: label "segment"
     """
 
@@ -157,16 +150,8 @@ class SintelClip:
         left, right = read_pair(self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number))
         camera = read_camera(self._path("camdata_left", number, "cam"))
         fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        rig = StereoRig(
-            width_px=left.shape[1],
-            height_px=left.shape[0],
-            fx_px=fx,
-            fy_px=fy,
-            cx_px=cx,
-            cy_px=cy,
-            baseline_m=BASELINE_M,
-            cx_right_px=cx,
-        )
+        calibration = Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=BASELINE_M)
+        rig = calibration.rig(left.shape[1], left.shape[0])
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
@@ -183,20 +168,6 @@ class SintelClip:
                 if not (path := self._path(kind, number)).is_file()
             },
         )
-
-    def depth_m(self, number: int) -> Map | None:
-        """True depth (H, W) in metres; None without the depth set."""
-        path = self._path("depth", number, "dpt")
-        return self._fitting(read_depth(path), path, number) if path.is_file() else None
-
-    def hidden(self, number: int) -> Mask | None:
-        """Pixels (H, W) of the left view that the right one does not see: occluded or out of its frame.
-
-        None if neither mask exists.
-        """
-        paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
-        masks = [self._fitting(read_mask(path), path, number) for path in paths]
-        return np.logical_or.reduce(masks) if masks else None
 
     def digest(self) -> str:
         """Digest of the images' and cameras' bytes and the frames' numbers."""

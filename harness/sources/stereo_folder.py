@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from bisect import bisect_left
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +26,11 @@ class CameraNumbers(Intrinsics):
 
     baseline_m: float = Field(gt=0)
     cx_right_px: float | None = None
+
+    def pair(self, where: str) -> Calibration:
+        """Return the rectified pair."""
+        pair = super().pair(where)
+        return pair if self.cx_right_px is None else replace(pair, cx_right_px=self.cx_right_px)
 
 
 class StereoFolderSettings(ViewFiles):

@@ -18,6 +18,8 @@ from harness.sources.rectification import Rectifier
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
+_MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
+
 MIN_VIEWS = 3
 """Zhang's method needs three poses of the plane for all intrinsics."""
 
@@ -112,18 +114,10 @@ def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropp
     except cv2.error as error:
         raise VfoaError(f"OpenCV finds no calibration for {len(views)} views: {error.err}; add other poses") from None
     R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, size_px, R, T, alpha=0)
+    matrices = dict(zip(_MATRICES, (K1, D1, K2, D2, R, T, R1, R2, P1, P2), strict=True))
     return StereoCalibration(
         size_px=size_px,
-        K1=K1,
-        D1=D1,
-        K2=K2,
-        D2=D2,
-        R=R,
-        T=T,
-        R1=R1,
-        R2=R2,
-        P1=P1,
-        P2=P2,
+        **matrices,
         rms_px=float(rms),
         errors={
             view.number: ViewErrors(rms_px=float(max(of_view)), epipolar_px=_epipolar_px(view, K1, D1, K2, D2, F))
@@ -174,9 +168,6 @@ def rescaled(path: Path, square_m: float) -> str:
         else:
             storage.write(name, value)
     return str(storage.releaseAndGetString())
-
-
-_MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
 
 
 def format_calibration(calibration: StereoCalibration, square_m: float) -> str:

@@ -271,35 +271,25 @@ class Pictures:
     """
 
     def __init__(self, views: Views, every: int = 1) -> None:
-        self._views = views
-        self._numbers = views.frames[::every]
+        self._views, self._numbers = views, views.frames[::every]
         self.dropped: list[Dropped] = []
-        first = next(self._readable(), None)
-        if first is None:
+        self.size_px = (0, 0)
+        if next(iter(self), None) is None:
             reasons = "; ".join(each.reason for each in self.dropped[:1])
             raise VfoaError(f"none of {len(self._numbers)} pairs of pictures can be read: {reasons}")
-        self.size_px = _size(first[1])
 
     def __iter__(self) -> Iterator[tuple[int, Image, Image]]:
         self.dropped.clear()
-        for number, left, right in self._readable():
-            if _size(left) == self.size_px:
-                yield number, left, right
-            else:
-                self._drop(number, f"{_size(left)} pixels; expected {self.size_px} as in the first pair")
-
-    def _readable(self) -> Iterator[tuple[int, Image, Image]]:
         for number in self._numbers:
             try:
                 left, right = self._views.read(number)
             except VfoaError as error:
-                self._drop(number, str(error))
-            else:
+                self.dropped.append(Dropped(number=number, reason=str(error)))
+                continue
+            size_px = left.shape[1], left.shape[0]
+            self.size_px = self.size_px if any(self.size_px) else size_px
+            if size_px == self.size_px:
                 yield number, left, right
-
-    def _drop(self, number: int, reason: str) -> None:
-        self.dropped.append(Dropped(number=number, reason=reason))
-
-
-def _size(image: Image) -> tuple[int, int]:
-    return image.shape[1], image.shape[0]
+            else:
+                reason = f"{size_px} pixels; expected {self.size_px} as in the first pair"
+                self.dropped.append(Dropped(number=number, reason=reason))

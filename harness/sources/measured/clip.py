@@ -173,10 +173,19 @@ class FramesOfMeasurements:
     @cached_property
     def objects(self) -> dict[str, int]:
         """Ids by name, after those of the people. The manifest's objects come last, so that other ids do not change."""
-        found = [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]
-        names = [name for name in dict.fromkeys(each.name for each in found) if name not in self.people]
+        names = [name for name in self._objects_by_name if name not in self.people]
         names.sort(key=lambda name: name in self._settings.objects)
         return {name: number for number, name in enumerate(names, start=len(self.people) + 1)}
+
+    @cached_property
+    def _objects_by_name(self) -> dict[str, list[str]]:
+        """The categories of every object by its name, which may be that of a person."""
+        found: dict[str, list[str]] = {}
+        for each in (*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)):
+            categories = found.setdefault(each.name, [])
+            if each.category not in categories:
+                categories.append(each.category)
+        return found
 
     @cached_property
     def categories(self) -> dict[str, str]:
@@ -187,16 +196,13 @@ class FramesOfMeasurements:
         VfoaError
             If an object has two categories.
         """
-        found = dict.fromkeys(self.people, PERSON)
-        for each in [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]:
-            if each.name in self.people:
-                continue
-            if found.setdefault(each.name, each.category) != each.category:
+        for name in self.objects:
+            if len(found := self._objects_by_name[name]) > 1:
                 raise VfoaError(
-                    f"{self._where}: object {each.name!r}: found the categories {found[each.name]!r} and "
-                    f"{each.category!r}; expected one"
+                    f"{self._where}: object {name!r}: found the categories {found[0]!r} and {found[1]!r}; expected one"
                 )
-        return found
+        named = {name: self._objects_by_name[name][0] for name in self._objects_by_name if name not in self.people}
+        return dict.fromkeys(self.people, PERSON) | named
 
     def time_ns(self, number: int) -> int:
         """Time of a frame, nanoseconds."""
@@ -205,27 +211,20 @@ class FramesOfMeasurements:
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame as a scene."""
         frame = self._frame(number)
-        boxes = {each.name: each for each in (*self._fixed, *frame.objects)}
-        heads = [
-            _target(self.people[person.name], PERSON, 0, self._body(person, boxes.get(person.name)))
-            for person in frame.people
-        ]
-        here = {person.name for person in frame.people}
-        heads += [
-            _target(self.people[each.name], PERSON, 0, each.box)
-            for each in boxes.values()
-            if each.name in self.people and each.name not in here
-        ]
-        kinds = list(dict.fromkeys([PERSON, *self.categories.values()]))
-        things = [
-            _target(self.objects[each.name], each.category, kinds.index(each.category), each.box)
-            for each in boxes.values()
-            if each.name in self.objects
+        boxes = {each.name: each.box for each in (*self._fixed, *frame.objects)}
+        head_m = np.array(self._settings.head_size_m)
+        for person in frame.people:  # others look at the person's own box if the source has one, else at the head
+            if person.name not in boxes:
+                boxes[person.name] = None if person.eyes_m is None else self._settings.box(person.eyes_m, head_m)
+        ids, kinds = {**self.people, **self.objects}, list(dict.fromkeys([PERSON, *self.categories.values()]))
+        targets = [
+            _target(ids[name], category := self.categories[name], kinds.index(category), box)
+            for name, box in boxes.items()
         ]
         return Scene(
             index=number,
             time_ns=frame.time_ns,
-            targets=tuple(sorted((*heads, *things), key=lambda each: each.instance.id)),
+            targets=tuple(sorted(targets, key=lambda each: each.instance.id)),
             people=tuple(
                 Person(
                     view=Cues(head_pose=person.head_pose, gaze=person.gaze),
@@ -269,14 +268,6 @@ class FramesOfMeasurements:
         if number not in self._frames:
             raise VfoaError(f"{self._where}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
         return self._frames[number]
-
-    def _body(self, person: MeasuredPerson, own: MeasuredObject | None) -> Box3D | None:
-        """The box that others look at: the person's own if the source has one, else one around the head."""
-        if own is not None:
-            return own.box
-        return (
-            None if person.eyes_m is None else self._settings.box(person.eyes_m, np.array(self._settings.head_size_m))
-        )
 
 
 def _target(number: int, category: str, category_id: int, box: Box3D | None) -> Target:

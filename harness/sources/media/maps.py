@@ -56,7 +56,6 @@ def default_counts_per_m(counts: NDArray[Any]) -> float:
 
 
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+(-?[0-9.eE+-]+)[^\S\n]*\n")
-_DPT_TAG = np.float32(202021.25)
 
 
 def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
@@ -91,17 +90,6 @@ def read_sintel_disparity(path: Path) -> Map:
     if image.ndim != 3 or image.dtype != np.uint8:
         raise VfoaError(f"{path}: found {_kind(image)}; expected Sintel's 8-bit RGB disparity")
     return _from_sintel(image)
-
-
-def read_depth(path: Path) -> Map:
-    """Read MPI Sintel's .dpt: depth (H, W) float32 in metres; the sky is huge but finite."""
-    data = read_bytes(path)
-    if len(data) < 12 or np.frombuffer(data, "<f4", 1)[0] != _DPT_TAG:
-        raise VfoaError(f"{path}: not a Sintel depth file: expected the tag {_DPT_TAG} in the first 4 bytes")
-    width, height = np.frombuffer(data, "<i4", 2, offset=4).tolist()
-    if width <= 0 or height <= 0 or len(data) != 12 + 4 * width * height:
-        raise VfoaError(f"{path}: found {len(data)} bytes; expected {12 + 4 * width * height} for {width} x {height}")
-    return np.frombuffer(data, "<f4", offset=12).reshape(height, width).astype(np.float32)
 
 
 def read_pfm(path: Path) -> Map:

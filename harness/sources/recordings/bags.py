@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_yaml
-from harness.sources.recordings.containers import MOST_BYTES, Index, TopicIndex, Window, unpack, zstd_size
+from harness.sources.recordings.containers import MOST_BYTES, Index, TopicIndex, Window, starts_with, unpack, zstd_size
 from harness.sources.recordings.messages import BY_NAME, MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
@@ -65,7 +65,7 @@ def open_reader(part: Path) -> Any:
     """
     reader: Any = None
     try:
-        if part.is_file() and _starts(part, _ROS1):
+        if part.is_file() and starts_with(part, _ROS1):
             reader = Ros1Reader(part)
             reader.open()
             _bound_chunks(reader)
@@ -133,7 +133,7 @@ def _check_connections(reader: Any) -> None:
 
 def _parts_at(path: Path) -> tuple[Path, ...]:
     if path.is_file():
-        return (path,) if _starts(path, _ROS1) or _starts(path, _SQLITE) else ()
+        return (path,) if starts_with(path, _ROS1) or starts_with(path, _SQLITE) else ()
     if not path.is_dir():
         return ()
     noted = _metadata(path)
@@ -155,14 +155,6 @@ def _metadata(folder: Path) -> dict[str, Any]:
         return {**noted, "compression_mode": "" if mode == "none" else mode}
     except (VfoaError, KeyError, TypeError, ValueError, AttributeError):
         return {}
-
-
-def _starts(path: Path, magic: bytes) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(magic)) == magic
-    except OSError:
-        return False
 
 
 _ALWAYS = frozenset({"calibration", "transforms", "extrinsics", "video"})

@@ -13,12 +13,11 @@ import numpy as np
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.recordings.bags import BagContainer, is_bag
-from harness.sources.recordings.cameras import PairCameras
-from harness.sources.recordings.containers import Container, window_of
-from harness.sources.recordings.depth_camera import DepthCamera
+from harness.sources.recordings.containers import Container, starts_with, window_of
+from harness.sources.recordings.depth_camera import RecordedOptics
 from harness.sources.recordings.joining import FramePlaces, join_streams
 from harness.sources.recordings.mcap_container import McapContainer, files_in
-from harness.sources.recordings.mcap_files import is_mcap
+from harness.sources.recordings.mcap_files import MAGIC
 from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import (
     Place,
@@ -67,22 +66,15 @@ class RecordingClip:
         if window is not None and not any(topic.is_image and topic.places for topic in topics):
             raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._streams = find_streams(topics, settings, self._where)
-        calibrated = topics, self._streams, self._container, settings
-        self._depth_camera = DepthCamera(*calibrated, self._where) if self._streams.right is None else None
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
             for topic in self._streams.topics
             if topic.type.kind == "video"
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
-        self._cameras = None
-        if self._streams.right is not None:
-            self._cameras = PairCameras(*calibrated, self._folder, self._size_px, self._where)
-        self._lost = (
-            *paired,
-            *unused_depth(topics, self._streams),
-            *(() if self._depth_camera is None else self._depth_camera.notes),
-        )
+        folder, size_px = self._folder, self._size_px
+        self._optics = RecordedOptics(topics, self._streams, self._container, settings, folder, size_px, self._where)
+        self._lost = (*paired, *unused_depth(topics, self._streams), *self._optics.notes)
 
     @property
     def frames(self) -> range:
@@ -107,9 +99,16 @@ class RecordingClip:
 
     def frame(self, number: int) -> StereoFrame:
         """Read one frame, rectified."""
-        places = self._places(number)
+        places, streams = self._places(number), self._streams
         try:
-            return self._pair(number, places) if self._cameras is not None else self._colour(number, places)
+            left, right, depth_m = self._image(streams.left, places.left), None, None
+            if streams.right is not None and places.right is not None:
+                right = self._image(streams.right, places.right)
+            if streams.depth is not None:  # unknown everywhere for a frame of a pair without one
+                depth_m = np.full(left.shape[:2], np.nan, np.float32)
+                depth_m = depth_m if places.depth is None else self._depth(streams.depth, places.depth)
+            stamps_ns = places.left.stamp_ns, (places.right or places.left).stamp_ns
+            return self._optics.frame(number, stamps_ns, left, right, depth_m)
         except VfoaError as error:
             text = str(error).removeprefix(f"{self._where}: ")
             raise VfoaError(f"{self._where}: frame {number}: {text}") from None
@@ -133,50 +132,14 @@ class RecordingClip:
             raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._frames)}")
         return self._frames[number - 1]
 
-    def _pair(self, number: int, places: FramePlaces) -> StereoFrame:
-        streams = self._streams
-        assert self._cameras is not None
-        assert streams.right is not None
-        assert places.right is not None
-        left, right = self._image(streams.left, places.left), self._image(streams.right, places.right)
-        if left.shape != right.shape:
-            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels")
-        found = self._cameras.at(places.left.stamp_ns, places.right.stamp_ns)
-        depth = None
-        if streams.depth is not None:
-            depth = self._depth(streams.depth, places.depth, left.shape[:2])
-            if not found.keeps_left:
-                raise VfoaError(
-                    f"{streams.depth.name} belongs to {streams.left.name} before rectification, which rotates it; "
-                    "expected rectified images with depth"
-                )
-        left, right = found.rectify(left, right)
-        rig = found.calibration.rig(left.shape[1], left.shape[0])
-        return StereoFrame(index=number, time_ns=places.left.stamp_ns, left=left, right=right, depth_m=depth, rig=rig)
-
-    def _colour(self, number: int, places: FramePlaces) -> StereoFrame:
-        assert self._depth_camera is not None
-        assert self._streams.depth is not None
-        image = self._image(self._streams.left, places.left)
-        depth = self._depth(self._streams.depth, places.depth)
-        left, depth_m, rig = self._depth_camera.view(image, depth, places.left.stamp_ns)
-        return StereoFrame(index=number, time_ns=places.left.stamp_ns, left=left, depth_m=depth_m, rig=rig)
-
     def _image(self, topic: Topic, place: Place) -> Image:
         if topic.name in self._videos:
             return self._videos[topic.name].image(place)
         return read_image(topic.type, self._container.read(topic, place), self._of_topic(topic, place))
 
-    def _depth(self, topic: Topic, place: Place | None, shape: tuple[int, ...] | None = None) -> Map:
-        """The depth in a message; unknown everywhere for a frame of a pair without one."""
-        if place is None:
-            assert shape is not None
-            return np.full(shape, np.nan, np.float32)
+    def _depth(self, topic: Topic, place: Place) -> Map:
         data = self._container.read(topic, place)
-        depth = read_depth(topic.type, data, self._settings.depth_scale, self._of_topic(topic, place))
-        if shape is not None and depth.shape != shape:
-            raise VfoaError(f"{topic.name}: depth of {depth.shape}; expected {shape} as {self._streams.left.name}")
-        return depth
+        return read_depth(topic.type, data, self._settings.depth_scale, self._of_topic(topic, place))
 
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
@@ -211,7 +174,7 @@ class McapClip(RecordingClip):
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
         if path.is_file():
-            return _recognised(path, "an MCAP recording") if is_mcap(path) else ()
+            return _recognised(path, "an MCAP recording") if starts_with(path, MAGIC) else ()
         files = () if is_bag(path) else files_in(path)
         return _recognised(path, f"an MCAP recording in {_files(files)}") if files else ()
 

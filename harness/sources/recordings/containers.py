@@ -48,6 +48,17 @@ def unpack(data: bytes, compression: str, size: int) -> bytes:
     return data
 
 
+def starts_with(path: Path, magic: bytes) -> bool:
+    """Whether a path is a file with these first bytes; False for one that cannot be read."""
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            return file.read(len(magic)) == magic
+    except OSError:
+        return False
+
+
 def zstd_size(head: bytes) -> int | None:
     """The size that the head of data in Zstandard states, bytes; None if it states none. Raises as :func:`unpack`."""
     size: int = zstandard.get_frame_parameters(head).content_size

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, Transform, without_distortion
-from harness.sources.recordings.cameras import camera_at, find_extrinsics, find_transform
+from harness.sources.recordings.cameras import PairCameras, camera_at, find_extrinsics, find_transform
 from harness.sources.recordings.containers import Messages
 from harness.sources.recordings.topics import RecordingSettings, Streams, Topic, find_camera, has_no_frames, is_aligned
-from harness.sources.rectification import RawCamera
+from harness.sources.rectification import ImageSize, RawCamera
 from vfoa.errors import VfoaError
-from vfoa.types import Image, Map, StereoRig
+from vfoa.types import Image, Map, StereoFrame, StereoRig
 
 
 class DepthCamera:
@@ -166,3 +167,60 @@ class DepthCamera:
         if self._registration is None or self._registration[0] != key:
             self._registration = key, DepthRegistration(source, target, self._colour_from_depth)
         return np.ascontiguousarray(self._registration[1].register(depth_m))
+
+
+class RecordedOptics:
+    """The calibrations of a recording's cameras, by which its images become frames; parameters as of PairCameras."""
+
+    def __init__(
+        self,
+        topics: Collection[Topic],
+        streams: Streams,
+        container: Messages,
+        settings: RecordingSettings,
+        folder: Path,
+        size: ImageSize,
+        where: str,
+    ) -> None:
+        self._streams = streams
+        self._pair = self._single = None
+        if streams.right is None:
+            self._single = DepthCamera(topics, streams, container, settings, where)
+        else:
+            self._pair = PairCameras(topics, streams, container, settings, folder, size, where)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """As of :class:`DepthCamera`; none for a pair."""
+        return () if self._single is None else self._single.notes
+
+    def frame(
+        self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
+    ) -> StereoFrame:
+        """Return a frame of the images and the depth in the messages, rectified; the stamps are those of both images.
+
+        Raises
+        ------
+        VfoaError
+            If the sizes differ from each other or from those of the calibrations, or a calibration cannot be read.
+        """
+        if self._single is not None:
+            assert depth_m is not None
+            left, depth_m, rig = self._single.view(left, depth_m, stamps_ns[0])
+            return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, depth_m=depth_m, rig=rig)
+        assert self._pair is not None
+        assert right is not None
+        if left.shape != right.shape:
+            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
+        found = self._pair.at(*stamps_ns)
+        if depth_m is not None and self._streams.depth is not None:
+            if depth_m.shape != left.shape[:2]:
+                raise VfoaError(f"{self._streams.depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
+            if not found.keeps_left:
+                raise VfoaError(
+                    f"{self._streams.depth.name} belongs to {self._streams.left.name} before rectification, which "
+                    "rotates it; expected rectified images with depth"
+                )
+        left, right = found.rectify(left, right)
+        rig = found.calibration.rig(left.shape[1], left.shape[0])
+        return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)

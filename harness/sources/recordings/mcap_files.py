@@ -35,17 +35,6 @@ PARSED = _RECORDS.keys()
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a path is a file that starts like MCAP; False for one that cannot be read."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False
-
-
 def parse_record(opcode: int, data: bytes) -> McapRecord:
     """Parse a record of one of the :data:`PARSED` kinds; any exception means damage."""
     stream = ReadDataStream(BytesIO(data))

@@ -6,7 +6,8 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -15,8 +16,7 @@ from mcap.records import Channel, Message, Schema
 
 from harness.files.io import unreadable
 from harness.sources.live import Arrival
-from harness.sources.recordings.cameras import PairCameras
-from harness.sources.recordings.depth_camera import DepthCamera
+from harness.sources.recordings.depth_camera import RecordedOptics
 from harness.sources.recordings.mcap_container import message_type
 from harness.sources.recordings.mcap_files import HEAD, MAGIC, PARSED, parse_record, parts_of
 from harness.sources.recordings.messages import IMAGES, MessageType, sight, stamp_ns
@@ -97,6 +97,7 @@ def _told(opcode: int, data: bytes) -> Iterator[Schema | Channel | Message]:
 
 
 _KEPT = 200
+"""Most messages of transforms, more than static ones reach."""
 _WAITING = 32
 """Most images of one side that wait for one of the other."""
 
@@ -114,17 +115,10 @@ class _Heard:
 
     data: dict[str, list[bytes]] = field(default_factory=dict)
 
-    def keep(self, topic: Topic, data: bytes) -> None:
-        """Keep one more message, up to a number that static transforms do not reach."""
-        kept = self.data.setdefault(topic.name, [])
-        if len(kept) < _KEPT:
-            topic.places.append(Place(0, 0, 0, len(kept)))
-            kept.append(data)
-
-    def keep_last(self, topic: Topic, data: bytes) -> None:
-        """Keep only this message of the topic."""
-        topic.places = [Place(0, 0, 0, 0)]
-        self.data[topic.name] = [data]
+    def keep(self, topic: Topic, data: bytes, most: int) -> None:
+        """Keep the message; of more than ``most`` of a topic, the last ones."""
+        kept = [*self.data.get(topic.name, []), data][-most:]
+        self.data[topic.name], topic.places = kept, [Place(0, 0, 0, place) for place in range(len(kept))]
 
     def read(self, topic: Topic, place: Place) -> bytes:
         """Return a message that was kept."""
@@ -145,12 +139,10 @@ class McapTail:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._topics: dict[str, Topic] = {}
-        self._pair: tuple[Topic, Topic] | None = None
-        self._is_depth = False
-        self._depth_camera: DepthCamera | None = None
+        self._streams: Streams | None = None
         self._heard = _Heard()
         self._waiting: tuple[deque[_Taken], deque[_Taken]] = (deque(maxlen=_WAITING), deque(maxlen=_WAITING))
-        self._cameras: PairCameras | None = None
+        self._optics: RecordedOptics | None = None
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
         """As in :class:`harness.sources.live.LiveSource`; numbers count the pairs that arrive from now on, from 1."""
@@ -166,8 +158,8 @@ class McapTail:
             is_behind = is_behind and record is not None
         if newest is not None:
             yield self._arrival(number + 1, *newest)
-        if self._pair is None and not stopped.is_set():
-            self._find_pair()  # the error says what is missing
+        if self._streams is None and not stopped.is_set():
+            self._find_streams()  # the error says what is missing
 
     def begin(self) -> None:
         """Do nothing: the writer does not wait."""
@@ -184,7 +176,7 @@ class McapTail:
             return self._hear(self._topics[channel.topic], record)
         return None
 
-    def _find_pair(self) -> tuple[Topic, Topic]:
+    def _find_streams(self) -> Streams:
         """The two topics that make frames.
 
         Raises
@@ -193,29 +185,27 @@ class McapTail:
             If they have not arrived yet, or are no still images.
         """
         streams = find_streams(self._topics.values(), self._settings, str(self._path))
-        other = streams.right or streams.depth
-        assert other is not None
-        for topic in (streams.left, other):
-            if topic.type.kind == "video":
-                raise VfoaError(
-                    f"{self._path}: {topic.name} is a video; expected images, raw or compressed, for a live run"
-                )
-        self._is_depth = streams.right is None
-        return streams.left, other
+        if streams.right is not None:
+            streams = replace(streams, depth=None)
+        if video := next((topic for topic in streams.topics if topic.type.kind == "video"), None):
+            raise VfoaError(
+                f"{self._path}: {video.name} is a video; expected images, raw or compressed, for a live run"
+            )
+        return streams
 
     def _hear(self, topic: Topic, message: Message) -> tuple[_Taken, _Taken] | None:
         where = f"{self._path}: {topic.name}"
         if topic.type.kind == "calibration":
-            self._heard.keep_last(topic, message.data)
+            self._heard.keep(topic, message.data, 1)
         elif topic.type.kind in ("transforms", "extrinsics"):
-            self._heard.keep(topic, message.data)
+            self._heard.keep(topic, message.data, _KEPT)
         if topic.sight is None and topic.type.kind in (*IMAGES, "calibration"):
             self._note_first(topic, message, where)
-        if self._pair is None or topic not in self._pair:
+        if self._streams is None or topic not in self._streams.topics:
             return None
         by_log = self._settings.stamps == "log"
         stamp = message.log_time if by_log else stamp_ns(topic.type, message.data, where)
-        side = self._pair.index(topic)
+        side = self._streams.topics.index(topic)
         self._waiting[side].append(_Taken(stamp, topic.type, message.data))
         return self._joined(side)
 
@@ -224,17 +214,17 @@ class McapTail:
         topic.sight = sight(topic.type, message.data, where)
         if topic.type.kind in IMAGES:
             topic.places = [Place(0, 0, 0, 0)]
-        if self._pair is None:
+        if self._streams is None:
             with suppress(VfoaError):  # the other topics may still arrive
-                self._pair = self._find_pair()
+                self._streams = self._find_streams()
 
     def _joined(self, side: int) -> tuple[_Taken, _Taken] | None:
         """The last image of this side with its partner; earlier images of both sides are dropped."""
         own, others = self._waiting[side], self._waiting[1 - side]
         nearest = min(others, key=lambda other: abs(other.stamp_ns - own[-1].stamp_ns), default=None)
-        if nearest is None or abs(nearest.stamp_ns - own[-1].stamp_ns) > self._settings.tolerance_ns(
-            of_depth=self._is_depth
-        ):
+        assert self._streams is not None
+        tolerance_ns = self._settings.tolerance_ns(of_depth=self._streams.right is None)
+        if nearest is None or abs(nearest.stamp_ns - own[-1].stamp_ns) > tolerance_ns:
             return None
         last = own[-1]
         own.clear()
@@ -243,39 +233,24 @@ class McapTail:
         return (last, nearest) if side == 0 else (nearest, last)
 
     def _arrival(self, number: int, left: _Taken, right: _Taken) -> Arrival:
-        def read() -> StereoFrame:
-            return self._frame(number, left, right)
-
+        read = partial(self._frame, number, left, right)
         return Arrival(number=number, time_ns=left.stamp_ns, arrived_s=time.monotonic(), read=read)
 
-    def _frame(self, number: int, left: _Taken, right: _Taken) -> StereoFrame:
-        where = f"{self._path}: frame {number}"
-        if self._is_depth:
-            return self._depth_frame(number, left, right, where)
-        images = [read_image(taken.type, taken.data, where) for taken in (left, right)]
-        if images[0].shape != images[1].shape:
-            sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
-            raise VfoaError(f"{where}: left and right are {sizes} pixels; expected the same")
-        if self._cameras is None:
-            size = (images[0].shape[1], images[0].shape[0])
-            self._cameras = PairCameras(*self._calibrated(), self._path.parent, lambda: size, str(self._path))
-        found = self._cameras.at(left.stamp_ns, right.stamp_ns)
-        first, second = found.rectify(*images)
-        rig = found.calibration.rig(first.shape[1], first.shape[0])
-        return StereoFrame(index=number, time_ns=left.stamp_ns, left=first, right=second, rig=rig)
-
-    def _calibrated(self) -> tuple[list[Topic], Streams, _Heard, RecordingSettings]:
-        """The topics that have arrived, those of the frames, the messages that calibrate them, and the settings."""
-        assert self._pair is not None
-        left, other = self._pair
-        streams = Streams(left=left, right=None if self._is_depth else other, depth=other if self._is_depth else None)
-        topics = [topic for topic in self._topics.values() if topic.sight is not None or topic.places]
-        return topics, streams, self._heard, self._settings
-
-    def _depth_frame(self, number: int, colour: _Taken, depth: _Taken, where: str) -> StereoFrame:
-        if self._depth_camera is None:
-            self._depth_camera = DepthCamera(*self._calibrated(), str(self._path))
-        image = read_image(colour.type, colour.data, where)
-        depth_m = read_depth(depth.type, depth.data, self._settings.depth_scale, where)
-        left, measured, rig = self._depth_camera.view(image, depth_m, colour.stamp_ns)
-        return StereoFrame(index=number, time_ns=colour.stamp_ns, left=left, depth_m=measured, rig=rig)
+    def _frame(self, number: int, left: _Taken, other: _Taken) -> StereoFrame:
+        where, streams = f"{self._path}: frame {number}", self._streams
+        assert streams is not None
+        image, right, depth_m = read_image(left.type, left.data, where), None, None
+        if streams.right is None:
+            depth_m = read_depth(other.type, other.data, self._settings.depth_scale, where)
+        else:
+            right = read_image(other.type, other.data, where)
+        try:
+            if self._optics is None:
+                topics = [topic for topic in self._topics.values() if topic.sight is not None or topic.places]
+                size, folder = (image.shape[1], image.shape[0]), self._path.parent
+                self._optics = RecordedOptics(
+                    topics, streams, self._heard, self._settings, folder, lambda: size, str(self._path)
+                )
+            return self._optics.frame(number, (left.stamp_ns, other.stamp_ns), image, right, depth_m)
+        except VfoaError as error:
+            raise VfoaError(f"{where}: {str(error).removeprefix(f'{self._path}: ')}") from None

@@ -114,7 +114,8 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
     namespace = image.name
     while "/" in namespace.strip("/"):
         namespace = namespace.rpartition("/")[0]
-        beside = [camera for camera in cameras if camera.name.rpartition("/")[0] == namespace]
+        places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
+        beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
         if len(beside) == 1:
             return beside[0]
     given = "or a calibration: --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.sources import ADAPTERS, Clip, MeasuredClip, PersonTruth, Truth
-from harness.sources.contract import check_contract
+from tests.adapter_contract import check_contract
 from tests.depth_recordings import Lens, Shot, write_take
 from tests.disk import (
     HEIGHT,

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from harness.cli.clips import app
 from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
-from harness.sources.contract import check_contract
 from harness.sources.depth_folder import DepthFolderClip, DepthFolderSettings
+from tests.adapter_contract import check_contract
 from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
 from vfoa.errors import VfoaError
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from harness.sources.contract import check_contract
 from harness.sources.recordings import bags, containers
 from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
+from tests.adapter_contract import check_contract
 from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
 from tests.disk import moving_picture
 from vfoa.errors import VfoaError

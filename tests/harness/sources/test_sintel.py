@@ -39,7 +39,7 @@ def test_frames_come_with_the_film_s_numbers_and_their_own_camera(root: Path) ->
 def test_nothing_is_true_where_nothing_is_there(root: Path) -> None:
     clip = SintelClip(SETTINGS, root)
     truth = clip.truth(1)
-    assert (truth.disparity, truth.instances, clip.depth_m(1), clip.hidden(1)) == (None, None, None, None)
+    assert (truth.disparity, truth.instances) == (None, None)
 
 
 def test_true_disparity_is_decoded_to_a_sixty_fourth(root: Path) -> None:
@@ -60,21 +60,6 @@ def test_the_cap_and_zero_are_unknown(root: Path) -> None:
     assert np.isnan(truth.disparity.disparity_px[0, 0])
     assert truth.disparity.disparity_px[0, 1] == 8.0
     assert np.isnan(truth.disparity.disparity_px[1:]).all()
-
-
-def test_depth_and_hidden_pixels_are_read(root: Path) -> None:
-    depth = np.random.default_rng(1).uniform(1, 100, (HEIGHT, WIDTH)).astype("<f4")
-    head = struct.pack("<fii", 202021.25, WIDTH, HEIGHT)
-    write_bytes(root / "training/depth/alley/frame_0001.dpt", head + depth.tobytes())
-    occluded, outside = np.zeros((2, HEIGHT, WIDTH), np.uint8)
-    occluded[3, 4] = outside[5, 6] = 255
-    write_image(root / "training/occlusions/alley/frame_0001.png", occluded)
-    write_image(root / "training/outofframe/alley/frame_0001.png", outside)
-    clip = SintelClip(SETTINGS, root)
-    assert np.array_equal(clip.depth_m(1), depth)
-    hidden = clip.hidden(1)
-    assert hidden is not None
-    assert np.argwhere(hidden).tolist() == [[3, 4], [5, 6]]
 
 
 def test_segments_keep_one_id_over_the_scene(root: Path) -> None:
@@ -158,16 +143,12 @@ def test_a_file_that_is_not_called_as_a_frame_is_none(root: Path, name: str) -> 
     assert SintelClip(SintelSettings(scene="alley"), root).frames == (1, 2, 3)
 
 
-@pytest.mark.parametrize("kind", ["disparities", "segmentation", "occlusions", "depth"])
+@pytest.mark.parametrize("kind", ["disparities", "segmentation"])
 def test_a_truth_of_another_size_is_one_line(root: Path, kind: str) -> None:
-    path = root / f"training/{kind}/alley/frame_0001.{'dpt' if kind == 'depth' else 'png'}"
-    if kind == "depth":
-        write_bytes(path, struct.pack("<fii", 202021.25, WIDTH, 1) + bytes(4 * WIDTH))
-    else:
-        write_image(path, np.zeros((1, WIDTH, 3), np.uint8))
+    path = write_image(root / f"training/{kind}/alley/frame_0001.png", np.zeros((1, WIDTH, 3), np.uint8))
     clip = SintelClip(SintelSettings(scene="alley"), root)
     with pytest.raises(VfoaError, match=rf"{path}: found 64 x 1 pixels, .*clean_left.*\.png has 64 x 48"):
-        clip.truth(1), clip.hidden(1), clip.depth_m(1)
+        clip.truth(1)
 
 
 def test_a_right_image_of_another_size_is_one_line(root: Path) -> None:
@@ -187,10 +168,11 @@ def test_bandage_2_agrees_with_its_own_depth(shared_data: Path) -> None:
     clip = SintelClip(SintelSettings.model_validate({"scene": "bandage_2"}), shared_data / "sintel")
     assert list(clip.frames) == list(range(1, 51))
     for number in (1, 25, 50):
-        frame, truth, depth = clip.frame(number), clip.truth(number), clip.depth_m(number)
+        frame, truth = clip.frame(number), clip.truth(number)
+        path = shared_data / f"sintel/training/depth/bandage_2/frame_{number:04d}.dpt"
+        depth = np.fromfile(path, "<f4", offset=12).reshape(frame.left.shape[:2])
         assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (896.0, 511.5, 217.5)
         assert truth.disparity is not None
-        assert depth is not None
         near = np.isfinite(truth.disparity.disparity_px) & (depth < 50)
         found = depth_from_disparity(truth.disparity.disparity_px[near], frame.rig)
         quantum = depth[near] ** 2 / (frame.rig.fx_px * frame.rig.baseline_m) / 64

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.sources.contract import check_contract
 from harness.sources.recordings import video
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
+from tests.adapter_contract import check_contract
 from tests.depth_recordings import CODERS, Encoder, Lens, Shot, messages, write_video_take
 from tests.disk import moving_picture
 from vfoa.errors import VfoaError

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyarrow import csv, parquet
 from scipy.spatial.transform import Rotation
 
-from harness.sources.contract import check_contract
+from tests.adapter_contract import check_contract
 from tests.measured import ANNA, BEN, OBJECTS_HEADER, PEOPLE_HEADER, measured_tables, open_measured
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit

@@ -1,4 +1,4 @@
-"""Checks that every clip must pass, for the tests of adapters, also those of other packages.
+"""Checks that every clip must pass, for the tests of adapters.
 
 def test_my_adapter_keeps_the_contract(tmp_path):
     check_contract(MyClip(MyClip.Settings(...), tmp_path), spawn=True)
