@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.record_logs import RecordLogs
+from harness.report.stages import stage_times
 from harness.report.write import write_scores
+from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
 from harness.run.results import read_results
 from harness.score.outcomes import OutcomeLog, Outcomes, Reference
@@ -96,11 +99,23 @@ def labels(*targets: str, subject: str = "girl") -> Labels:
     )
 
 
+def run_manifest(clips: Iterable[str]) -> dict[str, Any]:
+    """The manifest of a run of these clips, as far as a page needs it."""
+    about = {"licence": None, "frames": [], "rate_hz": None}
+    return {
+        "experiment": "test",
+        "clips": [{"name": clip, **about} for clip in clips],
+        "configurations": {},
+        "versions": {},
+    }
+
+
 def score_run(results: Path, reference: Reference) -> None:
     """Score a ``results.jsonl``, and write the tables and the page beside it."""
     logs = RecordLogs(reference)
     logs.watch(read_results(results))
-    write_scores(results, logs)
+    directory = RunDirectory(results.parent)
+    write_scores(directory, logs, run_manifest(reference.labels), stage_times(directory.timings))
 
 
 def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:

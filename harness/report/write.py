@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from harness.files.io import write_together
@@ -45,69 +44,45 @@ from harness.report.tables import (
 )
 from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
-from harness.run.records import FrameRecord
 from harness.score.calibration import Reliability
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import Reference
 from harness.score.score import Scores
 
 
-def write_scores(
-    results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | None = None, times: StageTimes | None = None
-) -> Scores:
-    """Write the tables and the page of records that the logs have seen beside the results, all or none.
+def write_scores(directory: RunDirectory, logs: RecordLogs, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
+    """Write the tables and the page of records that the logs have seen into the run's directory, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
-    ``comparisons.csv .md``, ``report.html``. ``manifest`` is as for :func:`harness.report.page.render.render_page`;
-    ``times`` are read from the ``timings.csv`` beside the results if not given.
-
-    Raises
-    ------
-    VfoaError
-        If the ``timings.csv`` that a run has beside its results cannot be read.
+    ``comparisons.csv .md`` and ``report.html``. ``manifest`` and ``times`` are as for
+    :func:`harness.report.page.render.render_page`.
     """
     scores = logs.scores()
-    reliabilities = logs.calibration.reliabilities()
-    folder = results.parent
+    log = logs.calibration
     texts = {
-        **render_tables(scores, reliabilities, logs.calibration.by_subject(), logs.tables()),
+        **render_tables(scores, log.reliabilities(), log.by_subject(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
-        "report.html": _page(results, logs, scores, manifest, times=times),
+        "report.html": _page(directory, logs, scores, manifest, times),
     }
-    write_together({folder / name: text for name, text in texts.items()})
+    write_together({directory.path / name: text for name, text in texts.items()})
     return scores
 
 
-def render_run(
-    results: Path,
-    reference: Reference,
-    *,
-    records: Iterable[FrameRecord],
-    manifest: Mapping[str, Any],
-    served: Served | None,
-) -> str:
-    """Return the page that :func:`write_scores` writes. ``served``: for a server of recordings."""
-    logs = RecordLogs(reference)
-    logs.watch(records)
-    return _page(results, logs, logs.scores(), manifest, served)
-
-
 def _page(
-    results: Path,
+    directory: RunDirectory,
     logs: RecordLogs,
     scores: Scores,
-    manifest: Mapping[str, Any] | None,
+    manifest: Mapping[str, Any],
+    times: StageTimes,
     served: Served | None = None,
-    times: StageTimes | None = None,
 ) -> str:
     return render_page(
         scores,
         logs.attention,
-        manifest=manifest,
-        times=times or stage_times(results.parent / "timings.csv"),
+        manifest,
+        times=times,
         reliabilities=logs.calibration.reliabilities(),
         checks=(subject_reliability_table(logs.calibration.by_subject()), *logs.tables()),
-        thumbnails=read_thumbnails(results.parent, scores.verdicts, logs.names_now),
+        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
         served=served,
     )
 
@@ -129,7 +104,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
         kept = KeptParts(run, reference)
-        scores = write_scores(directory.results, kept.logs(), run.manifest, kept.times())
+        scores = write_scores(directory, kept.logs(), run.manifest, kept.times())
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
@@ -145,8 +120,10 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
     Raises the errors of :func:`rescore`.
     """
     run = FinishedRun.read(directory)
+    logs = RecordLogs(run.reference())
+    logs.watch(run.records())
     served = Served(run=str(directory.path.resolve()), recordings=recordings)
-    return render_run(directory.results, run.reference(), records=run.records(), manifest=run.manifest, served=served)
+    return _page(directory, logs, logs.scores(), run.manifest, stage_times(directory.timings), served)
 
 
 @contextmanager

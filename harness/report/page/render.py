@@ -27,17 +27,18 @@ from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import Scores
 
 _FOLDER = Path(__file__).parent
+NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 
 
 def render_page(
     scores: Scores,
     attention: AttentionLog,
+    manifest: Mapping[str, Any],
     *,
-    manifest: Mapping[str, Any] | None = None,
-    times: StageTimes | None = None,
+    times: StageTimes = NO_TIMES,
     reliabilities: Sequence[Reliability] = (),
     checks: Sequence[Table] = (),
-    thumbnails: Thumbnails | None = None,
+    thumbnails: Thumbnails = NO_THUMBNAILS,
     served: Served | None = None,
 ) -> str:
     """Return the page as text; the same arguments give the same text.
@@ -47,9 +48,9 @@ def render_page(
     attention
         A log that has watched the scored records.
     manifest
-        The run's, from :meth:`harness.run.directory.RunDirectory.read_manifest`; None leaves out the run's description.
+        The run's, from :meth:`harness.run.directory.RunDirectory.read_manifest`.
     times
-        Times of the stages; None leaves out the section.
+        Times of the stages; without any, the section is left out.
     reliabilities
         Calibration of the configurations that give probabilities; ``checks`` are further tables about these.
     thumbnails
@@ -57,12 +58,11 @@ def render_page(
     served
         For a page that a server delivers. None: no frame is a link, and the page contains no address.
     """
-    thumbnails = thumbnails or Thumbnails()
-    rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]} if manifest else {}
+    rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]}
     data, packs = page_data(scores, attention, thumbnails, served, rates)
     asked = without_oracles(scores.configurations)
     panels = list(draw_panels(scores))
-    differing = differing_settings(manifest["configurations"]) if manifest else None
+    differing = differing_settings(manifest["configurations"])
     groups, tables = _numbered(
         {
             "rates": [
@@ -76,16 +76,15 @@ def render_page(
             "errors": [error_types_table(scores)],
             "oracle": [ablation_table(scores)],
             "calibration": [reliability_table(reliabilities), *checks],
-            "speed": [times.table()] if times else [],
+            "speed": [times.table()],
             "more": [each for each in panels if isinstance(each, Table)],
-            "settings": [*([_clips(manifest["clips"])] if manifest else []), *([differing] if differing else [])],
+            "settings": [_clips(manifest["clips"]), differing],
         }
     )
     packs["tables"] = pack_json([plain_table(table) for table in tables])
-    if manifest:
-        packs["manifest"] = pack_json(_printed(manifest))
+    packs["manifest"] = pack_json(_printed(manifest))
     return template("page.html.jinja").render(
-        title=f"Run {manifest['experiment']}" if manifest else "Run",
+        title=f"Run {manifest['experiment']}",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
         headline=headline(scores),
@@ -93,7 +92,7 @@ def render_page(
         fails=next(iter(next_steps(each for each in scores.verdicts if each.configuration in asked)), None),
         remarks=[each for each in remarks(scores) if each not in scores.notes],
         notes=scores.notes,
-        versions=manifest["versions"] if manifest else None,
+        versions=manifest["versions"],
         groups=groups,
         titles=[table.title for table in tables],
         drawings=[each for each in panels if isinstance(each, Picture)],
@@ -105,7 +104,7 @@ def render_page(
     )
 
 
-def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageTimes | None) -> dict[str, Any]:
+def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageTimes) -> dict[str, Any]:
     """Data of the small figures.
 
     ``oracle``: steps ``{configuration, replaced or null, frr, gained, low, high, reads}``. ``calibration``:
@@ -138,7 +137,7 @@ def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageT
             for each in reliabilities
         ],
         "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
-        if times and times.ms
+        if times.ms
         else None,
     }
 
@@ -167,18 +166,14 @@ def _known(value: float | None) -> float | None:
     return None if value is None or value != value else value
 
 
-def _facts(scores: Scores, manifest: Mapping[str, Any] | None) -> list[str]:
+def _facts(scores: Scores, manifest: Mapping[str, Any]) -> list[str]:
     """Date, commit, clips, frames and n, as words."""
     labelled = sum(len(each.frames) for each in scores.outcomes if each.configuration == scores.configurations[0])
-    facts = []
-    if manifest:
-        finished, commit = str(manifest.get("finished", "")), manifest.get("commit")
-        facts += [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
-        facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
-        frames = sum(len(clip["frames"]) for clip in manifest["clips"])
-        facts += [f"{_counted(len(manifest['clips']), 'clip')}, {_counted(frames, 'frame')}"]
-    else:
-        facts += [_counted(len(scores.clips), "clip")]
+    finished, commit = str(manifest.get("finished", "")), manifest.get("commit")
+    facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
+    facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
+    frames = sum(len(clip["frames"]) for clip in manifest["clips"])
+    facts += [f"{_counted(len(manifest['clips']), 'clip')}, {_counted(frames, 'frame')}"]
     return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
 
 
@@ -186,19 +181,16 @@ def _counted(n: int, what: str) -> str:
     return f"{n:,} {what}{'' if n == 1 else 's'}".replace(",", " ")
 
 
-def _compared(scores: Scores, differing: Table | None) -> str:
+def _compared(scores: Scores, differing: Table) -> str:
     names = without_oracles(scores.scored_configurations)
     if not names:
         return ""
     shown = ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:8])} and {len(names) - 8} more"
-    keys = [row[0] for row in differing.rows if _differs(row, differing.columns, names)] if differing else []
+    chosen = [place for place, name in enumerate(differing.columns) if name in names]
+    keys = [row[0] for row in differing.rows if len({row[place] for place in chosen}) > 1]
     places = keys if len(keys) <= 4 else list(dict.fromkeys(key.partition(".")[0] for key in keys))
     apart = f" They differ in {', '.join(places)}." if places else ""
     return f"Compared: {shown}.{apart}" if len(names) > 1 else f"Configuration: {shown}."
-
-
-def _differs(row: Sequence[str], columns: Sequence[str], names: Sequence[str]) -> bool:
-    return len({cell for name, cell in zip(columns, row, strict=True) if name in names}) > 1
 
 
 def _numbered(groups: Mapping[str, Sequence[Table]]) -> tuple[dict[str, list[int]], list[Table]]:

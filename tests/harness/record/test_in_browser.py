@@ -27,7 +27,7 @@ from harness.score.score import score
 from harness.score.verdicts import Verdict
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width
 from tests.harness.record.conftest import ANN, CONFIGURATION
-from tests.records import labels
+from tests.records import labels, run_manifest
 from tests.web import running
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def report(frames: list[Any], clip: RecordedClip) -> Iterator[str]:
     truth = labels(*["red cup"] * 14, subject=ANN)
     scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
-    page = render_page(scores, attention, served=served)
+    page = render_page(scores, attention, run_manifest(scores.clips), served=served)
     with running(site({recording.name: recording}, web_viewer_files(), page=lambda: page)) as server:
         yield server.address
 

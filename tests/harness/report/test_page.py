@@ -23,14 +23,16 @@ from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.score.verdicts import NO_HIT, answered
-from tests.records import answers, frame_record, labels, subject_record, target_record
+from tests.records import answers, frame_record, labels, run_manifest, subject_record, target_record
 
 EVIL = "</script><script>alert(1)</script>"
 
 
-def _scored(records: Iterable[FrameRecord], truth: Mapping[str, Labels]) -> tuple[Scores, AttentionLog]:
+def _scored(records: Iterable[FrameRecord], truth: Mapping[str, Labels]) -> tuple[Scores, AttentionLog, dict[str, Any]]:
+    """What a page is made of."""
     attention = AttentionLog()
-    return score(attention.watch(records), Reference(labels=truth)), attention
+    scores = score(attention.watch(records), Reference(labels=truth))
+    return scores, attention, run_manifest(scores.clips)
 
 
 class _Page(HTMLParser):
@@ -105,15 +107,14 @@ def test_timelines_say_what_the_verdicts_say() -> None:
 
 
 def test_a_name_cannot_break_out_of_the_page() -> None:
-    scores, attention = _scored(answers([EVIL, "none"], clip=EVIL, configuration=EVIL), {EVIL: labels(EVIL, EVIL)})
-    text = render_page(scores, attention)
+    made = _scored(answers([EVIL, "none"], clip=EVIL, configuration=EVIL), {EVIL: labels(EVIL, EVIL)})
+    text = render_page(*made)
     assert "<script>alert" not in text
     assert _Page(text).data["clips"][0]["name"] == EVIL
 
 
 def test_the_page_refers_to_nothing_outside() -> None:
-    scores, attention = _scored(answers(["cup"]), {"clip": labels("cup")})
-    assert _Page(render_page(scores, attention)).references == ["data:,"]
+    assert _Page(render_page(*_scored(answers(["cup"]), {"clip": labels("cup")}))).references == ["data:,"]
 
 
 def test_a_run_without_labels_has_a_page_too() -> None:
@@ -150,7 +151,7 @@ def test_attention_that_is_too_much_is_thinned_and_the_page_says_so(
 
 
 def test_every_scored_frame_has_one_answer() -> None:
-    scores, _ = _scored(
+    scores, *_ = _scored(
         answers(("cup", "none", "dragon", None, "cup", "book")),
         {"clip": labels("cup", "cup", "cup", "cup", "ignore", "dragon")},
     )
@@ -164,7 +165,7 @@ def test_another_instance_of_the_true_name_is_no_agreement() -> None:
     record = frame_record(cups, [subject_record("girl", totals={1: 0.1, 2: 0.5}, focus=2)])
     label = Label(target="cup", point_px=(5.0, 5.0))
     truth = Labels([LabelRange(first_frame=1, last_frame=1, subject="girl", label=label)])
-    scores, _ = _scored([record], {"clip": truth})
+    scores, *_ = _scored([record], {"clip": truth})
     assert [(each.truth, answered(each)) for each in scores.verdicts] == [("cup", "cup (another of this name)")]
 
 
@@ -177,10 +178,10 @@ def test_only_settings_that_differ_are_listed() -> None:
 
 
 def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
-    scores, attention = _scored(answers(["cup"]), {"clip": labels("cup")})
+    scores, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
     clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None, "citation": "Doe 2020"}
     about = {"experiment": "e", "configurations": {}, "versions": {}, "finished": "2026-01-02T03:04:05+00:00"}
-    text = render_page(scores, attention, manifest={**about, "clips": [clip], "commit": "0123456789abcdef"})
+    text = render_page(scores, attention, {**about, "clips": [clip], "commit": "0123456789abcdef"})
     (table,) = (each for each in _Page(text).pack("tables") if each["title"] == "Clips, licences")
     assert table["rows"] == [["clip", "CC-BY 4.0", "Doe 2020", "1", "–"]]
     facts = re.findall(r"<span>(.*?)</span>", text.split('<p class="meta">')[1].split("</p>")[0])

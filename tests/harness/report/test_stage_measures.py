@@ -14,7 +14,7 @@ from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
-from tests.records import answers, labels
+from tests.records import answers, labels, run_manifest
 
 
 def measured(record: FrameRecord, *, error_px: float, eyes_m: float | None, box_iou: float | None) -> FrameRecord:
@@ -63,6 +63,6 @@ def test_a_run_that_knows_no_truth_has_no_rows() -> None:
 
 
 def test_the_page_has_every_table_once(scores: Scores) -> None:
-    titles = re.findall(r"<summary>([^<]*)</summary>", render_page(scores, AttentionLog()))
+    titles = re.findall(r"<summary>([^<]*)</summary>", render_page(scores, AttentionLog(), run_manifest(scores.clips)))
     assert "Stages against the truth" in titles
     assert sorted(set(titles)) == sorted(titles)
