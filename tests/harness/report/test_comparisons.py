@@ -1,10 +1,22 @@
+"""Tables of comparisons, and published figures beside those of a run."""
+
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 
-from harness.report.comparisons import terminal_comparisons
+from harness.report.comparisons import reproductions, terminal_comparisons
+from harness.report.write import render_tables
+from harness.run.experiment import load_experiment
+from harness.run.manifest import Published
 from harness.score.comparison import Comparison
+from harness.score.outcomes import Reference
+from harness.score.score import score
 from harness.score.statistics import Interval
+from tests.disk import write_text
+from tests.records import answers, labels
+from vfoa.errors import VfoaError
 
 
 def _pair(configuration: str, reference: str, *, better: int = 0, worse: int = 0, p: float = 1.0) -> Comparison:
@@ -46,3 +58,60 @@ def test_what_is_significant_says_in_which_direction() -> None:
         _pair("a", "d", better=2, worse=1, p=1.0),
     ]
     assert [row[2] for row in terminal_comparisons(pairs).rows] == ["better", "worse", "not told apart"]
+
+
+PAPER = Published.model_validate({"source": "Somebody, 2022", "counts": {"one": {"correct": 28, "n": 50}}})
+
+
+def scored(correct: int, published: Published | None = PAPER):
+    said = ["bird"] * correct + ["none"] * (50 - correct)
+    return score(answers(said), Reference(labels={"clip": labels(*["bird"] * 50)}, published=published))
+
+
+def test_the_same_counts_are_no_different() -> None:
+    (row,) = reproductions(scored(28))
+    assert (row.correct, row.n, row.p) == (28, 50, pytest.approx(1.0))
+
+
+def test_fishers_test_of_a_written_out_table() -> None:
+    """Ours 3 of 3, theirs 0 of 3: one table of twenty is as extreme on either side."""
+    theirs = Published.model_validate({"source": "-", "counts": {"one": {"correct": 0, "n": 3}}})
+    ours = score(answers(["bird"] * 3), Reference(labels={"clip": labels(*["bird"] * 3)}, published=theirs))
+    assert reproductions(ours)[0].p == pytest.approx(2 / 20)
+
+
+def test_the_tables_have_both_rates_and_their_distance() -> None:
+    page = render_tables(scored(38))["frr.md"]
+    (line,) = [line for line in page.splitlines() if line.startswith("| one") and "+20.0" in line]
+    assert [cell.strip() for cell in line.split("|")[1:-1]][:6] == ["one", "56.0", "42–69", "76.0", "63–86", "+20.0"]
+    assert "Somebody, 2022" in page
+    assert "published" not in render_tables(scored(38, None))["frr.md"]
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ("bm-on = { correct = 28, n = 50 }", "no configuration 'bm-on'; did you mean 'bm-one'?"),
+        ("bm-one = { correct = 51, n = 50 }", "found 51 correct of 50"),
+        ("bm-one = { correct = 5, n = 0 }", "published.counts.bm-one.n"),
+    ],
+)
+def test_a_wrong_count_is_said_by_file_and_key(tmp_path: Path, counts: str, expected: str) -> None:
+    text = (Path("harness/experiments/demo.toml")).read_text()
+    path = write_text(tmp_path / "mine.toml", f'{text}\n[published]\nsource = "x"\n[published.counts]\n{counts}\n')
+    with pytest.raises(VfoaError) as refused:
+        load_experiment(str(path))
+    assert expected in str(refused.value)
+    assert "mine.toml" in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["paper", "bandage_2"])
+def test_the_papers_counts_stand_beside_the_runs_on_its_clip(name: str) -> None:
+    published = load_experiment(name).published
+    assert published is not None
+    assert {each: count.correct for each, count in published.counts.items()} == {
+        "bm-one": 28,
+        "bm-two": 31,
+        "sgbm-one": 35,
+        "sgbm-two": 38,
+    }

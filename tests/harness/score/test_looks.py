@@ -1,11 +1,17 @@
+"""Looks as units of inference, and events."""
+
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
-from harness.score.looks import LEAST_S, number_looks
+from harness.score.looks import LEAST_S, Event, EventCounts, count_events, find_events, match_events, number_looks
+from harness.score.statistics import Codes
 
 
 def _looks(letters: str, rate: float | None, positions: list[int] | None = None) -> str:
@@ -46,3 +52,76 @@ def test_units_are_whole_looks_in_order_and_long_enough(letters: str, rate: floa
     assert len({*zip(looks.tolist(), units.tolist(), strict=True)}) == looks[-1] + 1
     seconds = np.bincount(units) / rate
     assert len(seconds) == 1 or seconds.min() >= LEAST_S
+
+
+CODES = {"A": 0, "B": 1, "C": 2, "-": 3, "?": -1}
+
+
+def _codes(text: str) -> Codes:
+    return np.array([CODES[sign] for sign in text], dtype=np.intp)
+
+
+def _count(truth: str, found: str) -> EventCounts:
+    return count_events([(_codes(truth), _codes(found), np.arange(len(truth), dtype=np.intp))])
+
+
+def test_an_example_written_out_by_hand() -> None:
+    #        A1     B1    A2    C1   -1     five true events
+    truth = "AAAAAA BBBB  AAA   CC   ---".replace(" ", "")
+    found = "AAB?AA BABB  BAA   BB   ---".replace(" ", "")
+    #        a b  a  b a b      a   b  -    found: AA, B, (no prediction), AA, B, A, BBB, AA, BB, --- : nine events
+    # A1 takes the first AA (the second AA stays over), B1 the B of one frame, A2 the AA, -1 the ---; C1 nothing.
+    counts = _count(truth, found)
+    assert counts == EventCounts(true=5, found=9, matched=4)
+    assert counts.recall == 4 / 5
+    assert counts.precision == 4 / 9
+    assert counts.f_measure == pytest.approx(2 * (4 / 5) * (4 / 9) / (4 / 5 + 4 / 9))
+
+
+def test_a_long_event_matches_only_one_of_two_that_it_covers() -> None:
+    assert _count("AABAA", "AAAAA") == EventCounts(true=3, found=1, matched=1)
+    assert _count("AAAAA", "AABAA") == EventCounts(true=1, found=3, matched=1)
+
+
+def test_events_are_longest_runs() -> None:
+    found = find_events(_codes("AAB?A"), np.arange(5, dtype=np.intp))
+    assert found == [Event(0, 0, 1), Event(1, 2, 2), Event(0, 4, 4)]
+
+
+def test_frames_that_are_not_scored_end_a_run() -> None:
+    assert len(find_events(_codes("AAAA"), np.array([0, 1, 5, 6], dtype=np.intp))) == 2
+
+
+def test_a_perfect_prediction_matches_every_event() -> None:
+    assert _count("AABBA-", "AABBA-") == EventCounts(true=4, found=4, matched=4)
+
+
+def test_no_prediction_is_no_event() -> None:
+    counts = _count("AAB", "???")
+    assert counts == EventCounts(true=2, found=0, matched=0)
+    assert counts.recall == 0
+    assert math.isnan(counts.precision)
+    assert counts.f_measure == 0
+
+
+def test_sequences_are_counted_together_but_never_joined() -> None:
+    sequence = (_codes("AA"), _codes("AA"), np.arange(2, dtype=np.intp))
+    assert count_events([sequence, sequence]) == EventCounts(true=2, found=2, matched=2)
+
+
+def test_no_frames_have_no_events() -> None:
+    counts = count_events([(_codes(""), _codes(""), _codes(""))])
+    assert counts == EventCounts(true=0, found=0, matched=0)
+    assert all(math.isnan(rate) for rate in counts.rates)
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(-1, 2)), min_size=1, max_size=40))
+def test_no_other_pairing_matches_more_events(pairs: list[tuple[int, int]]) -> None:
+    truth, predicted = np.array(pairs, dtype=np.intp).T
+    places = np.arange(len(pairs), dtype=np.intp)
+    true, found = find_events(truth, places), find_events(predicted, places)
+    fits = np.array(
+        [[t.code == f.code and t.first <= f.last and f.first <= t.last for f in found] for t in true], dtype=np.intp
+    ).reshape(len(true), len(found))
+    rows, columns = linear_sum_assignment(fits, maximize=True)
+    assert match_events(true, found) == fits[rows, columns].sum()
