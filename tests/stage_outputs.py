@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from harness.clips.manifest import load_manifest
-from harness.stages.configuration import Configuration
+from harness.stages.configuration import STAGES, Configuration
 from harness.stages.outputs.write import write_stage_outputs
-from harness.stages.stages import STAGES
 from tests.disk import write_bytes
 from vfoa.pipeline import Stages, perceive
 

@@ -20,8 +20,8 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.loop import run_clip
-from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, prepare
+from harness.run.resume import ResultsSinks
 from harness.run.runner import run_plan
 from harness.stages.cache import ClipCache, open_cache
 from harness.stages.cache_store import Store

@@ -16,9 +16,8 @@ from harness.files.digests import SETTLED_NS
 from harness.processes import spawning
 from harness.report.formats import Table
 from harness.report.sinks import composed_sinks
-from harness.run.checkpoint import SinkState
 from harness.run.experiment import load_experiment
-from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.frame_sink import FinishedFrame, SinkContext, SinkState
 from harness.run.plan import prepare
 from harness.run.runner import run_plan
 

@@ -14,9 +14,9 @@ from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
-from harness.run.executors import work_through
+from harness.run.jobs import work_through
 from harness.run.loop import run_clip
-from harness.run.partial_results import ResultsSinks
+from harness.run.resume import ResultsSinks
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.sources import Clip
-from harness.stages.configuration import Configuration
-from harness.stages.stages import STAGES
+from harness.stages.configuration import STAGES, Configuration
 from vfoa.types import Disparity
 
 OFF_PX = 2.0

@@ -132,7 +132,7 @@ def _line(found: ModelCheck) -> str:
 
 def ready_rows() -> list[list[str | None]]:
     """Slot, name and options of each stage that can run here; a slot without one has an empty name."""
-    from harness.stages.stages import STAGES
+    from harness.stages.configuration import STAGES
     from harness.stages.weights import ready_stages
 
     rows: list[list[str | None]] = []

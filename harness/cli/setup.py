@@ -57,8 +57,8 @@ def _write_data(folder: Path) -> None:
     from harness.files.io import atomic_write
     from harness.run.experiment import load_experiment
     from harness.sources import MeasuredClip
+    from harness.stages.configuration import STAGES
     from harness.stages.outputs.write import write_stage_outputs
-    from harness.stages.stages import STAGES
     from vfoa.pipeline import Stages, perceive
 
     clip = load_manifest("studio_talk").open()
@@ -158,7 +158,7 @@ def _folders() -> Iterator[Finding]:
 def _weights() -> Iterator[Finding]:
     """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
     from harness.run.experiment import load_experiment
-    from harness.stages.stages import STAGES
+    from harness.stages.configuration import STAGES
     from harness.stages.weights import missing_weights, ready_stages
 
     (default,) = load_experiment("default", clips=("any",)).configurations

@@ -17,8 +17,7 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
 from harness.record.verdicts import LiveVerdicts
-from harness.run.checkpoint import SinkState
-from harness.run.frame_sink import FinishedFrame
+from harness.run.frame_sink import FinishedFrame, SinkState
 from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict
 

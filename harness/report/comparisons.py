@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.columns import COMPARISON_COLUMNS
 from harness.report.formats import UNKNOWN, Table, csv_share, p_value, percent
-from harness.run.manifest import PublishedCount
+from harness.run.directory import PublishedCount
 from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
 from harness.score.intervals import LEAST_CLIPS, Units
 from harness.score.oracle_ablation import steps, without_oracles

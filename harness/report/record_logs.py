@@ -29,9 +29,8 @@ from harness.report.formats import Table
 from harness.report.page.attention_log import AttentionLog, TrackPart
 from harness.report.reliability import direction_check_table, prediction_set_table
 from harness.report.stages import StageTimes, stage_times
-from harness.run.measure_log import MeasureLog
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import Block, block_bytes, find_blocks, lines_digest, read_block
+from harness.run.results import Block, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import Judged, OutcomeLog, Reference

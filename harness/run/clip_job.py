@@ -10,9 +10,9 @@ from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
 from harness.files.unchanged import UnchangedFiles
 from harness.labels.labels import Labels
-from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.frame_sink import SinkFactory
+from harness.run.resume import Checkpoint, read_checkpoint
 from harness.sources import Clip, MeasuredClip
 from harness.stages.cache import ClipCache, Tally
 from harness.stages.configuration import Configuration

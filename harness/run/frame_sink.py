@@ -7,7 +7,7 @@ travels to its worker by pickle, so it carries factories, not open files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
@@ -18,7 +18,6 @@ from harness.run.records import FrameRecord
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 if TYPE_CHECKING:
-    from harness.run.checkpoint import SinkState
     from harness.stages.stage_runner import Timings
 
 
@@ -52,6 +51,17 @@ class FrameSink(Protocol):
     def write(self, frame: FinishedFrame) -> None:
         """Take one frame."""
         ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkState:
+    """How far a sink has come. ``files`` gives the bytes written, by path below the run's directory.
+
+    ``values`` holds whatever else the sink needs to continue.
+    """
+
+    files: Mapping[str, int]
+    values: Mapping[str, Any] = field(default_factory=dict)
 
 
 @runtime_checkable

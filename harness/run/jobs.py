@@ -7,23 +7,24 @@ process follows behind them with the steps that need an order.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from harness.files.digests import KNOWN
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
-from harness.run.executors.contract import Executor, Progress, compute_with
+from harness.run.executors import Executor, InProcess, Job, Outcome, Progress, Work, compute_with
 from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
-from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
+from harness.run.resume import ResultsSinks
 from harness.sources import MeasuredClip
 from harness.stages.cache import Account, open_cache
 from harness.stages.cache_store import Store
-from harness.stages.configuration import Configuration
+from harness.stages.configuration import STAGES, Configuration
 from harness.stages.perception import Perception
-from harness.stages.stages import STAGES
 from vfoa.errors import VfoaError
 
 CLIPS_PER_WORKER = 2
@@ -289,3 +290,46 @@ def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
         length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))
         yield tuple(frames[at : at + length])
         at += length
+
+
+@contextmanager
+def executor(
+    workers: int,
+    scheduler: str | None = None,
+    *,
+    threads: int = 1,
+    modules: tuple[str, ...] = (),
+    sees: Path | None = None,
+) -> Iterator[Executor]:
+    """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
+
+    ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
+    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
+
+    Raises
+    ------
+    VfoaError
+        If the scheduler does not answer, has no workers, or has workers that would compute other results.
+    """
+    if scheduler is not None:
+        from harness.run.executors.cluster import Cluster, connect
+
+        with connect(scheduler) as client:
+            yield Cluster(client, modules, sees)
+    elif workers == 1:
+        yield InProcess(threads)
+    else:
+        from harness.run.executors.pool import Pool
+
+        with Pool(workers) as pool:
+            yield pool
+
+
+def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
+    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a lost job is an error."""
+    with executor(min(workers, max(len(jobs), 1))) as chosen:
+        yield from chosen.run(work, jobs, progress, _raise_lost)
+
+
+def _raise_lost(job: Any, why: str) -> Any:
+    raise VfoaError(why)

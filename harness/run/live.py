@@ -20,17 +20,16 @@ from harness.clips.manifest import ClipManifest
 from harness.files.io import atomic_write
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
-from harness.run.executors.contract import MOST_THREADS, compute_with
+from harness.run.executors import MOST_THREADS, compute_with
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkFactory
 from harness.run.loop import attend_to
-from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip, describe, drawn_on, note_on_drawn
+from harness.run.resume import ResultsSinks
 from harness.run.runner import circumstances, now
 from harness.sources import Truth
 from harness.sources.live import Arrival, LiveSource
-from harness.stages.perception import Perception
-from harness.stages.prefetch import prefetch
+from harness.stages.perception import Perception, prefetch
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 

@@ -14,18 +14,16 @@ from types import TracebackType
 from typing import Generic, NamedTuple, Self, TypeVar
 
 from harness.clips.naming import SubjectNames, name_frame
-from harness.run import checkpoint
-from harness.run.checkpoint import Checkpoint, write_checkpoint
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
-from harness.run.executors.contract import Progress
+from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
 from harness.run.records import to_record
+from harness.run.resume import Checkpoint, pause_s, write_checkpoint
 from harness.sources import Clip, MeasuredClip
 from harness.stages.configuration import Configuration
 from harness.stages.frame_measures import FrameMeasures
 from harness.stages.measures import Measurer
-from harness.stages.perception import SharedFrame, UnreadableFrameError, pose_frames
-from harness.stages.prefetch import one_at_a_time, prefetch
+from harness.stages.perception import SharedFrame, UnreadableFrameError, one_at_a_time, pose_frames, prefetch
 from harness.stages.stage_runner import Timings, guarded, timed
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
@@ -123,7 +121,7 @@ def attend_to(
             while any(each.error is None for each in runners) and (frame := next(frames, None)):
                 for runner in runners:
                     runner.attend(frame)
-                if not job.keeps and time.monotonic() - written_s >= checkpoint.pause_s(written_s - began_s):
+                if not job.keeps and time.monotonic() - written_s >= pause_s(written_s - began_s):
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)

@@ -22,9 +22,8 @@ from harness.run.directory import Pair
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
-from harness.stages.configuration import Configuration
+from harness.stages.configuration import STAGES, Configuration
 from harness.stages.drawn import DrawnClip, check_drawn
-from harness.stages.stages import STAGES
 from harness.stages.weights import locate_weights
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings

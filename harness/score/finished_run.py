@@ -16,8 +16,7 @@ from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
 from harness.files.io import is_file
 from harness.labels.timeline import Timeline
-from harness.run.directory import Pair, RunDirectory
-from harness.run.manifest import Published, differences
+from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, has_probabilities, read_results, says_nowhere
 from harness.score.outcomes import Reference

@@ -86,8 +86,8 @@ def _known_replacements(clips: tuple[str, ...]) -> tuple[list[Replacement], list
 
 
 def _steps_of(base: Configuration, replacements: list[Replacement]) -> Iterator[Configuration]:
+    from harness.stages.configuration import StageChoice
     from harness.stages.ground_truth import OracleSettings
-    from harness.stages.stages import StageChoice
 
     current = base
     for replacement in replacements:

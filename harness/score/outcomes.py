@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import NOWHERE, Label, Labels
-from harness.run.manifest import Published
+from harness.run.directory import Published
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.calibration import NO_PROBABILITIES, worth_of

@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
+from harness.run.directory import Published
 from harness.run.grid import base_of
-from harness.run.manifest import Published
-from harness.run.measure_log import MeasureLog
 from harness.run.records import FrameRecord
+from harness.run.results import MeasureLog
 from harness.score.baselines import BASELINES
 from harness.score.intervals import rate_interval
 from harness.score.looks import EventCounts, count_events

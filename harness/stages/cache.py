@@ -22,8 +22,7 @@ from harness.files.digests import file_digest
 from harness.sources import Clip
 from harness.stages import cache_store
 from harness.stages.cache_store import Store, content_digest, decode, encode
-from harness.stages.configuration import Configuration
-from harness.stages.stages import STAGES, StageChoice
+from harness.stages.configuration import STAGES, Configuration, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 from vfoa.weights import locate, weights_of

@@ -1,16 +1,26 @@
 """A configuration: every setting of one way to run the pipeline, made of tables of settings.
 
-A table belongs to one stage (:data:`harness.stages.stages.STAGES`) or one step. An experiment gives tables as defaults,
-presets and differences; each overrides the ones before it.
+A table belongs to one of the five exchangeable stages (:data:`STAGES`) or to one step. An experiment gives tables as
+defaults, presets and differences; each overrides the ones before it.
+
+A stage of the library knows only frames and is built as ``Class(settings)``. A stage of the harness reads something
+that belongs to the clip (its ground truth, files of other programs) and is built as ``Class(settings, clip)``.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from harness.stages.stages import DRAWN, STAGES, StageChoice
+import vfoa.gaze
+import vfoa.head_pose
+import vfoa.heads
+import vfoa.segmentation
+import vfoa.stereo
+from harness.sources import Clip
 from vfoa import config
 from vfoa.config import Tables, is_in_region, read_steps, step_settings
 from vfoa.drawn import DrawnSettings
@@ -18,11 +28,190 @@ from vfoa.errors import VfoaError, did_you_mean
 from vfoa.logit import LogitSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
+from vfoa.registry import Registry
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from vfoa.onnx import Provider
+
+
+DRAWN = "drawn"
+"""The name of the stages that use only the shapes drawn on the clip."""
+OFF = "none"
+"""The name that switches a stage off. Clips with images need a matcher, segmentation and heads."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageKind:
+    """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages."""
+
+    name: str
+    key: str
+    library: Registry
+    of_clip: Mapping[str, str]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether this slot takes the name."""
+        return isinstance(name, str) and (name == OFF or name in self.of_clip or name in self.library)
+
+    def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
+        """Read ``{key: name, **settings}``; None for a stage that is switched off.
+
+        Raises
+        ------
+        VfoaError
+            If the name or a setting is not known; ``where`` opens the message.
+        """
+        name = table.get(self.key)
+        if name is None:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {', '.join(self.names())}")
+        settings = {key: value for key, value in table.items() if key != self.key}
+        if name == OFF:
+            return None
+        if name not in self:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
+        checked = parse(self.settings_class(name), settings, f"{where}: {self.name}", beside=(self.key,))
+        return StageChoice(slot=self.name, name=name, settings=checked)
+
+    def settings_class(self, name: str) -> type[Settings]:
+        """The class of the settings of the stage called ``name``."""
+        return self.stage_class(name).Settings
+
+    def takes(self, name: object, key: str) -> bool:
+        """Whether the stage called ``name`` has a setting called ``key``; False for an unknown name."""
+        if key == self.key:
+            return True
+        return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
+
+    def build(self, choice: StageChoice, clip: Clip, beside: Executor | None = None) -> Any:
+        """Build the stage for one clip. ``beside`` segments key frames in another thread, for settings with a delay."""
+        stage, settings = self._of_every_frame(choice, clip), choice.settings
+        if not isinstance(settings, KeyFrameSettings) or settings.on_every_frame:
+            return stage
+        return KeyFrameSegmenter(
+            stage, settings, lambda number: path_to(number, clip.frames, settings), clip.frame, beside=beside
+        )
+
+    def _of_every_frame(self, choice: StageChoice, clip: Clip) -> Any:
+        cls = self.stage_class(choice.name)
+        return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
+
+    def is_true(self, choice: StageChoice) -> bool:
+        """Whether the stage answers from the ground truth of a person, without an image."""
+        return hasattr(self.stage_class(choice.name), "of_person")
+
+    def is_temporal(self, choice: StageChoice) -> bool:
+        """Whether the stage is a gaze model that looks at several frames."""
+        return hasattr(self.stage_class(choice.name), "estimate_sequence")
+
+    def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
+        """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
+        if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):
+            return None
+        digest: str = self._of_every_frame(choice, clip).digest()
+        return digest
+
+    def names(self) -> list[str]:
+        """Every name this slot takes, sorted."""
+        return sorted({*self.library.names(), *self.of_clip, OFF})
+
+    def stage_class(self, name: str) -> Any:
+        """The class of the stage called ``name``."""
+        registry = Registry(kind=self.library.kind, builtin=self.of_clip, group="") if name in self.of_clip else None
+        return (registry or self.library).load(name)
+
+
+CLIP_VARIABLE = "${CLIP}"
+"""Placeholder of the clip's name in a stage's settings, so that one configuration reads the files of every clip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageChoice:
+    """A stage by name with its checked settings."""
+
+    slot: str
+    name: str
+    settings: Settings
+
+    @property
+    def key(self) -> str:
+        """A text that identifies the stage with its settings."""
+        return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
+
+    def for_clip(self, clip: str) -> StageChoice:
+        """Return the choice with the clip's name filled in wherever its settings have the placeholder."""
+        texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
+        filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
+        return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
+
+    def on(self, provider: Provider) -> StageChoice:
+        """Return the choice with its networks on a provider of ONNX Runtime; a stage without networks is unchanged."""
+        if "provider" not in type(self.settings).model_fields:
+            return self
+        return replace(self, settings=self.settings.model_copy(update={"provider": provider}))
+
+    def plain(self) -> dict[str, Any]:
+        """Return the choice as JSON values, with every default."""
+        return {STAGES[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
+
+
+STAGES: dict[str, StageKind] = {
+    slot.name: slot
+    for slot in (
+        StageKind(
+            name="stereo",
+            key="matcher",
+            library=vfoa.stereo.MATCHERS,
+            of_clip={
+                "truth": "harness.stages.ground_truth:TruthMatcher",
+                "files": "harness.stages.outputs.maps:FileMatcher",
+            },
+        ),
+        StageKind(
+            name="segmentation",
+            key="model",
+            library=vfoa.segmentation.SEGMENTERS,
+            of_clip={
+                "truth": "harness.stages.ground_truth:TruthSegmenter",
+                "coco_panoptic": "harness.stages.outputs.maps:CocoPanoptic",
+                DRAWN: "harness.stages.drawn:DrawnMasks",
+            },
+        ),
+        StageKind(
+            name="heads",
+            key="detector",
+            library=vfoa.heads.DETECTORS,
+            of_clip={
+                "truth": "harness.stages.ground_truth:TruthHeads",
+                "files": "harness.stages.outputs.heads:FileHeads",
+                DRAWN: "harness.stages.drawn:DrawnHeads",
+            },
+        ),
+        StageKind(
+            name="head_pose",
+            key="model",
+            library=vfoa.head_pose.MODELS,
+            of_clip={
+                "truth": "harness.stages.ground_truth:TruthHeadPose",
+                "simulated": "harness.stages.ground_truth:SimulatedHeadPose",
+                "files": "harness.stages.outputs.directions:FileHeadPose",
+            },
+        ),
+        StageKind(
+            name="gaze",
+            key="model",
+            library=vfoa.gaze.MODELS,
+            of_clip={
+                "truth": "harness.stages.ground_truth:TruthGaze",
+                "simulated": "harness.stages.ground_truth:SimulatedGaze",
+                "files": "harness.stages.outputs.directions:FileGaze",
+            },
+        ),
+    )
+}
+
 
 STEPS: Mapping[str, Mapping[str, type[Settings]]] = {"drawn": {"": DrawnSettings}, **config.STEPS}
 """Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""

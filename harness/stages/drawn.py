@@ -11,8 +11,7 @@ import numpy as np
 from harness.clips.manifest import ClipManifest
 from harness.labels.drawn import Drawn, Kind, format_drawn
 from harness.sources import Clip
-from harness.stages.configuration import Configuration
-from harness.stages.stages import DRAWN
+from harness.stages.configuration import DRAWN, Configuration
 from vfoa.coco import THINGS
 from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes
 from vfoa.errors import VfoaError

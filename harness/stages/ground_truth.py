@@ -23,7 +23,7 @@ from pydantic import Field
 
 from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
 from harness.sources import AnyClip, Clip, PersonTruth, SightTruth, Truth
-from harness.stages.stages import CLIP_VARIABLE
+from harness.stages.configuration import CLIP_VARIABLE
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, box_iou, perturb, unit
 from vfoa.posterior.settings import sigma_rad
@@ -240,13 +240,7 @@ _STRAIGHT_RAD = 1e-6
 
 
 class _ErrorSettings(Settings):
-    """Size and kind of an error.
-
-    ``error_deg`` is the mean angle between ground truth and answer. ``bias_share`` is the share of its variance that is
-    the slow bias, ``bias_frames`` the number of frames after which the bias is independent. Clips of one ``draw`` have
-    the same errors, person by person. Usually ``draw`` is the clip's name, so that every clip has its own errors: only
-    then are the clips independent samples.
-    """
+    """Size and kind of an error. Clips are independent samples only if every clip has a ``draw`` of its own."""
 
     error_deg: float = Field(ge=0, le=60)
     """Mean angle between the truth and the answer."""

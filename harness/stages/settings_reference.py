@@ -11,8 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from harness.stages.configuration import STEPS, TABLES
-from harness.stages.stages import OFF, STAGES
+from harness.stages.configuration import OFF, STAGES, STEPS, TABLES
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 

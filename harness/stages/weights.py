@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from harness.files.digests import file_digest
 from harness.files.parsing import read_toml
-from harness.stages.stages import STAGES, StageChoice, StageKind
+from harness.stages.configuration import STAGES, StageChoice, StageKind
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.validation import parse

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.stages.stages import STAGES
+from harness.stages.configuration import STAGES
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 

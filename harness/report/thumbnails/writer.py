@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from harness.files.io import replacing
 from harness.record.appearance import cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
-from harness.run.checkpoint import SinkState
-from harness.run.frame_sink import FinishedFrame
+from harness.run.frame_sink import FinishedFrame, SinkState
 from harness.run.records import FrameRecord
 from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig

@@ -1,54 +1,80 @@
-"""Executors run jobs: in this process, in a pool of spawned processes, or on a Dask cluster."""
+"""The protocol of an executor, and the executor that works in this process.
+
+Workers compute with one thread each, which is the fastest for all together. A single process may use a few threads,
+with the same results (a guided filter in OpenCV differs in the last bit from eight threads on, so four is the limit). A
+worker that dies is replaced, and its jobs are repeated. A job that kills its worker every time is given up; the others
+finish.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, TypeVar
 
-from harness.run.executors.contract import Executor, InProcess, Job, Outcome, Progress, Work
-from vfoa.errors import VfoaError
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+Progress = Callable[[str], None]
+"""Called with the name of what has advanced (the clip's name, once per frame)."""
 
-
-@contextmanager
-def executor(
-    workers: int,
-    scheduler: str | None = None,
-    *,
-    threads: int = 1,
-    modules: tuple[str, ...] = (),
-    sees: Path | None = None,
-) -> Iterator[Executor]:
-    """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
-
-    ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
-    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
-
-    Raises
-    ------
-    VfoaError
-        If the scheduler does not answer, has no workers, or has workers that would compute other results.
-    """
-    if scheduler is not None:
-        from harness.run.executors.cluster import Cluster, connect
-
-        with connect(scheduler) as client:
-            yield Cluster(client, modules, sees)
-    elif workers == 1:
-        yield InProcess(threads)
-    else:
-        from harness.run.executors.pool import Pool
-
-        with Pool(workers) as pool:
-            yield pool
+Work = Callable[[Job, Progress], Outcome]
+Lost = Callable[[Job, str], Outcome]
+"""Makes the outcome of a job that was given up, from the job and the reason."""
 
 
-def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
-    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a lost job is an error."""
-    with executor(min(workers, max(len(jobs), 1))) as chosen:
-        yield from chosen.run(work, jobs, progress, _lost)
+class StoppedError(Exception):
+    """The run was interrupted: a worker stops after the current frame."""
 
 
-def _lost(job: Any, why: str) -> Any:
-    raise VfoaError(why)
+MOST_THREADS = 4
+
+ATTEMPTS = 3
+"""Number of times that a job may kill its worker."""
+
+GIVEN_UP = f"its worker process died {ATTEMPTS} times over"
+
+
+class Executor(Protocol):
+    """Runs jobs."""
+
+    @property
+    def workers(self) -> int:
+        """Number of jobs that run at a time."""
+        ...
+
+    @property
+    def threads(self) -> int:
+        """Number of threads that a job may use."""
+        ...
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """Yield ``work(job, progress)`` for each job, in the order of the jobs, each as soon as it is finished.
+
+        ``work`` is a function of a module. Workers continue while the caller handles an outcome.
+        """
+        ...
+
+
+class InProcess:
+    """Runs one job after the other in this process, with a few threads."""
+
+    workers = 1
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = min(threads, MOST_THREADS)
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """As :class:`Executor`."""
+        compute_with(self.threads)
+        for job in jobs:
+            yield work(job, progress)
+
+
+def compute_with(threads: int) -> None:
+    """Set the number of threads that this process computes with."""
+    import cv2
+
+    cv2.setNumThreads(threads)

@@ -17,7 +17,7 @@ from uuid import uuid4
 from harness.files.cache import VARIABLE as CACHE_VARIABLE
 from harness.files.code_digest import code_digest
 from harness.remote import forget_copies
-from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
+from harness.run.executors import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Self
 
 from harness.processes import keep_working_directory_out
-from harness.run.executors.contract import (
+from harness.run.executors import (
     ATTEMPTS,
     GIVEN_UP,
     InProcess,

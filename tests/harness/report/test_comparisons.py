@@ -8,8 +8,8 @@ import pytest
 
 from harness.report.comparisons import reproductions, terminal_comparisons
 from harness.report.write import render_tables
+from harness.run.directory import Published
 from harness.run.experiment import load_experiment
-from harness.run.manifest import Published
 from harness.score.comparison import Comparison
 from harness.score.outcomes import Reference
 from harness.score.score import score

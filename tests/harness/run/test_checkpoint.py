@@ -11,7 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from harness.report.sinks import composed_sinks
-from harness.run import checkpoint, loop
+from harness.run import loop, resume
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -76,10 +76,10 @@ class _Kills:
         self._done += 1
         for (kept, killed), copy in self._kills.items():
             if self._done == kept:
-                checkpoint.SECONDS = 1e9
+                resume.SECONDS = 1e9
             if self._done == killed:
                 shutil.copytree(self._out, copy)
-                checkpoint.SECONDS = 0.0
+                resume.SECONDS = 0.0
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def runs(
     folder = tmp_path_factory.mktemp("runs")
     kills = {pair: folder / f"killed {pair}" for pair in KILLS}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint, "SECONDS", 0.0)
+        patch.setattr(resume, "SECONDS", 0.0)
         return _run(experiment, folder / "whole", progress=_Kills(folder / "whole", kills)), kills
 
 
@@ -194,7 +194,7 @@ def test_a_recording_goes_on_behind_a_key_frame(
     experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("harness.record.images.KEY_FRAME_S", 0.2)  # five frames
-    monkeypatch.setattr(checkpoint, "SECONDS", 0.0)
+    monkeypatch.setattr(resume, "SECONDS", 0.0)
     told, whole, once = list[str](), tmp_path / "whole", tmp_path / "once"  # killed twice: three partial files are one
     progress = _Kills(whole, {(5, 7): once})
     whole = _run(experiment, whole, recording="light", progress=progress)
@@ -215,7 +215,7 @@ def test_a_recording_goes_on_behind_a_key_frame(
 def test_an_array_keeps_the_order_of_its_axes(tmp_path: Path) -> None:
     values = np.random.default_rng(0).normal(size=(3, 4, 5))
     for array in (values, values.T, values.transpose(1, 0, 2), values[:, 1], values[::2], np.float64(0.1)):
-        back = checkpoint._codec.decode(checkpoint._codec.encode(array))
+        back = resume._codec.decode(resume._codec.encode(array))
         assert back.dtype == array.dtype
         assert np.array_equal(back, array)
         assert np.argsort(back.strides).tolist() == np.argsort(array.strides).tolist()

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.run.executors import executor, work_through
+from harness.run.executors import InProcess
 from harness.run.executors.cluster import local_cluster
-from harness.run.executors.contract import InProcess
+from harness.run.jobs import executor, work_through
 from vfoa.errors import VfoaError
 
 
@@ -155,7 +155,7 @@ def _linger(folder: Path, progress: Callable[[str], None]) -> None:
 
 def test_workers_do_not_outlive_a_run_that_was_killed(tmp_path: Path) -> None:
     code = (
-        "from pathlib import Path; from harness.run.executors import work_through\n"
+        "from pathlib import Path; from harness.run.jobs import work_through\n"
         "from test_executors import _linger\n"
         f"if __name__ == '__main__': list(work_through(_linger, [Path({str(tmp_path)!r})] * 2, 2, print))"
     )

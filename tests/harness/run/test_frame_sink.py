@@ -15,8 +15,8 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.loop import run_clip
-from harness.run.partial_results import ResultsSinks
 from harness.run.results import read_results
+from harness.run.resume import ResultsSinks
 from vfoa.errors import VfoaError
 
 

@@ -32,7 +32,7 @@ from harness.sources.live import Arrival, CameraPair, LiveSource, PlayedClip
 from harness.sources.recordings.mcap_tail import McapTail, follow_records
 from harness.sources.recordings.topics import RecordingSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.stages.stages import STAGES
+from harness.stages.configuration import STAGES
 from tests.alley import write_masks
 from tests.disk import HEIGHT, WIDTH, moving_picture, picture, sintel_scene, write_text, write_video
 from tests.harness.record.test_viewer import needs_vulkan

@@ -20,7 +20,7 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.partial_results import open_partial_results
+from harness.run.resume import open_partial_results
 from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
@@ -159,7 +159,7 @@ def test_a_kept_frame_that_comes_out_differently_is_refused(tmp_path: Path) -> N
 
 
 def test_a_part_has_one_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.run.partial_results.LOCK_SECONDS", 0.0)
+    monkeypatch.setattr("harness.run.resume.LOCK_SECONDS", 0.0)
     paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
     with (
         open_partial_results(*paths),

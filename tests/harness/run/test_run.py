@@ -19,8 +19,8 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
-from harness.run.partial_results import partial_results
 from harness.run.results import read_results
+from harness.run.resume import partial_results
 from harness.run.runner import prepare, run_plan
 from harness.stages.cache_store import Store
 from harness.stages.outputs.write import write_coco_panoptic

@@ -11,7 +11,7 @@ from harness.files.code_digest import code_of
 from harness.run.experiment import load_experiment
 from harness.stages import cache_store
 from harness.stages.cache import Source, difference, identify
-from harness.stages.stages import StageChoice
+from harness.stages.configuration import StageChoice
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 

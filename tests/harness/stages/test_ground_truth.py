@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from harness.labels.labels import Label
 from harness.sources import PersonTruth, Truth
+from harness.stages.configuration import STAGES
 from harness.stages.ground_truth import (
     AngularError,
     OracleSettings,
@@ -26,7 +27,6 @@ from harness.stages.ground_truth import (
     true_labels,
     truth_of,
 )
-from harness.stages.stages import STAGES
 from tests.examples import few
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, unit

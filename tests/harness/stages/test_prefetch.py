@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.sources import Truth
-from harness.stages.prefetch import one_at_a_time, prefetch
+from harness.stages.perception import one_at_a_time, prefetch
 from harness.studio import StudioClip, StudioSettings
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame

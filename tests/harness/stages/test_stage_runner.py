@@ -12,8 +12,8 @@ from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from harness.stages.cache import Tally, open_cache
 from harness.stages.cache_store import Store
+from harness.stages.configuration import STAGES
 from harness.stages.stage_runner import Memo, StageRunner, Timings, timed
-from harness.stages.stages import STAGES
 from tests.calls import calls_to_match
 from vfoa.tracking import TrackingSettings
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from harness.cli.models import app
 from harness.stages import weights as models
-from harness.stages.stages import STAGES, StageChoice
+from harness.stages.configuration import STAGES, StageChoice
 from harness.stages.weights import (
     CatalogueEntry,
     catalogue,
