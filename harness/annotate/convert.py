@@ -1,12 +1,15 @@
-"""Import and export of a clip's annotation files in formats of other programs."""
+"""Labels, drawn shapes and a run's predictions in the formats of other programs: import and export."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from harness.annotate.clip_stores import open_drawing, open_store, read_for_store
 from harness.annotate.marks import from_labels, stretches
@@ -14,12 +17,15 @@ from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations
-from harness.labels.formats import FORMATS, AnnotationFormat
+from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.labels import Labels
-from harness.labels.timeline import timeline_of
-from vfoa.errors import VfoaError
+from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
+from harness.labels.timeline import Timeline, timeline_of
+from harness.run.directory import RunDirectory
+from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import ClipRecords, read_clip_records
+from vfoa.errors import VfoaError, did_you_mean
 
 
 def open_exchange(
@@ -118,17 +124,17 @@ def import_drawn(
     _check_draws(name)
     place = manifest.annotations.place_drawn()
     check_new(place, replace=True, inputs=[source])
-    imported = read_cvat_drawn(source, exchange)
+    drawn, notes = read_cvat_drawn(source, exchange)
     if not place.is_file():
-        write_drawn(place, imported.drawn)
-        return place, imported.drawn, imported.notes
+        write_drawn(place, drawn)
+        return place, drawn, notes
     with closing(open_drawing(manifest, exchange.frames)) as store:
-        taken = ", ".join(each for each in imported.drawn.names if each in store.drawn.names)
+        taken = ", ".join(each for each in drawn.names if each in store.drawn.names)
         if taken and not replace:
             raise VfoaError(f"{place}: has shapes of {taken} already; expected --replace")
-        store.put(imported.drawn)
+        store.put(drawn)
     said = (f"{place}: replaced the shapes of {taken}; undo in vfoa annotate brings them back.",) if taken else ()
-    return place, imported.drawn, (*imported.notes, *said)
+    return place, drawn, (*notes, *said)
 
 
 def export_drawn(manifest: ClipManifest, name: str, exchange: Exchange, to: Path, *, replace: bool) -> list[str]:
@@ -163,6 +169,125 @@ def export_labels(
     labels = manifest.read(path, exchange.timeline, allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
+
+
+def is_run(path: Path) -> bool:
+    """Whether a path is a run's directory."""
+    return RunDirectory(path).manifest.is_file()
+
+
+def export_predictions(
+    run: Path,
+    name: str,
+    *,
+    clip: str | None = None,
+    configuration: str | None = None,
+    to: Path | None = None,
+    fps: float | None = None,
+    offset: float = 0.0,
+    replace: bool = False,
+) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """Write a run's predictions in the format called ``name``; yield each clip's file, and notes on what it lacks.
+
+    Parameters
+    ----------
+    clip, configuration
+        The clip and configuration to export; a configuration must be chosen if there are several.
+    to
+        The file, if one clip is written; by default ``RUN/labels/CLIP__CONFIGURATION.SUFFIX``.
+    fps, offset
+        As in :class:`Exchange`.
+    replace
+        Overwrite existing files.
+
+    Raises
+    ------
+    VfoaError
+        If the run has no such clip or configuration, the format needs data that the run lacks, or a file exists.
+    """
+    manifest = RunDirectory(run).read_manifest()
+    clips = {each["name"]: each for each in manifest["clips"]}
+    if clip is not None and clip not in clips:
+        raise VfoaError(f"{run}: no clip {clip!r}; {did_you_mean(clip, clips)}")
+    chosen = [clip] if clip is not None else list(clips)
+    if to is not None and len(chosen) > 1:
+        raise VfoaError(f"{run}: has the clips {', '.join(chosen)}; expected --clip CLIP with a file of your own")
+    written: AnnotationFormat = FORMATS.load(name)()
+    for each in chosen:
+        records = read_clip_records(run, each, configuration)
+        names = clips[each]["names"]
+        subjects, targets = tuple(names["subjects"]), tuple(names["targets"])
+        found = predicted_labels(records, {*subjects, *targets})
+        if not found.labels.ranges:
+            raise VfoaError(f"{run}: {each}: nothing was predicted; {' '.join(found.notes) or 'no person was found'}")
+        place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"
+        check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
+        exchange = Exchange(
+            timeline=Timeline(frames=clips[each]["frames"], times_ns=clips[each]["times_ns"]),
+            rate_hz=clips[each]["rate_hz"],
+            subjects=found.labels.subjects,
+            targets=targets,
+            fps=fps,
+            offset=offset,
+        )
+        yield place, (*found.notes, *written.write(place, found.labels, exchange))
+
+
+def predicted_labels(found: ClipRecords, names: Collection[str]) -> Imported:
+    """Make one suggested label per frame and person with a prediction; frames without a prediction have none.
+
+    Parameters
+    ----------
+    found
+        The results of one clip and configuration. With probabilities, the note of a range holds their mean over its
+        frames. No focus is the answer ``none`` of a method that can say so; of another, nothing was hit, which is no
+        prediction.
+    names
+        The manifest's names of subjects and targets. A predicted object without one is ``ignore``; the note names
+        the object.
+    """
+    labelled: dict[str, dict[int, tuple[Label, float]]] = {}
+    counts = Counter[str]()
+    for frame, record in sorted(found.by_frame.items()):
+        for person in record.subjects:
+            name = person.name or f"person#{person.track_id}"
+            of_person = labelled.setdefault(name, {})
+            missing = person.missing or (None if found.says_nowhere or person.focus is not None else "nothing hit")
+            if missing is not None:
+                counts[f"frames of {name} have no prediction ({missing}) and no label"] += 1
+            elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
+                of_person[frame] = _label(record, person, name, names)
+                counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
+                    of_person[frame][0].target == IGNORED
+                )
+    frames = sorted(found.by_frame)
+    rows = [
+        _with_probability(row, labels, frames) if found.has_probabilities else row
+        for name, labels in labelled.items()
+        for row in ranges_of(name, ((frame, labels[frame][0] if frame in labels else None) for frame in frames))
+    ]
+    return Imported(
+        labels=Labels(rows), notes=tuple(f"{count} {words}." for words, count in sorted(counts.items()) if count)
+    )
+
+
+def _label(record: FrameRecord, person: SubjectRecord, name: str, names: Collection[str]) -> tuple[Label, float]:
+    """The label, and the probability of the prediction."""
+    totals = {each.instance_id: each.total for each in person.attention}
+    if person.focus is None:
+        return Label(target=NOWHERE, is_suggested=True), max(0.0, 1 - sum(totals.values()))
+    target = record.target(person.focus).name
+    probability = min(totals.get(person.focus, 0.0), 1.0)
+    if target == name or target not in {*names, *RESERVED}:
+        return Label(target=IGNORED, note=f"predicted {target}", is_suggested=True), probability
+    return Label(target=target, is_suggested=True), probability
+
+
+def _with_probability(row: LabelRange, labels: Mapping[int, tuple[Label, float]], frames: Sequence[int]) -> LabelRange:
+    inside: Iterable[int] = (frame for frame in frames if row.first_frame <= frame <= row.last_frame)
+    mean = float(np.mean([labels[frame][1] for frame in inside]))
+    note = "; ".join(filter(None, (row.label.note, f"probability {mean:.2f}")))
+    return replace_fields(row, label=replace_fields(row.label, note=note))
 
 
 def _confirmed(labels: Labels) -> Labels:

@@ -132,8 +132,7 @@ def export(
 
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
-    from harness.annotate.convert import export_drawn, export_labels, open_exchange
-    from harness.annotate.predictions import export_predictions, is_run
+    from harness.annotate.convert import export_drawn, export_labels, export_predictions, is_run, open_exchange
     from harness.clips.manifest import load_manifest
     from vfoa.errors import VfoaError
 
@@ -142,10 +141,10 @@ def export(
         given = {"--annotator": annotator, "--drawn": drawn}
         for option in [name for name, value in given.items() if value]:
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
-        for each in export_predictions(
+        for written, left_out in export_predictions(
             folder, format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
         ):
-            _print_export(each.path, each.notes)
+            _print_export(written, left_out)
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")

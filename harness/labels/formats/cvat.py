@@ -19,7 +19,6 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -37,16 +36,8 @@ _HALF_PX = 0.5
 _KIND = "kind"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImportedDrawn:
-    """The shapes drawn in CVAT, and a note for everything that was left out."""
-
-    drawn: Drawn
-    notes: tuple[str, ...] = ()
-
-
-def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
-    """Read the tracks of a clip's targets and subjects; those of other labels are left out and counted.
+def read_cvat_drawn(path: Path, exchange: Exchange) -> tuple[Drawn, tuple[str, ...]]:
+    """Read the tracks of a clip's targets and subjects; the notes count those of other labels, which are left out.
 
     Raises
     ------
@@ -76,7 +67,7 @@ def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
         )
     counts = ", ".join(f"{count} of {label!r}" for label, count in sorted(others.items()))
     notes = (f"{path}: tracks of other labels are left out: {counts}.",) if others else ()
-    return ImportedDrawn(drawn=drawn, notes=(*unused, *notes))
+    return drawn, (*unused, *notes)
 
 
 def _read_tracks(path: Path) -> Element:

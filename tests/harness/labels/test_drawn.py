@@ -132,15 +132,15 @@ def test_cvat_s_tracks_move_as_they_do_there(tmp_path: Path) -> None:
         ("girl", _box(0, 0.5)),
         ("car", _box(0, 0.5)),
     )
-    imported = read_cvat_drawn(path, exchange(renamed={"lamp": "cup"}))
-    drawn = imported.drawn
+    drawn, notes = read_cvat_drawn(path, exchange(renamed={"lamp": "cup"}))
+    drawn = drawn
     assert [drawn.at(frame)[0].place for frame in range(1, 12)] == [
         (100 + 4 * frame, 10, 120 + 4 * frame, 30) for frame in range(11)
     ]
     assert [frame for frame in range(1, 51) if drawn.tracks[0].at(frame)] == [*range(1, 21), 31]
     assert drawn.of("cup", "point") == Track(name="cup", kind="point", keys=(KeyFrame(frame=3, place=(7, 8)),))
     assert drawn.of("girl", "head") is not None
-    assert imported.notes == (f"{path}: tracks of other labels are left out: 1 of 'car'.",)
+    assert notes == (f"{path}: tracks of other labels are left out: 1 of 'car'.",)
     write_text(tmp_path / "b.drawn.csv", format_drawn(drawn))
     assert _read(tmp_path / "b.drawn.csv") == drawn
 
@@ -163,7 +163,7 @@ def test_what_is_written_for_cvat_is_read_from_it(
         with pytest.raises(VfoaError, match="found <annotations> without tracks"):
             read_cvat_drawn(path, clip)
         return
-    read = read_cvat_drawn(path, clip).drawn
+    read = read_cvat_drawn(path, clip)[0]
     for frame in frames:
         one, other = ({(shape.name, shape.kind): shape.place for shape in each.at(frame)} for each in (drawn, read))
         assert one.keys() == other.keys()
@@ -172,7 +172,7 @@ def test_what_is_written_for_cvat_is_read_from_it(
 
 def test_a_track_of_cvat_that_began_before_the_clip_is_cut(tmp_path: Path) -> None:
     path = _cvat(tmp_path / "a.xml", ("bird", _box(0, 0.5) + _box(20, 40.5) + _box(100, 0.5)), ("cup", _box(3, 0.5)))
-    drawn = read_cvat_drawn(path, exchange(offset=10)).drawn
+    drawn = read_cvat_drawn(path, exchange(offset=10))[0]
     bird = drawn.of("bird", "box")
     assert bird is not None
     assert [key.frame for key in bird.keys] == [1, 11, 50]
@@ -182,7 +182,7 @@ def test_a_track_of_cvat_that_began_before_the_clip_is_cut(tmp_path: Path) -> No
 
 def test_two_tracks_of_cvat_are_one_where_they_follow_each_other(tmp_path: Path) -> None:
     first, second = _box(0, 0.5) + _box(5, 0.5, outside=1), _box(5, 9.5) + _box(7, 9.5, outside=1)
-    drawn = read_cvat_drawn(_cvat(tmp_path / "a.xml", ("bird", second), ("bird", first)), exchange()).drawn
+    drawn = read_cvat_drawn(_cvat(tmp_path / "a.xml", ("bird", second), ("bird", first)), exchange())[0]
     assert [frame for frame in range(1, 51) if drawn.at(frame)] == [*range(1, 8)]
     with pytest.raises(VfoaError, match="'bird' has two tracks in frame 6 of the clip"):
         read_cvat_drawn(_cvat(tmp_path / "b.xml", ("bird", _box(0, 0.5)), ("bird", second)), exchange())

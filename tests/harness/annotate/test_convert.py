@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pympi.Elan import Eaf
 
-from harness.annotate.predictions import export_predictions, predicted_labels
+from harness.annotate.convert import export_predictions, predicted_labels
 from harness.labels.formats import FORMATS
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
@@ -77,25 +77,25 @@ def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
 @given(girl=st.lists(st.sampled_from(["bird", "cup", "none", None]), min_size=1, max_size=60).filter(any))
 def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: list[str | None]) -> None:
     run = write_run(tmp_path / "run", girl)
-    (written,) = export_predictions(run, name, replace=True)
+    ((written, _),) = export_predictions(run, name, replace=True)
     clip = PlainClip(frames=range(1, len(girl) + 1), rate_hz=RATE_HZ)
-    imported = FORMATS.load(name)().read(written.path, exchange(clip))
+    imported = FORMATS.load(name)().read(written, exchange(clip))
     again = [imported.labels.at(frame, "girl") for frame in clip.frames]
     assert [label.target if label and label.note != "not labelled yet" else None for label in again] == girl
 
 
 def test_pympi_reads_what_was_predicted(tmp_path: Path) -> None:
-    (written,) = export_predictions(write_run(tmp_path, ["bird", "bird", "cup"]), "elan")
-    assert written.path == tmp_path / "labels" / "clip__one.eaf"
-    document = Eaf(str(written.path))
+    ((written, _),) = export_predictions(write_run(tmp_path, ["bird", "bird", "cup"]), "elan")
+    assert written == tmp_path / "labels" / "clip__one.eaf"
+    document = Eaf(str(written))
     assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 101, "cup")]
     assert [value for *_, value in document.get_annotation_data_for_tier("girl:state")] == ["suggested"] * 2
     assert document.get_annotation_data_for_tier("girl:note")[0][2] == "probability 0.75"
 
 
 def test_a_boris_project_is_whole(tmp_path: Path) -> None:
-    (written,) = export_predictions(write_run(tmp_path, ["bird", "cup"]), "boris")
-    project = json.loads(written.path.read_text())
+    ((written, _),) = export_predictions(write_run(tmp_path, ["bird", "cup"]), "boris")
+    project = json.loads(written.read_text())
     assert project["project_format_version"] == "7.0"
     assert [each["code"] for each in project["behaviors_conf"].values()] == ["bird", "cup"]
     (observation,) = project["observations"].values()
@@ -115,8 +115,8 @@ def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:
 
 
 def test_attention_without_probabilities_has_none(tmp_path: Path) -> None:
-    (written,) = export_predictions(write_run(tmp_path, ["bird"], method="cones"), "csv")
-    assert "probability" not in written.path.read_text()
+    ((written, _),) = export_predictions(write_run(tmp_path, ["bird"], method="cones"), "csv")
+    assert "probability" not in written.read_text()
 
 
 @pytest.mark.parametrize(
