@@ -20,7 +20,6 @@ from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
 from harness.cli.fit import fit
-from harness.cli.live import live
 from harness.cli.run import demo, run
 from harness.cli.scores import compare, plan, report, score
 from harness.cli.terminal import say
@@ -73,7 +72,6 @@ def _vfoa(
 
 app.command(short_help="Run the paper's table on rendered clips; downloads nothing.")(demo)
 app.command(short_help="Run clips under configurations; print the FRR table.")(run)
-app.command(short_help="Run on live frames: two cameras, or a growing recording.")(live)
 app.command(short_help="Score a run again, without images or models.")(score)
 app.command(short_help="Write a run's report page, or serve it with its recordings.")(report)
 app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)

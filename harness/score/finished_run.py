@@ -277,7 +277,7 @@ def changed_content_notes(
     cannot be opened is not compared: scoring needs no images.
     """
     same_labels = labels_digest(manifest, run.get("annotator")) == _labels_of_run(run, clip)
-    if "live" in run or "sha256" not in clip or (same_labels and Path(clip["manifest"]) == manifest.path):
+    if "sha256" not in clip or (same_labels and Path(clip["manifest"]) == manifest.path):
         return
     noted = read_value(digests, dict[str, str]) or {}
     KNOWN.add(noted)

@@ -48,7 +48,6 @@ VERBS: dict[str, Writes | Left] = {
     **READS,
     "demo": Left("the same as run, with an experiment that is there"),
     "run": Writes(("run", "talk.toml", "--out", "new", "--workers", "1", "--recording", "none"), varies=_RUN_VARIES),
-    "live": Left("what it writes depends on when frames come; it does not resume"),
     "score": Writes(("score", "run"), varies=_RUN_VARIES),
     "report": Writes(("report", "run"), varies=_RUN_VARIES),
     "view": Left("opens a viewer; with --screenshot one file, by the writer that fit has"),

@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 import numpy as np
 import pytest
@@ -18,11 +16,9 @@ from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_dra
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.live import run_live
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Truth
-from harness.sources.live import PlayedClip
 from harness.stages.cache_store import Store
 from harness.studio import StudioClip
 from tests.disk import write_text
@@ -123,24 +119,3 @@ def test_nothing_but_what_is_drawn_needs_something_drawn(drawn_clip: Path) -> No
     drawn_clip.unlink()
     with pytest.raises(VfoaError, match=f"{CLIP}: segmentation = 'drawn', and no targets are drawn on the clip"):
         _run("run", limit=1)
-
-
-def test_a_clip_that_is_played_as_if_live_is_run_with_what_is_drawn(drawn_clip: Path) -> None:
-    text = EXPERIMENT.replace('head_pose.model = "truth"', 'head_pose.model = "none"')
-    write_text(Path("live.toml"), text.replace('gaze.model = "truth"', 'gaze.model = "none"'))
-    manifest, experiment = load_manifest(CLIP), load_experiment("live.toml")
-    clip = manifest.open_images()
-
-    def run(out: str, frames: Sequence[int] | None) -> RunDirectory:
-        directory = RunDirectory(Path(out))
-        run_live(PlayedClip(clip, CLIP), manifest, experiment, directory, stopped=Event(), frames=frames, limit=2)
-        return directory
-
-    directory = run("live", clip.frames)
-    for record in read_results(directory.results):
-        assert {each.name for each in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
-    said = json.loads(directory.manifest.read_text())
-    assert said["notes"] == [f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."]
-    assert said["clips"][0]["drawn_sha256"]
-    with pytest.raises(VfoaError, match="segmentation = 'drawn', and no targets are drawn"):
-        run("cameras", None)

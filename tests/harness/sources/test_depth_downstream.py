@@ -1,10 +1,9 @@
-"""A clip of colour and measured depth through a run, its recording, its report, and live."""
+"""A clip of colour and measured depth through a run, its recording, and its report."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from threading import Event
 
 import cv2
 import numpy as np
@@ -14,7 +13,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from harness.record import entities
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.mcap_tail import McapTail
 from harness.sources.recordings.topics import RecordingSettings
 from harness.stages.outputs.write import write_coco_panoptic
 from tests.command import vfoa
@@ -103,18 +101,6 @@ def test_a_matcher_of_two_views_is_refused_in_one_line(
     code, _, said = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out", "--set", "stereo.matcher=sgbm")
     assert code != 0
     assert 'expected stereo.matcher = "sensor"' in " ".join(said.split())
-
-
-def test_a_growing_recording_gives_colour_and_depth(tmp_path: Path) -> None:
-    folder = write_take(tmp_path, "mcap", map(shot, (1, 2, 3)))
-    (path,) = folder.glob("*.mcap")
-    frame = list(McapTail(path, RecordingSettings()).arrivals(Event()))[-1].read()
-    assert frame.right is None
-    assert np.array_equal(frame.left, shot(3).colour)
-    np.testing.assert_allclose(
-        frame.depth_m, np.where(shot(3).depth_mm > 0, shot(3).depth_mm / 1000, np.nan), rtol=1e-6
-    )
-    assert frame.rig.fx_px == LENS.fx
 
 
 def test_a_recording_of_ros_1_in_mcap_is_read(tmp_path: Path) -> None:

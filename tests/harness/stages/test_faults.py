@@ -7,26 +7,18 @@ from __future__ import annotations
 
 import importlib
 import sys
-import threading
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from harness.clips.manifest import load_manifest
-from harness.report.sinks import composed_sinks
-from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import local_cluster
 from harness.run.experiment import load_experiment
-from harness.run.live import run_live
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.sources.live import Arrival
 from harness.stages.cache_store import Store
 from harness.stages.stage_runner import StageRunner
 from tests import graphs
@@ -256,54 +248,6 @@ def test_a_bug_of_the_harness_is_not_taken_for_one_of_a_stage(
 
 
 # A source that does not wait
-
-
-class Patient:
-    """A clip that gives a frame when the one before has been read."""
-
-    rate_hz = None
-
-    def __init__(self, clip: Any) -> None:
-        self._clip, self._wanted = clip, threading.Event()
-
-    def begin(self) -> None:
-        pass
-
-    def arrivals(self, stopped: threading.Event) -> Iterator[Arrival]:
-        for number in range(1, FRAMES + 1):
-            self._wanted.clear()
-            yield Arrival(number=number, time_ns=number, arrived_s=0.0, read=partial(self._read, number))
-            while not (self._wanted.wait(0.05) or stopped.is_set()):
-                pass
-
-    def _read(self, number: int) -> StereoFrame:
-        self._wanted.set()
-        return self._clip.frame(number)  # type: ignore[no-any-return]
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_live_run_that_a_fault_ends_keeps_what_was_done(threads: int, experiment: Path, tmp_path: Path) -> None:
-    chosen = load_experiment(str(write_text(tmp_path / "e.toml", _only(experiment, "broken"))))
-    manifest = load_manifest(chosen.clips[0])
-    (broken,) = chosen.configurations
-    chosen = replace(chosen, configurations=(replace(broken, choices={**broken.choices, "gaze": None}),))
-    source, directory = Patient(manifest.open()), RunDirectory(tmp_path / "run")
-    with pytest.raises(VfoaError) as error:
-        run_live(
-            source,
-            manifest,
-            chosen,
-            directory,
-            stopped=threading.Event(),
-            sinks=composed_sinks(chosen.configurations, "light"),
-            threads=threads,
-        )
-    assert str(error.value) == f"alley under broken: {SAID} (traceback: {directory.traceback(BROKEN)})"
-    assert "ZeroDivisionError" in directory.traceback(BROKEN).read_text()
-    assert [record.frame for record in read_results(directory.results)] == [2, 3]
-    assert directory.recording(BROKEN).is_file()
-    assert directory.read_manifest()["failed"] == []
-    rescore(directory)  # it is scored as any other run
 
 
 # The guard
