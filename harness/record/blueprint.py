@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -77,15 +76,13 @@ class Shown:
         )
 
 
-def clip_layout(
-    layers: Sequence[LayerNames], shown: Shown, subjects: Subjects, *, follow: bool = False
-) -> rrb.Blueprint:
-    """One configuration of a clip, or several as tabs. ``follow``: the viewer moves to each new frame as it arrives."""
+def clip_layout(layers: Sequence[LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
+    """One configuration of a clip, or several as tabs."""
     parts = [_by_subject(subjects, partial(_wide, each, shown)) for each in layers]
     if len(parts) == 1:
-        return _blueprint(parts[0], shown, follow=follow)
+        return _blueprint(parts[0], shown)
     named = [rrb.Vertical(part, name=each.configuration) for part, each in zip(parts, layers, strict=True)]
-    return _blueprint(rrb.Tabs(*named, active_tab=0), shown, follow=follow)
+    return _blueprint(rrb.Tabs(*named, active_tab=0), shown)
 
 
 def file_layout(layers: LayerNames, shown: Shown) -> rrb.Blueprint:
@@ -102,11 +99,10 @@ def comparison_layout(pair: tuple[LayerNames, LayerNames], shown: Shown, subject
     return _blueprint(columns, shown)
 
 
-def _blueprint(content: rrb.Container, shown: Shown, *, follow: bool = False) -> rrb.Blueprint:
-    state: Literal["following", "paused"] = "following" if follow else "paused"
+def _blueprint(content: rrb.Container, shown: Shown) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(timeline="frame", play_state=state, fps=shown.rate_hz, state="collapsed"),
+        rrb.TimePanel(timeline="frame", play_state="paused", fps=shown.rate_hz, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,

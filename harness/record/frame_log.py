@@ -35,12 +35,11 @@ class FrameLog:
     Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen. A row
     without instances clears, in the same chunk as the other rows of the entity.
 
-    Rows wait for :meth:`send`; with ``at_once``, they are sent at the end of their frame. ``before`` are the entities
-    that the frame before the first one shows.
+    Rows wait for :meth:`send`. ``before`` are the entities that the frame before the first one shows.
     """
 
-    def __init__(self, stream: rr.RecordingStream, *, at_once: bool = False, before: Shown | None = None) -> None:
-        self._stream, self._at_once = stream, at_once
+    def __init__(self, stream: rr.RecordingStream, before: Shown | None = None) -> None:
+        self._stream = stream
         self._time = (0, 0)
         self._rows = _Rows(stream)
         self._before = _entities(before or [])
@@ -120,8 +119,6 @@ class FrameLog:
             else:
                 self._rows.add(self._time, path, of, dict.fromkeys(of.fields, ()))
         self._before, self._now = self._now, {}
-        if self._at_once:
-            self.send()
 
     def send(self) -> None:
         """Send the waiting rows."""

@@ -51,13 +51,10 @@ def key_frame_every(rate_hz: float | None) -> int:
 
 
 class ImageLog:
-    """Logs the images of a clip: AV1 videos in a light recording, lossless images in a full one.
+    """Logs the images of a clip: AV1 videos in a light recording, lossless images in a full one."""
 
-    A viewer that watches a run gets JPEGs (``watched``): a video would arrive some frames late.
-    """
-
-    def __init__(self, log: FrameLog, size: Size, rate_hz: float | None, *, watched: bool) -> None:
-        self._log, self._size, self._watched = log, size, watched
+    def __init__(self, log: FrameLog, size: Size, rate_hz: float | None) -> None:
+        self._log, self._size = log, size
         self._key_every = key_frame_every(rate_hz)
         self._videos: dict[str, VideoEncoder] = {}
         self._times: dict[tuple[str, int], tuple[int, int]] = {}
@@ -93,7 +90,7 @@ class ImageLog:
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
         if self._size == "full":
             self._log.row(path, rr.EncodedImage, blob=[_encoded(image, ".png")], media_type=["image/png"])
-        elif self._watched or min(image.shape[:2]) < LEAST_SIDE_PX:
+        elif min(image.shape[:2]) < LEAST_SIDE_PX:
             self._log.row(path, rr.EncodedImage, blob=[_encoded(image, ".jpg")], media_type=["image/jpeg"])
         else:
             if path not in self._videos:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import datetime
 import errno
 import os
+import select
 import shutil
+import threading
+import time
 import warnings
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
@@ -18,7 +21,6 @@ from rerun.chunk import RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
-from harness.record.writing_out import GO_ON, StreamFile
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -31,33 +33,36 @@ WAITING_BYTES = 4 * 2**20
 """Most memory of the rows that wait, roughly: more are written earlier."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
+GO_ON = "finished frames are kept, and the same command continues"
+_PATIENCE_S = 30.0
+_AT_ONCE_BYTES = 2**20
 
 
 class LayerFile:
     """A layer, written to ``<path>.partial``, which becomes ``path`` when it is closed as complete.
 
     After an error or a kill only the partial file is left; Rerun can read its frames. The file is opened by the first
-    call of :meth:`open`. With ``watched_at``, the address of a viewer, that viewer is shown each frame as well.
+    call of :meth:`open`.
 
     A run that continues writes a partial file of its own, ``<path>.partial-1``, and so on; when the last one is closed
     as complete, it includes the others.
     """
 
-    def __init__(self, path: Path, files: ClipFiles, *, watched_at: str | None = None) -> None:
-        self._path, self._watched_at = path, watched_at
+    def __init__(self, path: Path, files: ClipFiles) -> None:
+        self._path = path
         self._kept: list[tuple[Path, int]] = []
         self.stream = rr.RecordingStream(
             files.application_id,
             recording_id=files.recording_id,
             # the default, 0.2 s, would cut a slow pipeline's recording into a chunk per frame and entity
-            batcher_config=rr.ChunkBatcherConfig(flush_tick=datetime.timedelta(seconds=0.05 if watched_at else 60)),
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=datetime.timedelta(seconds=60)),
         )
         # the source's frame number and time are the only timelines
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self._files = files
         self._logs: dict[str, FrameLog] = {}
-        self._file: StreamFile | None = None
+        self._file: _StreamFile | None = None
         self._unsent = 0
 
     @property
@@ -98,18 +103,18 @@ class LayerFile:
         self._check_room()
         for path, size in self._kept:
             os.truncate(path, size)
-        self._file = StreamFile(self.stream, self._partial, layout, watched_at=self._watched_at)
+        self._file = _StreamFile(self.stream, self._partial, layout)
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
     def part(self, name: str) -> FrameLog:
         """A part of the file that is logged frame by frame, independently of the other parts."""
         if name not in self._logs:
-            self._logs[name] = FrameLog(self.stream, at_once=self._watched_at is not None)
+            self._logs[name] = FrameLog(self.stream)
         return self._logs[name]
 
     def end_frame(self) -> None:
-        """Send and flush rows from time to time; a viewer that watches gets them at the end of each part's frame.
+        """Send and flush rows from time to time.
 
         Raises
         ------
@@ -165,3 +170,97 @@ class LayerFile:
         self._unsent = 0
         for log in self._logs.values():
             log.send()
+
+
+class _StreamFile:
+    """The file ``path``, into which a stream writes from now on.
+
+    Rerun waits without end for a file that takes no more bytes. Therefore it writes into a pipe, and a thread moves
+    the bytes from the pipe to the file. A quota, a size limit or a full disk is then an ordinary error, and what Rerun
+    still sends is dropped.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, path: Path, layout: rrb.Blueprint | None) -> None:
+        self._stream, self._path = stream, path
+        self._error: OSError | None = None
+        self._ended = False
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        self._pipe, end = os.pipe()
+        os.set_blocking(self._pipe, False)
+        self._moving = threading.Lock()
+        self._thread = threading.Thread(target=self._follow, name=f"writes {path.name}", daemon=True)
+        self._thread.start()
+        try:
+            stream.save(f"/dev/fd/{end}", default_blueprint=layout)
+        except RuntimeError as error:
+            raise OSError(errno.EIO, f"cannot be opened ({error})", str(path)) from None
+        finally:
+            os.close(end)  # Rerun has opened it for itself
+
+    def check(self) -> None:
+        """Raise the error of the first write that failed.
+
+        Raises
+        ------
+        OSError
+            With the path of the file.
+        """
+        if (error := self._error) is not None:
+            raise OSError(error.errno, f"{error.strerror}; {GO_ON}", str(self._path))
+
+    def flush(self) -> None:
+        """Write out all that was logged. Raises the errors of :meth:`check`."""
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE_S)
+        except RuntimeError as error:
+            raise OSError(errno.EIO, f"cannot be written ({error}); {GO_ON}", str(self._path)) from None
+        waiting = self._waiting()
+        while not self._ended:
+            with self._moving:
+                if not waiting.poll(0):
+                    break
+            time.sleep(0.001)
+        self.check()
+
+    def close(self) -> None:
+        """End the stream and close the file, also after an error. Raises the errors of :meth:`check`."""
+        if not self._ended:
+            self._stream.disconnect()
+            self._thread.join()
+            os.close(self._pipe)
+            os.close(self._file)
+        self.check()
+
+    def _follow(self) -> None:
+        waiting = self._waiting()
+        while not self._ended:
+            waiting.poll()
+            self._move()
+
+    def _waiting(self) -> select.poll:
+        waiting = select.poll()
+        waiting.register(self._pipe, select.POLLIN)
+        return waiting
+
+    def _move(self) -> None:
+        """Move what is in the pipe to the file, in the thread alone: an interrupt of the main one would lose bytes."""
+        with self._moving:
+            while not self._ended:
+                try:
+                    content = os.read(self._pipe, _AT_ONCE_BYTES)
+                except BlockingIOError:
+                    return
+                self._ended = not content
+                self._write(content)
+
+    def _write(self, content: bytes) -> None:
+        try:
+            while content and self._error is None:
+                content = content[os.write(self._file, content) :]
+        except OSError as error:
+            self._error = error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -10,18 +10,13 @@ from typing import Any, ClassVar, Self
 from harness.record import Size, entities
 from harness.record.appearance import Colours
 from harness.record.attention import log_attention
-from harness.record.blueprint import Shown, Subjects, clip_layout, file_layout, guide
+from harness.record.blueprint import Shown, file_layout, guide
 from harness.record.entities import load_entities
 from harness.record.images import ImageLog, log_masks
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
-from harness.record.verdicts import LiveVerdicts
 from harness.run.frame_sink import FinishedFrame, SinkState
-from harness.run.records import FrameRecord
-from harness.score.verdicts import Verdict
-
-Judge = Callable[[FrameRecord], Sequence[Verdict]]
 
 
 class SharedLayers:
@@ -32,14 +27,12 @@ class SharedLayers:
 
     _open: ClassVar[dict[ClipFiles, SharedLayers]] = {}
 
-    def __init__(
-        self, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str], watched_at: str | None
-    ) -> None:
-        self.files, self.size, self.watched_at = files, size, watched_at
+    def __init__(self, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str]) -> None:
+        self.files, self.size = files, size
         self.colours = Colours(names)
         self.further = load_entities()
-        self._images = LayerFile(files.images, files, watched_at=watched_at)
-        self._image_log = ImageLog(self._images.part("images"), size, rate_hz, watched=watched_at is not None)
+        self._images = LayerFile(files.images, files)
+        self._image_log = ImageLog(self._images.part("images"), size, rate_hz)
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
@@ -63,12 +56,10 @@ class SharedLayers:
             layer.resume(state["layers"][layers.reconstruction])
 
     @classmethod
-    def join(
-        cls, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str], watched_at: str | None
-    ) -> SharedLayers:
+    def join(cls, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str]) -> SharedLayers:
         """Return the layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
         if files not in cls._open:
-            cls._open[files] = cls(files, size, rate_hz, names, watched_at)
+            cls._open[files] = cls(files, size, rate_hz, names)
         shared = cls._open[files]
         shared._users += 1
         return shared
@@ -109,7 +100,7 @@ class SharedLayers:
 
     def _layer_of(self, name: str) -> LayerFile:
         if name not in self._reconstructions:
-            layer = LayerFile(self.files.reconstruction(name), self.files, watched_at=self.watched_at)
+            layer = LayerFile(self.files.reconstruction(name), self.files)
             self._reconstructions[name] = layer
         return self._reconstructions[name]
 
@@ -127,10 +118,6 @@ class Recorder:
         ``light``: images as video, half of the disparity's resolution, thin clouds. ``full``: everything, lossless.
     subjects, targets
         The names of the manifest, in its order: they fix the colours and give each subject a view of its own.
-    watched_at
-        The address of a viewer that is shown every frame as it is logged; None for none.
-    judge
-        Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
     resumed
         The state of the files after an earlier run.
     """
@@ -144,15 +131,12 @@ class Recorder:
         size: Size = "light",
         subjects: Sequence[str] = (),
         targets: Sequence[str] = (),
-        watched_at: str | None = None,
-        judge: Judge | None = None,
         resumed: SinkState | None = None,
     ) -> None:
         self._resumed = resumed
         self._files, self._layers = files, layers
         self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
         self._names = (*targets, *subjects)
-        self._watched_at, self._judge = watched_at, judge
 
     @property
     def path(self) -> Path:
@@ -160,17 +144,16 @@ class Recorder:
         return self._files.attention(self._layers.configuration)
 
     def __enter__(self) -> Self:
-        self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names, self._watched_at)
-        self._layer = LayerFile(self.path, self._files, watched_at=self._watched_at)
-        self._verdicts = LiveVerdicts(self._layer.stream, self._layers.configuration, self._subjects)
+        self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names)
+        self._layer = LayerFile(self.path, self._files)
         if self._resumed:
             self._layer.resume(self._resumed.values["own"])
             self._shared.resume(self._layers, self._resumed.values["shared"])
         return self
 
     def state(self) -> SinkState | None:
-        """The extent of the flushed files; None between key frames of the videos, and if a viewer watches."""
-        shared = None if self._watched_at else self._shared.state(self._layers)
+        """The extent of the flushed files; None between key frames of the videos."""
+        shared = self._shared.state(self._layers)
         if shared is None:
             return None
         own = self._layer.state()
@@ -197,8 +180,6 @@ class Recorder:
         log_attention(log, self._layers.configuration, frame.result, record, colours, self._names, self._size)
         for log_further in self._shared.further:
             log_further(log, frame, self._size)
-        if self._judge and self._watched_at:
-            self._verdicts.show(record, self._judge(record), colours)
         log.end()
         self._layer.end_frame()
 
@@ -207,9 +188,5 @@ class Recorder:
         if self._layer.is_open:
             return
         shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
-        if self._watched_at is None:
-            layout = file_layout(self._layers, shown)
-        else:
-            layout = clip_layout([self._layers], shown, Subjects(names=self._subjects), follow=True)
-        self._layer.open(layout)
+        self._layer.open(file_layout(self._layers, shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

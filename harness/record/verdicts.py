@@ -69,26 +69,6 @@ def _states(palette: dict[str, Colour]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=names, labels=names, colors=[(*palette[name], 255) for name in names])
 
 
-class LiveVerdicts:
-    """Verdicts that a watching viewer is shown, frame by frame."""
-
-    def __init__(self, stream: rr.RecordingStream, configuration: str, subjects: Sequence[str]) -> None:
-        self._stream, self._configuration, self._subjects = stream, configuration, subjects
-        self._log, self._palette, self._styled = FrameLog(stream), tuple[str, ...](), set[str]()
-
-    def show(self, record: FrameRecord, verdicts: Sequence[Verdict], colours: Colours) -> None:
-        """Show the verdicts of one frame."""
-        self._log.begin(record.frame, record.time_ns)
-        log_verdicts(self._log, record, verdicts)
-        self._log.end()
-        if self._palette != (known := tuple(colours.known)):
-            self._palette = known
-            log_palettes(self._stream, self._configuration, self._subjects, colours)
-        log_styles(self._stream, self._configuration, self._subjects, self._log.paths - self._styled)
-        self._styled |= self._log.paths
-        self._log.send()
-
-
 def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
     """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)

@@ -40,19 +40,6 @@ def show(recordings: Sequence[Composed], frame: int | None) -> None:
         process.wait()
 
 
-@contextmanager
-def listening(options: Sequence[str] = ()) -> Iterator[str]:
-    """Yield the address of a viewer to which recordings can be sent while they are made; it is closed at the end.
-
-    Raises
-    ------
-    VfoaError
-        If the viewer cannot be started.
-    """
-    with _viewer(options) as (_, client):
-        yield client.url
-
-
 class GoTo(Protocol):
     """Shows a recording at a frame, with these tabs in front."""
 

@@ -5,16 +5,13 @@ Importing this does not import Rerun.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from harness.labels.labels import Labels
 from harness.record import Size
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
 from harness.run.frame_sink import SinkContext, SinkFactory
-from harness.run.records import FrameRecord
-from harness.score.verdicts import Verdict, judge
 from harness.stages.configuration import Configuration
 
 if TYPE_CHECKING:
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSinks:
-    """Recordings of this size, next to the results. ``watched_at`` is the address of a viewer that gets each frame.
+    """Recordings of this size, next to the results.
 
     ``layers`` are those of every configuration of the experiment, by its name.
     """
@@ -33,7 +30,6 @@ class RecordingSinks:
 
     layers: Mapping[str, LayerNames]
     size: Size = "light"
-    watched_at: str | None = None
 
     def described(self) -> Mapping[str, Any]:
         """The size of the recordings."""
@@ -44,7 +40,6 @@ class RecordingSinks:
         from harness.record.recorder import Recorder
 
         manifest = context.manifest
-        subjects = tuple(manifest.subjects)
         return Recorder(
             ClipFiles(
                 run=context.directory.path, clip=manifest.name, recording_id=recording_id(context.run_id, manifest.name)
@@ -52,26 +47,18 @@ class RecordingSinks:
             self.layers[context.configuration],
             rate_hz=context.rate_hz,
             size=self.size,
-            subjects=subjects,
+            subjects=tuple(manifest.subjects),
             targets=tuple(manifest.targets),
-            watched_at=None if context.rehearsal else self.watched_at,
-            judge=lambda record: _judged(record, subjects, context.labels),
             resumed=context.resumed,
         )
 
 
-def _judged(record: FrameRecord, subjects: Sequence[str], labels: Labels | None) -> list[Verdict]:
-    return [judge(record, name, labels.at(record.frame, name) if labels else None) for name in subjects]
-
-
-def recordings(
-    configurations: Iterable[Configuration], size: Size | None, watched_at: str | None = None
-) -> tuple[RecordingSinks, ...]:
+def recordings(configurations: Iterable[Configuration], size: Size | None) -> tuple[RecordingSinks, ...]:
     """Return the recordings of an experiment with these configurations: of this size, or none."""
     if size is None:
         return ()
     layers = layer_names({each.name: each.plain() for each in configurations})
-    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at),)
+    return (RecordingSinks(layers=layers, size=size),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +76,6 @@ class ThumbnailSinks:
         return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
 
 
-def composed_sinks(
-    configurations: Iterable[Configuration], recording: Size | None, *, watched_at: str | None = None
-) -> tuple[SinkFactory, ...]:
-    """Thumbnails, and recordings of this size (None: none), which a viewer at ``watched_at`` shows as they grow.
-
-    ``configurations`` are all those of the experiment.
-    """
-    return ThumbnailSinks(), *recordings(configurations, recording, watched_at)
+def composed_sinks(configurations: Iterable[Configuration], recording: Size | None) -> tuple[SinkFactory, ...]:
+    """Thumbnails, and recordings of this size (None: none), of an experiment with these configurations."""
+    return ThumbnailSinks(), *recordings(configurations, recording)

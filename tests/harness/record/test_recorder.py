@@ -307,18 +307,6 @@ def test_the_encoder_makes_no_thread_a_real_time_one() -> None:
     assert {os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task")} == {usual}
 
 
-@pytest.mark.parametrize("at_once", [False, True])
-def test_a_watching_viewer_gets_the_rows_of_each_frame_at_its_end(at_once, tmp_path, read_back):
-    stream = rr.RecordingStream("test", recording_id="test")
-    stream.save(tmp_path / "test.rrd")
-    log = FrameLog(stream, at_once=at_once)
-    log.begin(1, 0)
-    log.number("/curve", 0.5)
-    log.end()
-    stream.disconnect()
-    assert read_back(tmp_path / "test.rrd").at("/curve", "Scalars:scalars") == ({1: [0.5]} if at_once else {})
-
-
 def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tmp_path, read_back):
     stream = rr.RecordingStream("test", recording_id="test")
     stream.save(tmp_path / "test.rrd")
