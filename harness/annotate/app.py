@@ -92,6 +92,10 @@ class NewTarget(Settings):
     name: str
     rule: NameRule
 
+    def make(self, session: Session) -> None:
+        """Add it."""
+        session.add_target(self.name, self.rule)
+
 
 class ChangedTarget(Settings):
     """Another name, key or colour of a target."""
@@ -101,12 +105,20 @@ class ChangedTarget(Settings):
     key: str | None
     colour: str
 
+    def make(self, session: Session) -> None:
+        """Change it."""
+        session.change_target(self.name, new_name=self.new_name, key=self.key, colour=self.colour)
+
 
 class DeletedTarget(Settings):
     """A target to delete, and the target that replaces it in the labels."""
 
     name: str
     to: str | None = None
+
+    def make(self, session: Session) -> None:
+        """Delete it."""
+        session.delete_target(self.name, self.to)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,32 +221,19 @@ def create_app(session: Session) -> Starlette:
             except StaleRevisionError:
                 return JSONResponse({"error": "labels or drawing were changed elsewhere", **states()}, 409)
             except (VfoaError, OSError) as error:
-                refusal = _refused if isinstance(error, VfoaError) else _unwritable
-                answer = refusal(error)
-                return JSONResponse({**answer[0], **states(), "about": session.about()}, answer[1])
+                return _refused(error, **states(), about=session.about())
             renewed = {} if session.manifest is names else {"about": session.about()}
             return JSONResponse({**states(), **renewed})
 
     def states() -> dict[str, Any]:
         return {"state": session.state(), "drawn": session.drawn()}
 
-    def add_target(body: bytes) -> Response:
-        new = NewTarget.model_validate_json(body)
-        session.add_target(new.name, new.rule)
-        return everything()
+    def change_targets(asked: type[NewTarget | ChangedTarget | DeletedTarget]) -> Callable[[Request], Any]:
+        def answer(body: bytes) -> Response:
+            asked.model_validate_json(body).make(session)
+            return JSONResponse({"about": session.about(), **states()})
 
-    def change_target(body: bytes) -> Response:
-        changed = ChangedTarget.model_validate_json(body)
-        session.change_target(changed.name, new_name=changed.new_name, key=changed.key, colour=changed.colour)
-        return everything()
-
-    def delete_target(body: bytes) -> Response:
-        deleted = DeletedTarget.model_validate_json(body)
-        session.delete_target(deleted.name, deleted.to)
-        return everything()
-
-    def everything() -> Response:
-        return JSONResponse({"about": session.about(), **states()})
+        return _posted(answer)
 
     return Starlette(
         routes=[
@@ -245,13 +244,13 @@ def create_app(session: Session) -> Starlette:
             Route("/api/scene/{at:int}", scene),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
-            Route("/api/target", _posted(add_target), methods=["POST"]),
-            Route("/api/target/change", _posted(change_target), methods=["POST"]),
-            Route("/api/target/delete", _posted(delete_target), methods=["POST"]),
+            Route("/api/target", change_targets(NewTarget), methods=["POST"]),
+            Route("/api/target/change", change_targets(ChangedTarget), methods=["POST"]),
+            Route("/api/target/delete", change_targets(DeletedTarget), methods=["POST"]),
         ],
         exception_handlers={
-            VfoaError: lambda _, error: _plain(_refused(error)),
-            OSError: lambda _, error: _plain(_unwritable(error)),
+            VfoaError: lambda _, error: _refused(error),
+            OSError: lambda _, error: _refused(error),
             ValidationError: _malformed,
         },
     )
@@ -268,18 +267,12 @@ def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
     return endpoint
 
 
-def _plain(answer: tuple[dict[str, Any], int]) -> Response:
-    return JSONResponse(*answer)
-
-
-def _refused(error: Exception) -> tuple[dict[str, Any], int]:
-    return {"error": str(error)}, 404 if isinstance(error, OutsideClipError) else 400
-
-
-def _unwritable(error: Exception) -> tuple[dict[str, Any], int]:
-    """The answer to an error of a full or read-only disk."""
-    place = getattr(error, "filename", None) or "the disk"
-    return {"error": f"{place}: {getattr(error, 'strerror', None) or error}"}, 507
+def _refused(error: Exception, **more: Any) -> Response:
+    """The answer to an error: of a request, of a position, or of a full or read-only disk."""
+    said, status = str(error), 404 if isinstance(error, OutsideClipError) else 400
+    if isinstance(error, OSError):
+        said, status = f"{error.filename or 'the disk'}: {error.strerror or error}", 507
+    return JSONResponse({"error": said, **more}, status)
 
 
 def _malformed(request: Request, error: Exception) -> Response:
