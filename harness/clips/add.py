@@ -20,8 +20,6 @@ from vfoa.types import Scene, StereoFrame, StereoRig
 
 _CALIBRATIONS = ("calibration", "camera")
 
-_ZED = "expected a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them"
-_RAW = "expected PNG or JPEG: darktable-cli or dcraw convert camera raw files"
 _CONVERTED = {
     (".svo", ".svo2"): "a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them",
     (".oni",): "images: OpenNI 2's Python binding (openni2) or OpenCV built with OpenNI write them as PNG",

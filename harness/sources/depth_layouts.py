@@ -8,19 +8,17 @@ has both images of a frame in a line::
 
 from __future__ import annotations
 
-import os
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, join_times
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, join_times, walk_files
 from harness.sources.media.images import read_rgb
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
@@ -39,29 +37,26 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
     """
     found: dict[int, Path] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        text = line.strip()
-        if not text or text.startswith("#"):
+        cells = line.split()
+        if not cells or cells[0].startswith("#"):
             continue
-        cells = text.split()
         if len(cells) == 4 and word:  # ICL-NUIM has depth first
             cells = max(cells[:2], cells[2:], key=lambda pair: word in pair[1].lower())
-        time, name = cells[0], text.partition(" ")[2].strip() if len(cells) != 2 else cells[1]
         try:
-            stamp_ns = round(Decimal(time) * 10**9)
+            stamp_ns = round(Decimal(cells[0]) * 10**9)
+            if len(cells) == 1:
+                raise ValueError
         except (InvalidOperation, ValueError, OverflowError):
-            raise VfoaError(f"{path}:{number}: found {text!r}; expected a time in seconds and a file") from None
-        if not name:
-            raise VfoaError(f"{path}:{number}: found {text!r}; expected a time in seconds and a file")
+            raise VfoaError(f"{path}:{number}: found {line.strip()!r}; expected a time in seconds and a file") from None
         if stamp_ns in found:
-            raise VfoaError(f"{path}:{number}: the time {time} occurs twice")
-        found[stamp_ns] = path.parent / name
+            raise VfoaError(f"{path}:{number}: the time {cells[0]} occurs twice")
+        found[stamp_ns] = path.parent / " ".join(cells[1:])
     if not found:
         raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")
     return dict(sorted(found.items()))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DepthFrame:
+class DepthFrame(NamedTuple):
     """The files of one frame; ``time_ns`` is None if there are only numbers."""
 
     colour: Path
@@ -69,8 +64,7 @@ class DepthFrame:
     time_ns: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DepthFrames:
+class DepthFrames(NamedTuple):
     """Frames by number, ascending, and a note for each kind of file that belongs to no frame."""
 
     by_number: dict[int, DepthFrame]
@@ -89,62 +83,39 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
     """
     if colour.endswith(".txt") != depth.endswith(".txt"):
         raise VfoaError(f"{folder}: colour {colour!r} and depth {depth!r}: expected two lists (.txt), or none")
+    colours: Mapping[int, Path]
+    depths: Mapping[int, Path]
     if colour.endswith(".txt"):
-        return _by_time(folder, colour, depth, tolerance_ms)
-    colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
-    common = sorted(colours.keys() & depths.keys())
-    if not common:
-        raise VfoaError(
-            f"{folder}: no frame number is in both {colour!r} ({_span(colours)}) and {depth!r} ({_span(depths)})"
+        words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
+        colours, depths = (
+            read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)
         )
+        times_ns, others_ns = list(colours), list(depths)
+        pairs = join_times(times_ns, others_ns, round(tolerance_ms * 1e6))
+        frames = {
+            number: DepthFrame(colours[times_ns[one]], depths[others_ns[other]], times_ns[one])
+            for number, (one, other) in enumerate(pairs, start=1)
+        }
+        rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
+    else:
+        colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
+        common = sorted(colours.keys() & depths.keys())
+        frames = {number: DepthFrame(colours[number], depths[number], None) for number in common}
+        rule = "of the same number"
+    if not frames:
+        raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
     notes = [
-        f"{name}: {len(found) - len(common)} of {len(found)} images have no partner of the same number"
+        f"{name}: {len(found) - len(frames)} of {len(found)} images have no partner {rule}"
         for name, found in ((colour, colours), (depth, depths))
-        if len(found) > len(common)
+        if len(found) > len(frames)
     ]
-    frames = {n: DepthFrame(colour=colours[n], depth=depths[n], time_ns=None) for n in common}
-    return DepthFrames(by_number=frames, notes=tuple(notes))
+    return DepthFrames(frames, tuple(notes))
 
-
-def _by_time(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
-    words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
-    lists = [read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)]
-    (times_ns, colours), (_, depths) = files = [(list(found), list(found.values())) for found in lists]
-    pairs = join_times(times_ns, files[1][0], round(tolerance_ms * 1e6))
-    if not pairs:
-        raise VfoaError(f"{folder}: no two times of {colour} and {depth} are within {tolerance_ms:g} ms (tolerance_ms)")
-    notes = [
-        f"{name}: {len(found) - len(pairs)} of {len(found)} images have no partner within {tolerance_ms:g} ms"
-        for name, (_, found) in zip((colour, depth), files, strict=True)
-        if len(found) > len(pairs)
-    ]
-    frames = {
-        number: DepthFrame(colour=colours[one], depth=depths[two], time_ns=times_ns[one])
-        for number, (one, two) in enumerate(pairs, start=1)
-    }
-    return DepthFrames(by_number=frames, notes=tuple(notes))
-
-
-def _span(files: Mapping[int, Path]) -> str:
-    numbers = list(files)
-    return f"{numbers[0]} to {numbers[-1]}"
-
-
-_DEPTH_OF_FOLDERS = 3
-"""Levels of folders below the path that are searched."""
 
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
 _CALIBRATIONS = (
-    "intrinsics.json",
-    "camera_intrinsic.json",
-    "intrinsic.json",
-    "camera.json",
-    "camera_info.yaml",
-    "K.txt",
-    "intrinsics.txt",
-    "camera-intrinsics.txt",
-    "camera.txt",
-    "calibration.txt",
+    *("intrinsics.json", "camera_intrinsic.json", "intrinsic.json", "camera.json", "camera_info.yaml"),
+    *("K.txt", "intrinsics.txt", "camera-intrinsics.txt", "camera.txt", "calibration.txt"),
 )
 """File names of one camera's calibration in Open3D, ROS and data sets."""
 
@@ -207,9 +178,11 @@ def _gfie(path: Path) -> list[Recognised]:
 def _folders(path: Path) -> Iterator[Recognised]:
     """Yield pairs of files whose paths differ by a word for colour and the word depth, and share numbers."""
     patterns = _patterns(path)
-    depths = {pattern: first for pattern, first in patterns.items() if _is_depth(pattern)}
+    depths = {pattern: first for pattern, first in patterns.items() if "depth" in pattern.lower()}
     for depth, first in depths.items():
-        if first.suffix.lower() not in DEPTH_SUFFIXES or not _readable_depth(first):
+        try:
+            read_depth_file(first, None)
+        except VfoaError:
             continue
         colours = [each for each in patterns if each not in depths and _is_colour_of(each, depth)]
         for colour in colours:
@@ -225,22 +198,12 @@ def _folders(path: Path) -> Iterator[Recognised]:
 
 def _patterns(root: Path) -> dict[str, Path]:
     """Globs, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
-    found: defaultdict[str, list[Path]] = defaultdict(list)
-    for folder, subfolders, files in os.walk(root):
-        relative = Path(folder).relative_to(root)
-        subfolders[:] = sorted(
-            n for n in subfolders if not n.startswith(".") and len(relative.parts) < _DEPTH_OF_FOLDERS
-        )
-        for name in sorted(files):
-            suffix = Path(name).suffix.lower()
-            if not name.startswith(".") and suffix in IMAGE_SUFFIXES | DEPTH_SUFFIXES:
-                pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", Path(name).stem) + Path(name).suffix
-                found[(relative / pattern).as_posix()].append(Path(folder) / name)
-    return {pattern: paths[0] for pattern, paths in found.items()}
-
-
-def _is_depth(pattern: str) -> bool:
-    return "depth" in pattern.lower()
+    found: dict[str, Path] = {}
+    for folder, names in walk_files(root, IMAGE_SUFFIXES | DEPTH_SUFFIXES):
+        for name in map(Path, names):
+            pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", name.stem) + name.suffix
+            found.setdefault((folder / pattern).as_posix(), root / folder / name)
+    return found
 
 
 def _is_colour_of(colour: str, depth: str) -> bool:
@@ -257,29 +220,14 @@ def _is_colour_of(colour: str, depth: str) -> bool:
     return any(word in said for word in _COLOUR_WORDS)
 
 
-def _readable_depth(path: Path) -> bool:
-    try:
-        read_depth_file(path, None)
-    except VfoaError:
-        return False
-    return True
-
-
 def _calibration_file(path: Path, source: dict[str, Any]) -> str | None:
     """Add the only calibration of one camera in the folder to the source and name it; None if there is none."""
-    names = {each.name.lower(): each.name for each in path.iterdir() if each.is_file()}
-    for name in _CALIBRATIONS:
-        if name.lower() in names and _fits(path / names[name.lower()], path, source):
-            source["calibration"] = names[name.lower()]
-            return names[name.lower()]
+    files = {each.name.lower(): each for each in path.iterdir() if each.is_file()}
+    for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
+        with suppress(VfoaError):
+            frames = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).by_number
+            height, width = read_rgb(next(iter(frames.values())).colour).shape[:2]
+            read_one_camera(file, (width, height))
+            source["calibration"] = file.name
+            return file.name
     return None
-
-
-def _fits(file: Path, root: Path, source: dict[str, Any]) -> bool:
-    try:
-        frames = find_depth_frames(root, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).by_number
-        height, width = read_rgb(next(iter(frames.values())).colour).shape[:2]
-        read_one_camera(file, (width, height))
-    except VfoaError:
-        return False
-    return True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 
 from harness.sources import Recognised
 from harness.sources.calibration_files.read import Options, find_calibrations
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names, walk_files
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from harness.sources.stereo_views import (
@@ -34,9 +33,6 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 from vfoa.validation import parse
 
-DEPTH = 3
-"""Levels of folders below the path that are searched: ``mav0/cam0/data``."""
-
 ALIKE = 0.25
 """Least correlation of two halves that are taken for two views of one scene.
 
@@ -45,7 +41,6 @@ most 0.21.
 """
 
 _WIDTH = 96
-_CALIB, _AMBIENT = "calib.txt", "ambient"
 _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
 _TIMES = "timestamps.txt"
@@ -109,20 +104,11 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
 
 def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:
     """Files' paths under ``root``, sorted, by the folder that holds them; both as written in a manifest."""
-    found = {}
-    for folder, subfolders, files in os.walk(root):
-        relative = Path(folder).relative_to(root)
-        subfolders[:] = sorted(n for n in subfolders if not n.startswith(".") and len(relative.parts) < DEPTH)
-        if _CALIB in files and _AMBIENT in subfolders:  # Middlebury: the scene under other lights and exposures
-            subfolders.remove(_AMBIENT)
-        # The preview that vfoa calibrate writes beside its stereo.yml shows a rectified pair, but is no frame.
-        previews = {Path(name).stem + ".png" for name in files if Path(name).suffix == ".yml"}
-        names = sorted(
-            n for n in files if Path(n).suffix.lower() in suffixes and not n.startswith(".") and n not in previews
-        )
-        if names:
-            found[relative.as_posix()] = [(relative / name).as_posix() for name in names]
-    return found
+    return {
+        folder.as_posix(): [(folder / name).as_posix() for name in names]
+        for folder, names in walk_files(root, suffixes)
+        if names
+    }
 
 
 def _image_pairs(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:

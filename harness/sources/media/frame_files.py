@@ -19,6 +19,8 @@ Value = TypeVar("Value")
 _DIGITS = re.compile(r"\d+")
 _PRINTF = re.compile(r"%0?(\d*)d")
 _LARGEST = 2**63 - 1
+DEPTH = 3
+"""Levels of folders below a path that are searched: ``mav0/cam0/data``."""
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"})
 _IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
@@ -58,6 +60,22 @@ class FolderFiles(Mapping[int, Path]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+def walk_files(root: Path, suffixes: frozenset[str]) -> Iterator[tuple[Path, list[str]]]:
+    """Yield each folder at most three levels below ``root``, relative to it, and the names of its files, sorted.
+
+    Hidden ones are left out, and those that are no frame: Middlebury's pictures under other lights (``ambient``), and
+    the preview that ``vfoa calibrate`` writes beside its ``stereo.yml``.
+    """
+    for folder, subfolders, files in os.walk(root):
+        relative = Path(folder).relative_to(root)
+        no_frames = {"ambient"} if "calib.txt" in files else set()
+        no_frames |= {Path(name).stem + ".png" for name in files if name.endswith(".yml")}
+        names = [name for name in sorted(files) if Path(name).suffix.lower() in suffixes]
+        yield relative, [name for name in names if not name.startswith(".") and name not in no_frames]
+        is_deep = len(relative.parts) >= DEPTH
+        subfolders[:] = sorted(n for n in subfolders if not (is_deep or n.startswith(".") or n in no_frames))
 
 
 def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:

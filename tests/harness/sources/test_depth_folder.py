@@ -185,8 +185,8 @@ def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         np.testing.assert_allclose(frame.depth_m, metres(n), atol=1.1e-4)
         assert (frame.rig.fx_px, frame.rig.cy_px) == (517.3, 255.3)
     assert clip.notes == (
-        "rgb.txt: 1 of 4 images have no partner within 20 ms",
-        "depth.txt: 1 of 4 images have no partner within 20 ms",
+        "rgb.txt: 1 of 4 images have no partner within 20 ms (tolerance_ms)",
+        "depth.txt: 1 of 4 images have no partner within 20 ms (tolerance_ms)",
     )
     check_contract(clip)
 
