@@ -72,7 +72,10 @@ class RawCalibration:
 
     def __post_init__(self) -> None:
         for side, camera in (("left", self.left), ("right", self.right)):
-            _check(camera, f"{self.where}: {side}")
+            where = f"{self.where}: {side}"
+            check_lens(camera.k, camera.d, camera.model, where)
+            check_rotation(camera.r, where)
+            _check_shape("P", camera.p, (3, 4), where)
         if self.left.size_px != self.right.size_px:
             raise VfoaError(
                 f"{self.where}: left is {self.left.size_px} pixels, right {self.right.size_px}; expected the same"
@@ -147,12 +150,6 @@ def check_rotation(r: Float, where: str) -> None:
     is_bounded = bool((np.abs(r) < 2).all())  # or its square overflows
     if not is_bounded or not np.allclose(r @ r.T, np.eye(3), atol=1e-4) or np.linalg.det(r) < 0:
         raise VfoaError(f"{where}: R: not a rotation; expected an orthonormal matrix (the identity if rectified)")
-
-
-def _check(camera: RawCamera, where: str) -> None:
-    check_lens(camera.k, camera.d, camera.model, where)
-    check_rotation(camera.r, where)
-    _check_shape("P", camera.p, (3, 4), where)
 
 
 def _check_shape(name: str, matrix: Float, shape: tuple[int, int], where: str) -> None:

@@ -122,16 +122,12 @@ def _times(rows: list[TableRow], path: Path) -> dict[int, int]:
     """Every frame's time in ns, ascending by frame."""
     found: dict[int, int] = {}
     for row in rows:
-        frame, time_ns = _frame(row), _time_ns(row)
+        frame, time_ns = row.integer("frame"), _time_ns(row)
         if frame is None:
             raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
         if found.setdefault(frame, time_ns) != time_ns:
             raise VfoaError(f"{row.where}: frame {frame}: found two times; expected one for all of its rows")
     return dict(sorted(found.items()))
-
-
-def _frame(row: TableRow) -> int | None:
-    return row.integer("frame")
 
 
 def _time_ns(row: TableRow) -> int:
@@ -147,7 +143,7 @@ def _people(
     """The people of each frame in the order of the frames, and in that of the rows."""
     found: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
     for row in rows:
-        frame, name = _frame(row) or 0, row.cells.get("person")
+        frame, name = row.integer("frame") or 0, row.cells.get("person")
         if name is None:
             continue
         if name in found[frame]:
@@ -190,7 +186,7 @@ def _objects(
     seen: dict[tuple[int | None, str], str] = {}
     known: dict[tuple[str | None, ...], MeasuredObject] = {}  # most objects rest: their rows differ in the frame alone
     for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
-        frame, cells = _frame(row), tuple(map(row.cells.get, OBJECT_COLUMNS[1:]))
+        frame, cells = row.integer("frame"), tuple(map(row.cells.get, OBJECT_COLUMNS[1:]))
         if (found := known.get(cells)) is None:
             found = known[cells] = _object(row, settings, people)
         if frame is not None and frame not in times:

@@ -19,8 +19,6 @@ another collider; unknown for an invalid gaze, a copy of a thing, a cursor, and 
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,12 +26,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from harness.files.digests import digest_files
-from harness.files.io import read_text
+from harness.files.tables import TableColumns, read_columns, read_header
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
@@ -55,8 +52,6 @@ _FLIP = np.array([1.0, -1.0, 1.0])
 _XYZ = ("x", "y", "z")
 _PHASES = (("t_scene_preview_start", "t_scene_preview_end"), ("t_response_start", "t_response_end"))
 _COPY = re.compile("clone|cursor", re.IGNORECASE)
-
-Columns = Mapping[str, list[str]]
 
 
 class VrObjectsSettings(MeasuredSettings):
@@ -92,7 +87,7 @@ class VrObjectsClip(FramesOfMeasurements):
     def __init__(self, settings: VrObjectsSettings, root: Path | None) -> None:
         folder = root if root is not None else Path.cwd()
         results = folder / "trial_results.csv"
-        columns = _columns(results, ("ppid", "trial_num", "target", *itertools.chain(*_PHASES)))
+        columns = _table(results, ("ppid", "trial_num", "target", *itertools.chain(*_PHASES)))
         things = _things(results, settings)
         here, absent = _split(folder, settings, columns)
         if not here:
@@ -103,7 +98,7 @@ class VrObjectsClip(FramesOfMeasurements):
         self._absent = f"trials without trackers here: {', '.join(map(str, absent))}" if absent else None
         files = [path for trial in self.trials for path in _trackers(folder, trial.number)]
         super().__init__(
-            dict(enumerate(_frames(self.trials, things, f"p{columns['ppid'][0]}"), start=1)),
+            dict(enumerate(_frames(self.trials, things, f"p{columns.cells['ppid'][0]}"), start=1)),
             settings.fixed_objects(),
             settings,
             str(folder),
@@ -132,7 +127,7 @@ class VrObjectsClip(FramesOfMeasurements):
         )
 
 
-def read_trial(folder: Path, results: Columns, row: int) -> Trial:
+def read_trial(folder: Path, results: TableColumns, row: int) -> Trial:
     """Read the trial in a row of the results.
 
     Raises
@@ -140,27 +135,27 @@ def read_trial(folder: Path, results: Columns, row: int) -> Trial:
     VfoaError
         If a tracker's file is missing or damaged, or the two differ in their times: file, line, found, expected.
     """
-    number = int(results["trial_num"][row])
+    number = int(results.cells["trial_num"][row])
     move, eye = _trackers(folder, number)
-    heads = _columns(move, ("time", *(f"head_{what}_{axis}" for what in ("pos", "rot") for axis in _XYZ)))
-    gazes = _columns(eye, ("time", *(f"{what}_{axis}" for what in ("dir", "gaze") for axis in _XYZ), "gaze_object"))
-    times_s = _numbers(eye, gazes, ("time",))[:, 0]
-    if not np.array_equal(times_s, _numbers(move, heads, ("time",))[:, 0]):
+    heads = _table(move, ("time", *(f"head_{what}_{axis}" for what in ("pos", "rot") for axis in _XYZ)))
+    gazes = _table(eye, ("time", *(f"{what}_{axis}" for what in ("dir", "gaze") for axis in _XYZ), "gaze_object"))
+    times_s = _numbers(gazes, ("time",))[:, 0]
+    if not np.array_equal(times_s, _numbers(heads, ("time",))[:, 0]):
         raise VfoaError(f"{eye}: its times are not those of {move.name}; expected the same in both")
-    rotations = Rotation.from_euler("YXZ", _numbers(move, heads, _of("head_rot", "yxz")), degrees=True)
-    hits = _numbers(eye, gazes, _of("gaze")) * _FLIP
+    rotations = Rotation.from_euler("YXZ", _numbers(heads, _of("head_rot", "yxz")), degrees=True)
+    hits = _numbers(gazes, _of("gaze")) * _FLIP
     hits[hits[:, 0] < _INVALID_M] = np.nan
-    bounds_s = [[float(results[edge][row]) for edge in phase] for phase in _PHASES]
+    bounds_s = [[float(results.cells[edge][row]) for edge in phase] for phase in _PHASES]
     return Trial(
         number=number,
-        target=results["target"][row],
+        target=results.cells["target"][row],
         times_s=times_s,
-        heads_m=_numbers(move, heads, _of("head_pos")) * _FLIP,
+        heads_m=_numbers(heads, _of("head_pos")) * _FLIP,
         directions=rotations.apply([0.0, 0.0, 1.0]) * _FLIP,
-        gazes=rotations.apply(_numbers(eye, gazes, _of("dir"))) * _FLIP,
+        gazes=rotations.apply(_numbers(gazes, _of("dir"))) * _FLIP,
         hits=hits,
         colliders=tuple(
-            "" if np.isnan(hit) else name for hit, name in zip(hits[:, 0], gazes["gaze_object"], strict=True)
+            "" if np.isnan(hit) else name for hit, name in zip(hits[:, 0], gazes.cells["gaze_object"], strict=True)
         ),
         phases=(_between(times_s, *bounds_s[0]), _between(times_s, *bounds_s[1])),
     )
@@ -221,19 +216,19 @@ def _target(collider: str, things: Mapping[str, str]) -> str | None:
 def _things(path: Path, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
     """The boxes of all things by upstream's id, in its order: every thing is the target of some trial."""
     center, size = _of("target_bbox_center"), _of("target_bbox_size")
-    columns = _columns(path, ("target", "target_label", *center, *size))
-    boxes = np.concatenate([_numbers(path, columns, center) * _FLIP, _numbers(path, columns, size)], axis=1)
+    columns = _table(path, ("target", "target_label", *center, *size))
+    boxes = np.concatenate([_numbers(columns, center) * _FLIP, _numbers(columns, size)], axis=1)
     return {
         key: MeasuredObject(name=name, category=name, box=settings.box(box[:3], box[3:]))
         for key, name, box in sorted(
-            zip(columns["target"], columns["target_label"], boxes, strict=True), key=lambda it: it[0]
+            zip(columns.cells["target"], columns.cells["target_label"], boxes, strict=True), key=lambda it: it[0]
         )
     }
 
 
-def _split(folder: Path, settings: VrObjectsSettings, results: Columns) -> tuple[list[int], list[int]]:
+def _split(folder: Path, settings: VrObjectsSettings, results: TableColumns) -> tuple[list[int], list[int]]:
     """The rows of the wanted trials whose trackers are here, and the numbers of those whose are not."""
-    wanted = {row: int(text) for row, text in enumerate(results["trial_num"]) if text.isdigit()}
+    wanted = {row: int(text) for row, text in enumerate(results.cells["trial_num"]) if text.isdigit()}
     wanted = {row: number for row, number in wanted.items() if number <= settings.trials}
     here = [row for row, number in wanted.items() if all(path.is_file() for path in _trackers(folder, number))]
     return here, [number for row, number in wanted.items() if row not in here]
@@ -252,27 +247,17 @@ def _of(what: str, axes: str = "xyz") -> tuple[str, ...]:
     return tuple(f"{what}_{axis}" for axis in axes)
 
 
-def _columns(path: Path, names: Sequence[str]) -> Columns:
-    """The texts of some columns of a table with a header; others are not read."""
-    rows = list(csv.reader(io.StringIO(read_text(path), newline="")))
-    header = rows[0] if rows else []
-    if missing := next((name for name in names if name not in header), None):
-        raise VfoaError(f"{path}:1: no column {missing!r}; expected {', '.join(names)}")
-    for line, cells in enumerate(rows, start=1):
-        if len(cells) != len(header):
-            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
-    if len(rows) == 1:
+def _table(path: Path, names: Sequence[str]) -> TableColumns:
+    """Some columns of a table with a header and at least one row; others are not read."""
+    table = read_columns(path, read_header(path), names)
+    if not table.lines:
         raise VfoaError(f"{path}: no row below the header; expected at least one")
-    return {name: [cells[header.index(name)] for cells in rows[1:]] for name in names}
+    return table
 
 
-def _numbers(path: Path, columns: Columns, names: Sequence[str]) -> NDArray[np.float64]:
+def _numbers(table: TableColumns, names: Sequence[str]) -> Float:
     """Columns as finite numbers (n, columns)."""
-    try:
-        found = np.array([columns[name] for name in names], dtype=np.float64).T
-    except ValueError as error:
-        raise VfoaError(f"{path}: {error}; expected numbers in {', '.join(names)}") from None
-    if not np.isfinite(found).all():
-        line = int(np.flatnonzero(~np.isfinite(found).all(axis=1))[0]) + 2
-        raise VfoaError(f"{path}:{line}: expected finite numbers in {', '.join(names)}")
+    found = table.group(names)
+    for row in np.flatnonzero(np.isnan(found).any(axis=1))[:1]:
+        raise VfoaError(f"{table.where(int(row))}: found nothing; expected numbers in {', '.join(names)}")
     return found

@@ -28,24 +28,6 @@ _MOST_COMPRESSION = 1000
 """Most times that a recording's file is larger without compression: the dark images of a camera fill a tenth."""
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS 1 bag, a SQLite file, or a folder of these that is no folder of plain MCAP."""
-    return bool(_parts_at(path))
-
-
-def bag_parts(path: Path) -> tuple[Path, ...]:
-    """Return the parts to read one after the other: files, or a folder with ``metadata.yaml``.
-
-    Raises
-    ------
-    VfoaError
-        If the path is no bag.
-    """
-    if not (parts := _parts_at(path)):
-        raise VfoaError(f"{path}: no bag; expected a .bag of ROS 1, a .db3, or a folder that ros2 bag recorded")
-    return parts
-
-
 def data_files(part: Path) -> tuple[Path, ...]:
     """The files that hold a part's messages."""
     if part.is_file():
@@ -131,7 +113,11 @@ def _check_connections(reader: Any) -> None:
             raise TypeError(f"{connection.topic}: found no definition of {connection.msgtype}; expected one")
 
 
-def _parts_at(path: Path) -> tuple[Path, ...]:
+def bag_parts(path: Path) -> tuple[Path, ...]:
+    """The parts of a bag to read one after the other: files, or a folder with ``metadata.yaml``; none if it is no bag.
+
+    A bag is a ROS 1 bag, a SQLite file, or a folder of these that is no folder of plain MCAP.
+    """
     if path.is_file():
         return (path,) if starts_with(path, _ROS1) or starts_with(path, _SQLITE) else ()
     if not path.is_dir():
@@ -219,20 +205,19 @@ class BagContainer:
     def _index_part(self, number: int, topics: TopicIndex, window: Window | None) -> Iterator[str]:
         """Add the content of one part to the topics; yield a note for each unreadable part of it."""
         reader = self._reader(self._parts[number])
-        kinds: dict[str, list[Connection]] = {"always": [], "images": []}
+        always: list[Connection] = []
+        images: list[Connection] = []
         for connection in reader.connections:
             topic = topics.meet(connection.topic, _message_type(connection))
             if topic.type.kind is None:
                 topic.count += connection.msgcount
             else:
-                kinds["always" if topic.type.kind in _ALWAYS else "images"].append(connection)
-        bounds = {
-            "always": (None, None),
-            "images": (None, None) if window is None else (window.start_ns, window.end_ns),
-        }
-        for kind, connections in kinds.items():
-            if connections:
-                yield from self._index_messages(number, reader.messages(connections, *bounds[kind]), topics)
+                (always if topic.type.kind in _ALWAYS else images).append(connection)
+        if always:
+            yield from self._index_messages(number, reader.messages(always), topics)
+        if images:
+            bounds = () if window is None else (window.start_ns, window.end_ns)
+            yield from self._index_messages(number, reader.messages(images, *bounds), topics)
 
     def _index_messages(self, number: int, messages: Iterator[Any], topics: TopicIndex) -> Iterator[str]:
         last: dict[str, tuple[int, int]] = {}

@@ -1,10 +1,11 @@
-"""Calibrations in a recording, and the poses between its cameras."""
+"""Calibrations and poses of a recording's cameras, and the frames that its images become by them."""
 
 from __future__ import annotations
 
 import bisect
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.read import Options, read_cameras
-from harness.sources.depth_optics import Transform
+from harness.sources.depth_optics import DepthOptics, DepthRegistration, Transform, without_distortion
 from harness.sources.recordings.containers import Messages
 from harness.sources.recordings.messages import MessageType, camera, fields_of, reading
-from harness.sources.recordings.topics import RecordingSettings, Streams, Topic, are_rectified, find_camera
+from harness.sources.recordings.topics import (
+    RecordingSettings,
+    Streams,
+    Topic,
+    are_rectified,
+    find_camera,
+    has_no_frames,
+    is_aligned,
+)
 from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, Rectifier
 from vfoa.errors import VfoaError
+from vfoa.types import Image, Map, StereoFrame, StereoRig
 
 
 class PairCameras:
@@ -158,3 +168,203 @@ def _steps(edges: Edges, frame: str) -> Iterator[tuple[str, Transform]]:
             yield parent, parent_from_child
         elif parent == frame:
             yield child, parent_from_child.inverse()
+
+
+class DepthCamera:
+    """The calibration of a colour camera, and of its depth if that is of another camera.
+
+    Parameters
+    ----------
+    topics
+        All topics of the recording.
+    streams
+        The colour topic (left) and the depth topic.
+    container, settings, where
+        The recording, settings that its topics do not contain, and its name for error messages.
+
+    Raises
+    ------
+    VfoaError
+        If a calibration is missing, or depth is of another camera without a known pose.
+    """
+
+    def __init__(
+        self,
+        topics: Collection[Topic],
+        streams: Streams,
+        container: Messages,
+        settings: RecordingSettings,
+        where: str,
+    ) -> None:
+        assert streams.depth is not None
+        self._container, self._settings, self._where = container, settings, where
+        self._colour, self._depth = streams.left, streams.depth
+        if settings.calibration is not None:
+            raise VfoaError(
+                f"{where}: source.calibration: is of a pair, the frames are colour with depth; expected camera = "
+                "{ fx_px = ..., cx_px = ..., cy_px = ... } in [source]"
+            )
+        self._is_aligned = is_aligned(self._depth, self._colour)
+        self._infos = {topic.name: self._info(topics, topic) for topic in (self._colour, self._depth)}
+        self._colour_from_depth = None if self._is_aligned else self._motion(topics)
+        self._optics: dict[bytes, DepthOptics] = {}
+        self._registration: tuple[bytes, DepthRegistration] | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note on how depth was registered to the colour image, if the recording has it in another one."""
+        if self._is_aligned:
+            return ()
+        return (
+            f"{self._depth.name} is not aligned with {self._colour.name}: it is registered by the recording's "
+            "calibrations and extrinsics, and unknown where the depth camera does not see what the colour camera does",
+        )
+
+    def view(self, colour: Image, depth_m: Map, stamp_ns: int) -> tuple[Image, Map, StereoRig]:
+        """Return the colour image and the depth (H, W) in it, both without distortion, and their rig."""
+        optics = self._optics_of(self._camera(self._colour, stamp_ns, (colour.shape[1], colour.shape[0])))
+        if self._colour_from_depth is not None:
+            depth = self._registered(depth_m, stamp_ns, optics.rig)
+        elif depth_m.shape != colour.shape[:2]:
+            sizes = " and ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (colour, depth_m))
+            raise VfoaError(
+                f"{self._where}: {self._colour.name} and {self._depth.name} are {sizes} pixels; expected depth in the "
+                "colour image (aligned), or a topic of unaligned depth with the recording's extrinsics"
+            )
+        else:
+            depth = self._aligned(depth_m, stamp_ns, optics.rig)
+        return optics.image(colour), depth, optics.rig
+
+    def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:
+        """The calibration topic of an image, or of the other image if they are aligned; None if numbers are given."""
+        settings, is_colour = self._settings, image is self._colour
+        named = settings.left_info if is_colour else settings.depth_info
+        if settings.camera is not None and named is None and self._is_aligned:
+            return None
+        other = self._depth if is_colour else self._colour
+        for topic in (image, other) if named is None and self._is_aligned else (image,):
+            with suppress(VfoaError):
+                return find_camera(topics, topic, named, self._where)
+        raise VfoaError(
+            f"{self._where}: no calibration topic belongs to {image.name}; say "
+            f"{'left_info' if is_colour else 'depth_info'} = (a topic), or of the colour camera "
+            "camera = { fx_px = ..., cx_px = ..., cy_px = ... }, in [source]"
+        )
+
+    def _motion(self, topics: Collection[Topic]) -> Transform:
+        """The pose colour_from_depth in the recording."""
+        colour, depth = self._colour, self._depth
+        found = find_extrinsics(topics, self._container, self._where)
+        if found is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
+            found = find_transform(topics, self._container, colour.frame_id, depth.frame_id, self._where)
+        if found is None:
+            raise VfoaError(
+                f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "
+                f"{colour.frame_id!r}), and the recording has no transform between the two frames; expected /tf_static "
+                "or extrinsics in it, or a topic of aligned depth (RealSense: align_depth.enable; Azure Kinect: "
+                "depth_to_rgb)"
+            )
+        return found
+
+    def _camera(self, topic: Topic, stamp_ns: int, size_px: tuple[int, int]) -> RawCamera:
+        info = self._infos[topic.name]
+        if info is None:
+            assert self._settings.camera is not None
+            return self._settings.camera.camera(size_px)
+        camera = camera_at(info, stamp_ns, self._container, self._where)
+        return without_distortion(camera) if self._is_rectified(topic) else camera
+
+    def _is_rectified(self, topic: Topic) -> bool:
+        if self._settings.rectified is not None:
+            return self._settings.rectified
+        # depth_registered, of ZED and image_proc, belongs to rectified colour
+        return "image_rect" in topic.name or topic.name.endswith("depth_registered")
+
+    def _optics_of(self, camera: RawCamera) -> DepthOptics:
+        """The maps of a camera; computed again only if its calibration has changed."""
+        if camera.key not in self._optics:
+            if len(self._optics) > 1:
+                self._optics.clear()
+            self._optics[camera.key] = DepthOptics(camera, f"{self._where}: {self._colour.name}")
+        return self._optics[camera.key]
+
+    def _aligned(self, depth_m: Map, stamp_ns: int, colour: StereoRig) -> Map:
+        """Return aligned depth without the distortion of its own calibration."""
+        optics = self._optics_of(self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0])))
+        if not np.allclose(optics.rig.camera_matrix, colour.camera_matrix, rtol=0.01, atol=1.0):
+            raise VfoaError(
+                f"{self._where}: {self._depth.name} is aligned by its name or frame, but its calibration (fx "
+                f"{optics.rig.fx_px:g}) is not that of {self._colour.name} (fx {colour.fx_px:g}); expected the same, "
+                "or depth_info = (the colour camera's topic) in [source]"
+            )
+        return optics.depth(depth_m)
+
+    def _registered(self, depth_m: Map, stamp_ns: int, target: StereoRig) -> Map:
+        assert self._colour_from_depth is not None
+        source = self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0]))
+        if source.size_px != (depth_m.shape[1], depth_m.shape[0]):
+            raise VfoaError(
+                f"{self._where}: {self._depth.name}: the calibration is for {source.size_px} pixels, the depth has "
+                f"({depth_m.shape[1]}, {depth_m.shape[0]})"
+            )
+        key = source.key + str(target).encode()
+        if self._registration is None or self._registration[0] != key:
+            self._registration = key, DepthRegistration(source, target, self._colour_from_depth)
+        return np.ascontiguousarray(self._registration[1].register(depth_m))
+
+
+class RecordedOptics:
+    """The calibrations of a recording's cameras, by which its images become frames; parameters as of PairCameras."""
+
+    def __init__(
+        self,
+        topics: Collection[Topic],
+        streams: Streams,
+        container: Messages,
+        settings: RecordingSettings,
+        folder: Path,
+        size: ImageSize,
+        where: str,
+    ) -> None:
+        self._streams = streams
+        self._pair = self._single = None
+        if streams.right is None:
+            self._single = DepthCamera(topics, streams, container, settings, where)
+        else:
+            self._pair = PairCameras(topics, streams, container, settings, folder, size, where)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """As of :class:`DepthCamera`; none for a pair."""
+        return () if self._single is None else self._single.notes
+
+    def frame(
+        self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
+    ) -> StereoFrame:
+        """Return a frame of the images and the depth in the messages, rectified; the stamps are those of both images.
+
+        Raises
+        ------
+        VfoaError
+            If the sizes differ from each other or from those of the calibrations, or a calibration cannot be read.
+        """
+        if self._single is not None:
+            assert depth_m is not None
+            left, depth_m, rig = self._single.view(left, depth_m, stamps_ns[0])
+            return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, depth_m=depth_m, rig=rig)
+        assert self._pair is not None
+        assert right is not None
+        if left.shape != right.shape:
+            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
+        found = self._pair.at(*stamps_ns)
+        if depth_m is not None and self._streams.depth is not None:
+            if depth_m.shape != left.shape[:2]:
+                raise VfoaError(f"{self._streams.depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
+            if not found.keeps_left:
+                raise VfoaError(
+                    f"{self._streams.depth.name} belongs to {self._streams.left.name} before rectification, which "
+                    "rotates it; expected rectified images with depth"
+                )
+        left, right = found.rectify(left, right)
+        rig = found.calibration.rig(left.shape[1], left.shape[0])
+        return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)

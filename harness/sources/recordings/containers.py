@@ -146,7 +146,7 @@ class TopicIndex:
         if not is_in_window and kind in (None, "raw", "compressed"):
             return
         if is_in_window:
-            topic.count_message(log_time_ns)
+            topic.count += 1
         if kind is None:
             return
         where = f"{self._files[address[0]]}: {topic.name}"

@@ -37,8 +37,6 @@ class Topic:
     name: str
     type: MessageType
     count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
     places: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
     sight: Sight | None = None
@@ -53,17 +51,8 @@ class Topic:
         """The coordinate frame of its messages; empty if they do not say."""
         return "" if self.sight is None else self.sight.frame_id
 
-    def count_message(self, log_time_ns: int) -> None:
-        """Count one message."""
-        self.first_ns = log_time_ns if self.count == 0 else min(self.first_ns, log_time_ns)
-        self.last_ns = max(self.last_ns, log_time_ns)
-        self.count += 1
-
     def __str__(self) -> str:
-        span_s = (self.last_ns - self.first_ns) / 1e9
-        rate = f", {(self.count - 1) / span_s:.1f} Hz" if span_s > 0 else ""
-        messages = f"{self.count} {'message' if self.count == 1 else 'messages'}"
-        return f"{self.name} ({self.type.name}, {messages}{rate})"
+        return f"{self.name} ({self.type.name}, {self.count} {'message' if self.count == 1 else 'messages'})"
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:

@@ -231,7 +231,7 @@ def test_a_file_that_changed_since_it_was_opened_is_one_line(tmp_path: Path) -> 
         clip.frame(5)
 
 
-def test_many_cameras_are_listed_with_type_count_and_rate(tmp_path: Path) -> None:
+def test_many_cameras_are_listed_with_type_and_count(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with recorder(path) as record:
         for n in range(1, 4):
@@ -239,7 +239,7 @@ def test_many_cameras_are_listed_with_type_count_and_rate(tmp_path: Path) -> Non
                 for side, calibration in (("left", LEFT), ("right", RIGHT)):
                     record.picture(f"/{camera}/{side}/image", stamp(n), picture(n))
                     record.camera(f"/{camera}/{side}/camera_info", stamp(n), calibration)
-    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image \(sensor_msgs/msg/Image, 3 messages, 25\.0 Hz\)"):
+    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image \(sensor_msgs/msg/Image, 3 messages\)"):
         open_clip(path)
     assert len(open_clip(path, left="/rear/left/image").frames) == 3
     with pytest.raises(VfoaError, match="no right topic '/rear/image'; found /front/left/image"):

@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, IndexType
 
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.containers import Window, window_of
-from harness.sources.recordings.mcap_container import McapContainer
+from harness.sources.recordings.mcap_files import McapContainer
 from harness.sources.recordings.topics import RecordingSettings
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
