@@ -27,7 +27,7 @@ from harness.files.digests import file_digest
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.attention_log import AttentionLog, TrackPart
-from harness.report.reliability import direction_check_table, prediction_set_table
+from harness.report.reliability import direction_check_table, prediction_set_table, subject_reliability_table
 from harness.report.stages import StageTimes, stage_times
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
@@ -42,14 +42,11 @@ from harness.stages.frame_measures import FrameMeasures
 class Part:
     """The logs' data of some records of one configuration on one clip, in plain values."""
 
-    judged: dict[str, Judged]
-    times_ns: dict[int, int]
-    measures: list[FrameMeasures]
-    names: dict[int, str]
-    rows: list[FrameLines]
+    outcomes: tuple[dict[str, Judged], dict[int, int]]
+    measures: tuple[list[FrameMeasures], dict[int, str]]
+    frames: list[FrameLines]
     calibration: CalibrationData
-    attention: dict[str, TrackPart]
-    targets: list[str]
+    attention: tuple[dict[str, TrackPart], list[str]]
 
 
 class RecordLogs:
@@ -72,33 +69,31 @@ class RecordLogs:
         return replace(scores, notes=(*scores.notes, *misfit_notes(self.calibration.direction_checks())))
 
     def tables(self) -> tuple[Table, ...]:
-        """Tables of prediction sets and of measured directions."""
+        """Tables of the calibration by subject, of prediction sets, and of measured directions."""
         log = self.calibration
-        return prediction_set_table(log.coverages()), direction_check_table(log.direction_checks())
+        return (
+            subject_reliability_table(log.by_subject()),
+            prediction_set_table(log.coverages()),
+            direction_check_table(log.direction_checks()),
+        )
 
     def part(self, clip: str, configuration: str) -> Part:
         """Return the data of these logs, which have watched one configuration on one clip, for other logs."""
-        judged, times_ns = self.outcomes.part(clip, configuration)
-        measures, names = self.measures.part(clip, configuration)
-        attention, targets = self.attention.part()
         return Part(
-            judged=judged,
-            times_ns=times_ns,
-            measures=measures,
-            names=names,
-            rows=self.frames.part(),
+            outcomes=self.outcomes.part(clip, configuration),
+            measures=self.measures.part(clip, configuration),
+            frames=self.frames.part(),
             calibration=self.calibration.part(clip, configuration),
-            attention=attention,
-            targets=targets,
+            attention=self.attention.part(),
         )
 
     def add(self, clip: str, configuration: str, part: Part) -> None:
         """Add the data that other logs have of one configuration on one clip."""
-        self.outcomes.add(clip, configuration, part.judged, part.times_ns)
-        self.measures.add(clip, configuration, part.measures, part.names)
-        self.frames.add(clip, configuration, part.rows)
+        self.outcomes.add(clip, configuration, *part.outcomes)
+        self.measures.add(clip, configuration, *part.measures)
+        self.frames.add(clip, configuration, part.frames)
         self.calibration.add(clip, configuration, part.calibration)
-        self.attention.add(clip, configuration, part.attention, part.targets)
+        self.attention.add(clip, configuration, *part.attention)
 
 
 class KeptParts:

@@ -22,7 +22,7 @@ from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markd
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.record_logs import KeptParts, RecordLogs
-from harness.report.reliability import reliability_table, subject_reliability_table
+from harness.report.reliability import reliability_table
 from harness.report.stages import (
     StageTimes,
     object_measures_table,
@@ -56,35 +56,22 @@ def write_scores(directory: RunDirectory, logs: RecordLogs, manifest: Mapping[st
     ``comparisons.csv .md`` and ``report.html``. ``manifest`` and ``times`` are as for
     :func:`harness.report.page.render.render_page`.
     """
-    scores = logs.scores()
-    log = logs.calibration
+    scores, reliabilities, checks = logs.scores(), logs.calibration.reliabilities(), logs.tables()
     texts = {
-        **render_tables(scores, log.reliabilities(), log.by_subject(), logs.tables()),
+        **render_tables(scores, reliabilities, checks),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
-        "report.html": _page(directory, logs, scores, manifest, times),
+        "report.html": render_page(
+            scores,
+            logs.attention,
+            manifest,
+            times=times,
+            reliabilities=reliabilities,
+            checks=checks,
+            thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
+        ),
     }
     write_together({directory.path / name: text for name, text in texts.items()})
     return scores
-
-
-def _page(
-    directory: RunDirectory,
-    logs: RecordLogs,
-    scores: Scores,
-    manifest: Mapping[str, Any],
-    times: StageTimes,
-    served: Served | None = None,
-) -> str:
-    return render_page(
-        scores,
-        logs.attention,
-        manifest,
-        times=times,
-        reliabilities=logs.calibration.reliabilities(),
-        checks=(subject_reliability_table(logs.calibration.by_subject()), *logs.tables()),
-        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
-        served=served,
-    )
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -122,8 +109,17 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
     run = FinishedRun.read(directory)
     logs = RecordLogs(run.reference())
     logs.watch(run.records())
-    served = Served(run=str(directory.path.resolve()), recordings=recordings)
-    return _page(directory, logs, logs.scores(), run.manifest, stage_times(directory.timings), served)
+    scores = logs.scores()
+    return render_page(
+        scores,
+        logs.attention,
+        run.manifest,
+        times=stage_times(directory.timings),
+        reliabilities=logs.calibration.reliabilities(),
+        checks=logs.tables(),
+        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
+        served=Served(run=str(directory.path.resolve()), recordings=recordings),
+    )
 
 
 @contextmanager
@@ -139,12 +135,9 @@ def _collector_paused() -> Iterator[None]:
 
 
 def render_tables(
-    scores: Scores,
-    reliabilities: Sequence[Reliability] = (),
-    by_subject: Sequence[Reliability] = (),
-    others: Sequence[Table] = (),
+    scores: Scores, reliabilities: Sequence[Reliability] = (), checks: Sequence[Table] = ()
 ) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; ``others`` are on the page. Tables without rows are left out."""
+    """Every table but ``frames.csv``, by file name; ``checks`` are on the page. Tables without rows are left out."""
     comparisons = compare_configurations(scores)
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)
@@ -158,8 +151,7 @@ def render_tables(
         ablation,
         measures,
         reliability_table(reliabilities),
-        subject_reliability_table(by_subject),
-        *others,
+        *checks,
     )
     pages += [to_markdown(table, level=2) for table in more if table.rows]
     programs = {
