@@ -80,10 +80,21 @@ def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
     """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
     found = find_subject(record, subject)
     predicted = _predicted(record, found)
-    if label is None or label.target == IGNORED:
-        return _verdict(record, subject, label, predicted, "unscored", None)
-    error_type = _error_type(record, subject, found, label, predicted)
-    return _verdict(record, subject, label, predicted, "wrong" if error_type else "correct", error_type)
+    outcome: Outcome = "unscored"
+    error_type = None
+    if label is not None and label.target != IGNORED:
+        error_type = _error_type(record, subject, found, label, predicted)
+        outcome = "wrong" if error_type else "correct"
+    return Verdict(
+        clip=record.clip,
+        configuration=record.configuration,
+        frame=record.frame,
+        subject=subject,
+        truth=label.target if label else None,
+        predicted=predicted,
+        outcome=outcome,
+        error_type=error_type,
+    )
 
 
 def judge_absent(clip: str, configuration: str, frame: int, subject: str, label: Label) -> Verdict:
@@ -111,26 +122,6 @@ def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
     if label.target == NOWHERE:
         return (None,)
     return tuple(target.instance_id for target in true_targets(record, label))
-
-
-def _verdict(
-    record: FrameRecord,
-    subject: str,
-    label: Label | None,
-    predicted: str | None,
-    outcome: Outcome,
-    error_type: str | None,
-) -> Verdict:
-    return Verdict(
-        clip=record.clip,
-        configuration=record.configuration,
-        frame=record.frame,
-        subject=subject,
-        truth=label.target if label else None,
-        predicted=predicted,
-        outcome=outcome,
-        error_type=error_type,
-    )
 
 
 def _predicted(record: FrameRecord, found: SubjectRecord | None) -> str | None:
