@@ -32,7 +32,7 @@ test-versions:
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 build/$(VERSIONS)/bin/python -m pytest --numprocesses=auto --dist=worksteal $(TESTS)
 
 test-export: export-extra
-	$(BIN)/python -m pytest tests/harness/stages/export
+	$(BIN)/python -m pytest tests/harness/pipeline/export
 
 export-extra: $(DEV)
 	$(PIP) "$(TORCH)"

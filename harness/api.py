@@ -198,10 +198,10 @@ def run_experiment(
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
     from harness.files.cache import cache_root
+    from harness.pipeline.cache_store import Store, cache_limit
     from harness.report.sinks import composed_sinks
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
-    from harness.stages.cache_store import Store, cache_limit
 
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
     experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)

@@ -114,8 +114,8 @@ def _linked(text: str, source: Path) -> Iterator[Path]:
 
 def settings_page() -> str:
     """Every setting, by stage."""
-    from harness.stages.configuration import TABLES
-    from harness.stages.settings_reference import settings_tables
+    from harness.pipeline.configuration import TABLES
+    from harness.pipeline.settings_reference import settings_tables
 
     lines = [
         "# Settings",

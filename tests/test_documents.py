@@ -15,7 +15,7 @@ from typer.main import get_command
 import harness
 from harness.cli import app
 from harness.files.folders import names
-from harness.stages.settings_reference import setting_keys
+from harness.pipeline.settings_reference import setting_keys
 from scripts.pictures import PICTURES
 from scripts.quoted_figures import renewed
 from scripts.site_pages import commands_page, settings_page

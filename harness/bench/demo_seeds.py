@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from harness.files.io import atomic_write
+from harness.pipeline.cache_store import open_store
 from harness.report.formats import Table, to_markdown
 from harness.report.verdict import compare_factors
 from harness.run.experiment import load_experiment
@@ -20,7 +21,6 @@ from harness.run.runner import prepare, run_plan
 from harness.score.comparison import Comparison
 from harness.score.finished_run import read_scores
 from harness.score.score import Scores
-from harness.stages.cache_store import open_store
 
 PAPER: Mapping[str, float] = {"sgbm against bm": 0.14, "two against one": 0.06}
 """The paper's differences on its 50 frames, of the factors' mean rates, as shares."""

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from harness.clips.manifest import ClipManifest
+from harness.pipeline.configuration import STAGES, StageChoice
 from harness.report.formats import Table
 from harness.run.experiment import Experiment, load_experiment
 from harness.sources import Clip
-from harness.stages.configuration import STAGES, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider, RuntimeSettings, available_providers
 from vfoa.types import Instances, StereoFrame

@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+from harness.pipeline.cache import ClipCache, open_cache
+from harness.pipeline.cache_store import Store
+from harness.pipeline.configuration import Configuration
 from harness.report.formats import Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
@@ -23,9 +26,6 @@ from harness.run.loop import run_clip
 from harness.run.plan import Plan, prepare
 from harness.run.resume import ResultsSinks
 from harness.run.runner import run_plan
-from harness.stages.cache import ClipCache, open_cache
-from harness.stages.cache_store import Store
-from harness.stages.configuration import Configuration
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))

@@ -13,10 +13,10 @@ import numpy as np
 
 from harness.bench.stereo import StereoQuality, quality
 from harness.clips.manifest import ClipManifest
+from harness.pipeline.configuration import STAGES, Configuration, StageChoice
+from harness.pipeline.perception import prefetch
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
-from harness.stages.configuration import STAGES, Configuration, StageChoice
-from harness.stages.perception import prefetch
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider
 from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct

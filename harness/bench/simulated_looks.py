@@ -1,7 +1,7 @@
 """Simulated experiments with known truth, to measure the coverage of intervals and the errors of tests.
 
 A look is right while the gaze's error is smaller than the look's margin. The error is that of the simulated models
-(:mod:`harness.stages.ground_truth`): half of its variance is a slow bias, independent after ``bias_s``.
+(:mod:`harness.pipeline.ground_truth`): half of its variance is a slow bias, independent after ``bias_s``.
 Margins differ between clips and between looks, so that some clips are easier than others.
 """
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
+from harness.pipeline.configuration import Configuration
+from harness.pipeline.drawn import DrawnClip
 from harness.record import Size
 from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
@@ -17,8 +19,6 @@ from harness.run.directory import RunDirectory
 from harness.run.jobs import work_through
 from harness.run.loop import run_clip
 from harness.run.resume import ResultsSinks
-from harness.stages.configuration import Configuration
-from harness.stages.drawn import DrawnClip
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.pipeline.configuration import STAGES, Configuration
 from harness.sources import Clip
-from harness.stages.configuration import STAGES, Configuration
 from vfoa.types import Disparity
 
 OFF_PX = 2.0

@@ -141,8 +141,8 @@ def _next_steps(added: Added) -> Iterator[str]:
 
 def _run_options(added: Added) -> tuple[str, str | None]:
     """Options that a run of this clip needs here, and the command that fetches weights that nothing replaces."""
+    from harness.pipeline.weights import missing_weights
     from harness.run.experiment import load_experiment
-    from harness.stages.weights import missing_weights
 
     if added.rig is None:
         return " --preset measured", None
@@ -274,9 +274,9 @@ def _fetch_vr_objects(root: Path) -> None:
     from harness.cli.terminal import bytes_bar
     from harness.clips.fetch import VR_HOME, VR_LICENCE, fetch_files, listed_files
     from harness.labels.files import write_annotations
+    from harness.pipeline.ground_truth import true_labels
     from harness.sources.measured.tables import write_measured
     from harness.sources.measured.vr_objects import VrObjectsClip
-    from harness.stages.ground_truth import true_labels
 
     say(f"licence: {VR_LICENCE}")
     files = listed_files("vr_objects")

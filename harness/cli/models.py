@@ -12,7 +12,7 @@ from harness.cli.options import Json, ProviderName, Replace
 from harness.cli.terminal import print_json, print_table, say
 
 if TYPE_CHECKING:
-    from harness.stages.weights import CatalogueEntry, ModelCheck
+    from harness.pipeline.weights import CatalogueEntry, ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
 
@@ -26,7 +26,7 @@ class CheckpointName(StrEnum):
 @app.command(name="list", short_help="List every model: licence, size, whether it is on this machine.")
 def list_models(as_json: Json = False) -> None:
     """List every model of the catalogue: its stage, licence, size, and whether it is on this machine."""
-    from harness.stages.weights import catalogue
+    from harness.pipeline.weights import catalogue
 
     models = catalogue()
     if as_json:
@@ -55,7 +55,7 @@ def fetch(
     A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.terminal import bytes_bar
-    from harness.stages.weights import fetch_model, find_model
+    from harness.pipeline.weights import fetch_model, find_model
     from vfoa.errors import VfoaError
 
     failed = False
@@ -84,7 +84,7 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
-    from harness.stages.weights import catalogue, check_model, find_model
+    from harness.pipeline.weights import catalogue, check_model, find_model
     from vfoa.onnx import RuntimeSettings
 
     settings = RuntimeSettings(provider=provider.value, threads=threads)
@@ -112,7 +112,7 @@ def export(
 ) -> None:
     """Export a checkpoint to an ONNX file and compare its answers with PyTorch's; needs vfoa[export]."""
     from harness.files.io import check_new
-    from harness.stages.export import export_gaze360
+    from harness.pipeline.export import export_gaze360
     from vfoa.weights import locate
 
     check_new(out, replace=replace, hint=", or another --out", inputs=[checkpoint])
@@ -132,8 +132,8 @@ def _line(found: ModelCheck) -> str:
 
 def ready_rows() -> list[list[str | None]]:
     """Slot, name and options of each stage that can run here; a slot without one has an empty name."""
-    from harness.stages.configuration import STAGES
-    from harness.stages.weights import ready_stages
+    from harness.pipeline.configuration import STAGES
+    from harness.pipeline.weights import ready_stages
 
     rows: list[list[str | None]] = []
     for slot in STAGES.values():

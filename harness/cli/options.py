@@ -35,15 +35,15 @@ def preset_names(incomplete: str) -> list[str]:
 
 def setting_assignments(incomplete: str) -> list[str]:
     """Dotted keys, each with its equals sign."""
-    from harness.stages.settings_reference import setting_keys
+    from harness.pipeline.settings_reference import setting_keys
 
     return _matching([f"{key}=" for key in setting_keys()], incomplete)
 
 
 def stage_names(incomplete: str) -> list[str]:
     """Stages and steps that have settings, each also with its choices (``stereo.sgbm``)."""
-    from harness.stages.configuration import TABLES
-    from harness.stages.settings_reference import choice_names
+    from harness.pipeline.configuration import TABLES
+    from harness.pipeline.settings_reference import choice_names
 
     return _matching([*TABLES, *choice_names()], incomplete)
 

@@ -99,12 +99,12 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
+    from harness.pipeline.cache_store import open_store
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
     from harness.score.fit_logit import with_left_out_weights
-    from harness.stages.cache_store import open_store
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -182,8 +182,8 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
 def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:
     """Run an experiment without recordings, or reuse its results."""
     from harness.cli.terminal import frames_bar
+    from harness.pipeline.cache_store import open_store
     from harness.run.runner import prepare, run_plan
-    from harness.stages.cache_store import open_store
 
     plan = prepare(experiment, limit=limit)
     with frames_bar(plan.frames, experiment.name) as progress:

@@ -55,10 +55,10 @@ def _write_data(folder: Path) -> None:
 
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write
+    from harness.pipeline.configuration import STAGES
+    from harness.pipeline.outputs.write import write_stage_outputs
     from harness.run.experiment import load_experiment
     from harness.sources import MeasuredClip
-    from harness.stages.configuration import STAGES
-    from harness.stages.outputs.write import write_stage_outputs
     from vfoa.pipeline import Stages, perceive
 
     clip = load_manifest("studio_talk").open()
@@ -157,9 +157,9 @@ def _folders() -> Iterator[Finding]:
 
 def _weights() -> Iterator[Finding]:
     """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
+    from harness.pipeline.configuration import STAGES
+    from harness.pipeline.weights import missing_weights, ready_stages
     from harness.run.experiment import load_experiment
-    from harness.stages.configuration import STAGES
-    from harness.stages.weights import missing_weights, ready_stages
 
     (default,) = load_experiment("default", clips=("any",)).configurations
     for slot, choice in default.choices.items():
@@ -202,7 +202,7 @@ def settings(
     from dataclasses import asdict
 
     from harness.cli.terminal import print_json, print_table
-    from harness.stages.settings_reference import settings_tables
+    from harness.pipeline.settings_reference import settings_tables
 
     tables = settings_tables(stage)
     if as_json:
@@ -228,7 +228,7 @@ def info(cache: Cache = None, as_json: Json = False) -> None:
     """Show where the cache is, its limit, and the size of each stage and clip."""
     from dataclasses import asdict
 
-    from harness.stages.cache_store import open_store
+    from harness.pipeline.cache_store import open_store
 
     store = open_store(cache)
     usage = store.usage()
@@ -248,7 +248,7 @@ def info(cache: Cache = None, as_json: Json = False) -> None:
 @cache_app.command()
 def clear(cache: Cache = None) -> None:
     """Remove every cached result."""
-    from harness.stages.cache_store import open_store
+    from harness.pipeline.cache_store import open_store
 
     store = open_store(cache)
     total = sum(each.bytes for each in store.usage())

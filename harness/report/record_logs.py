@@ -24,6 +24,7 @@ import harness
 import vfoa
 from harness.files.cache import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.files.digests import file_digest
+from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.attention_log import AttentionLog, TrackPart
@@ -35,7 +36,6 @@ from harness.score.calibration import CalibrationData, CalibrationLog, misfit_no
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import Judged, OutcomeLog, Reference
 from harness.score.score import Scores, score_outcomes
-from harness.stages.frame_measures import FrameMeasures
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

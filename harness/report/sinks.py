@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from harness.pipeline.configuration import Configuration
 from harness.record import Size
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
 from harness.run.frame_sink import SinkContext, SinkFactory
-from harness.stages.configuration import Configuration
 
 if TYPE_CHECKING:
     from harness.record.recorder import Recorder

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from harness.files.io import read_text
+from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table
 from harness.run.results import MeasureLog
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
-from harness.stages.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.errors import VfoaError
 
 _Value = float | None

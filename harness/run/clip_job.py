@@ -10,14 +10,14 @@ from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
 from harness.files.unchanged import UnchangedFiles
 from harness.labels.labels import Labels
+from harness.pipeline.cache import ClipCache, Tally
+from harness.pipeline.configuration import Configuration
+from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.frame_sink import SinkFactory
 from harness.run.resume import Checkpoint, read_checkpoint
 from harness.sources import Clip, MeasuredClip
-from harness.stages.cache import ClipCache, Tally
-from harness.stages.configuration import Configuration
-from harness.stages.drawn import DrawnClip
-from harness.stages.perception import Perception
 from vfoa.errors import VfoaError
 from vfoa.gaze.temporal import WindowStart
 

@@ -10,7 +10,7 @@ An experiment is a TOML file::
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
 
-    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages/configuration.py
+    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/pipeline/configuration.py
     matcher = "sgbm"
     min_depth_m = 0.8                       # for every matcher that has such a setting
 
@@ -34,9 +34,7 @@ from pydantic import Field
 from harness.clips.manifest import clips_here
 from harness.files.folders import find, names
 from harness.files.parsing import parse_assignment, read_toml
-from harness.run.directory import Published
-from harness.run.grid import base_of, repeated, variants
-from harness.stages.configuration import (
+from harness.pipeline.configuration import (
     TABLES,
     Configuration,
     check_all_used,
@@ -45,6 +43,8 @@ from harness.stages.configuration import (
     merged,
     takes,
 )
+from harness.run.directory import Published
+from harness.run.grid import base_of, repeated, variants
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.logit import LogitSettings

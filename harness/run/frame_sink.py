@@ -18,7 +18,7 @@ from harness.run.records import FrameRecord
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 if TYPE_CHECKING:
-    from harness.stages.stage_runner import Timings
+    from harness.pipeline.stage_runner import Timings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

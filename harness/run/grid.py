@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    from harness.stages.configuration import Configuration, StageChoice
+    from harness.pipeline.configuration import Configuration, StageChoice
 
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""

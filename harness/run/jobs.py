@@ -13,6 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from harness.files.digests import KNOWN
+from harness.pipeline.cache import Account, open_cache
+from harness.pipeline.cache_store import Store
+from harness.pipeline.configuration import STAGES, Configuration
+from harness.pipeline.perception import Perception
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Job, Outcome, Progress, Work, compute_with
@@ -21,10 +25,6 @@ from harness.run.loop import run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.resume import ResultsSinks
 from harness.sources import MeasuredClip
-from harness.stages.cache import Account, open_cache
-from harness.stages.cache_store import Store
-from harness.stages.configuration import STAGES, Configuration
-from harness.stages.perception import Perception
 from vfoa.errors import VfoaError
 
 CLIPS_PER_WORKER = 2

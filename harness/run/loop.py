@@ -14,17 +14,17 @@ from types import TracebackType
 from typing import Generic, NamedTuple, Self, TypeVar
 
 from harness.clips.naming import SubjectNames, name_frame
+from harness.pipeline.configuration import Configuration
+from harness.pipeline.frame_measures import FrameMeasures
+from harness.pipeline.measures import Measurer
+from harness.pipeline.perception import SharedFrame, UnreadableFrameError, one_at_a_time, pose_frames, prefetch
+from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
 from harness.run.records import to_record
 from harness.run.resume import Checkpoint, pause_s, write_checkpoint
 from harness.sources import Clip, MeasuredClip
-from harness.stages.configuration import Configuration
-from harness.stages.frame_measures import FrameMeasures
-from harness.stages.measures import Measurer
-from harness.stages.perception import SharedFrame, UnreadableFrameError, one_at_a_time, pose_frames, prefetch
-from harness.stages.stage_runner import Timings, guarded, timed
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.temporal import WindowStart

@@ -18,13 +18,13 @@ from harness.files.code_digest import code_digest
 from harness.files.digests import file_digest
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
+from harness.pipeline.configuration import STAGES, Configuration
+from harness.pipeline.drawn import DrawnClip, check_drawn
+from harness.pipeline.weights import locate_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
-from harness.stages.configuration import STAGES, Configuration
-from harness.stages.drawn import DrawnClip, check_drawn
-from harness.stages.weights import locate_weights
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 

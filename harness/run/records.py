@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from harness.clips.naming import Names
-from harness.stages.frame_measures import FrameMeasures
+from harness.pipeline.frame_measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
 
 Vector = tuple[float, float, float]

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_readable, unreadable
 from harness.files.parsing import parse_json
+from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
-from harness.stages.frame_measures import FrameMeasures, TargetMeasure
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import PROBABILISTIC
 

@@ -27,10 +27,10 @@ import numpy as np
 
 from harness.clips.naming import SubjectNames
 from harness.files.io import atomic_write
+from harness.pipeline.cache_store import Codec
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkState
 from harness.run.results import to_line
-from harness.stages.cache_store import Codec
 from vfoa.bayes import BeliefState
 from vfoa.errors import VfoaError
 from vfoa.gaze.temporal import WindowStart

@@ -11,14 +11,14 @@ from typing import Any
 from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
 from harness.files.unchanged import changed_during_run
+from harness.pipeline.cache import cache_lines
+from harness.pipeline.cache_store import Store
 from harness.remote import forget_copies
 from harness.run.directory import RunDirectory, differences, locked, new_run_id
 from harness.run.executors import Progress
 from harness.run.experiment import Experiment
 from harness.run.jobs import Done, executor, run_jobs, skip
 from harness.run.plan import Plan, PreparedClip, describe, host, prepare, source_commit
-from harness.stages.cache import cache_lines
-from harness.stages.cache_store import Store
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from harness.pipeline.configuration import Configuration
 from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment, FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
@@ -21,7 +22,6 @@ from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
 from harness.score.labelled_run import LabelledRun, Outcome, Person, read_features
 from harness.score.metrics import LEAST_PROBABILITY
-from harness.stages.configuration import Configuration
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, probabilities, shipped_weights

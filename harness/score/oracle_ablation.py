@@ -19,8 +19,8 @@ from harness.sources import Truth
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
+    from harness.pipeline.configuration import Configuration
     from harness.run.experiment import Experiment
-    from harness.stages.configuration import Configuration
 
 _TRUTH = "truth"
 
@@ -86,8 +86,8 @@ def _known_replacements(clips: tuple[str, ...]) -> tuple[list[Replacement], list
 
 
 def _steps_of(base: Configuration, replacements: list[Replacement]) -> Iterator[Configuration]:
-    from harness.stages.configuration import StageChoice
-    from harness.stages.ground_truth import OracleSettings
+    from harness.pipeline.configuration import StageChoice
+    from harness.pipeline.ground_truth import OracleSettings
 
     current = base
     for replacement in replacements:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import harness
-from harness.stages import weights
+from harness.pipeline import weights
 from tests.faults.project import MODEL_SHA256
 from tests.faults.verbs import Writes
 
@@ -29,7 +29,7 @@ MOST_SAID = 1 << 20
 """Bytes that a verb can say before it waits."""
 LONGEST_SECONDS = 600.0
 """A verb that takes longer hangs."""
-_SLOW_TO_IMPORT = ("harness.studio", "harness.stages.export", "harness.bench", "harness.run.executors.cluster")
+_SLOW_TO_IMPORT = ("harness.studio", "harness.pipeline.export", "harness.bench", "harness.run.executors.cluster")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.labels.formats.cvat import read_cvat_drawn
+from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
 from harness.run.results import read_results, to_line
 from harness.sources.calibration_files.one_camera import read_one_camera
@@ -27,7 +28,6 @@ from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_depth_file, read_disparity, read_sintel_disparity
 from harness.sources.media.video import Video
 from harness.sources.sintel import read_camera, read_segments
-from harness.stages.outputs.heads import read_heads, read_table
 from tests import calibrations
 from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity, write_image, write_video
 from tests.exchanges import PlainClip, exchange

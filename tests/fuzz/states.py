@@ -16,6 +16,10 @@ from harness.annotate.label_store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.timeline import Timeline, timeline_of
+from harness.pipeline.cache import Identity, StoredOutputs, Tally, difference
+from harness.pipeline.cache_store import Store, encode
+from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
+from harness.pipeline.outputs.write import write_coco_panoptic
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
@@ -31,10 +35,6 @@ from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
-from harness.stages.cache import Identity, StoredOutputs, Tally, difference
-from harness.stages.cache_store import Store, encode
-from harness.stages.outputs.maps import CocoPanoptic, CocoPanopticSettings
-from harness.stages.outputs.write import write_coco_panoptic
 from harness.studio.store import load_pair
 from tests.disk import write_text
 from tests.exchanges import PlainClip

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.stages.configuration import STAGES
+from harness.pipeline.configuration import STAGES
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 

@@ -10,9 +10,9 @@ import pytest
 
 import vfoa as package
 from harness.cli.options import configuration_names, experiment_and_clip_names
+from harness.pipeline.configuration import TABLES
+from harness.pipeline.settings_reference import setting_keys, settings_tables
 from harness.run.experiment import load_experiment
-from harness.stages.configuration import TABLES
-from harness.stages.settings_reference import setting_keys, settings_tables
 from tests.command import vfoa
 from vfoa.errors import VfoaError
 

@@ -188,7 +188,7 @@ def test_scoring_imports_what_it_needs_alone() -> None:
         "scipy",
         "onnxruntime",
         "vfoa.pipeline",
-        "harness.stages.configuration",
+        "harness.pipeline.configuration",
     }
     code = "import sys, harness.report.write; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()

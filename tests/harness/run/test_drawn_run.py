@@ -13,13 +13,13 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_drawn
+from harness.pipeline.cache_store import Store
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Truth
-from harness.stages.cache_store import Store
 from harness.studio import StudioClip
 from tests.disk import write_text
 from tests.repository import REPOSITORY

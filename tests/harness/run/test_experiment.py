@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from harness.pipeline.configuration import Configuration
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.plan import prepare
-from harness.stages.configuration import Configuration
 from vfoa.errors import VfoaError
 
 HEAD = """

@@ -19,12 +19,12 @@ import pytest
 
 from harness.files import digests
 from harness.files.digests import KnownDigests
+from harness.pipeline.cache_store import Store
 from harness.run import runner
 from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache_store import Store
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text
 from vfoa.errors import VfoaError

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.pipeline.cache_store import Store
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
@@ -18,7 +19,6 @@ from harness.run.frame_sink import SinkContext
 from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches
 from harness.run.loop import run_clip
 from harness.run.plan import prepare
-from harness.stages.cache_store import Store
 
 
 @given(frames=st.lists(st.integers(), unique=True, max_size=600), workers=st.integers(2, 9))

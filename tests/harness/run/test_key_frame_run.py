@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
+from harness.pipeline.cache_store import Store
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache_store import Store
 from tests import graphs
 from tests.disk import write_text
 from vfoa.segmentation.yolo_seg import YoloSeg

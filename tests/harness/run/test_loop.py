@@ -8,10 +8,10 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import Names, Rules, SubjectNames, name_frame
+from harness.pipeline.perception import Perception
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.perception import Perception
 from tests.disk import write_text
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.pipeline import Memory, attend

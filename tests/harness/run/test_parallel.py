@@ -19,6 +19,7 @@ from typing import Any
 import cv2
 import pytest
 
+from harness.pipeline.cache_store import Store
 from harness.report.sinks import recordings
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -27,7 +28,6 @@ from harness.run.experiment import load_experiment
 from harness.run.loop import run_clip
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache_store import Store
 from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from harness.pipeline.cache import open_cache
+from harness.pipeline.cache_store import Store
 from harness.run.experiment import load_experiment
 from harness.run.plan import describe, prepare
-from harness.stages.cache import open_cache
-from harness.stages.cache_store import Store
 
 
 def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:

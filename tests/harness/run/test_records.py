@@ -6,8 +6,8 @@ import json
 import numpy as np
 
 from harness.clips.naming import Names
+from harness.pipeline.frame_measures import FrameMeasures
 from harness.run.records import to_record
-from harness.stages.frame_measures import FrameMeasures
 from vfoa.types import (
     Attention,
     Box3D,

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import read_results, to_line
-from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
 

@@ -14,6 +14,8 @@ from harness.clips.manifest import load_manifest
 from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels
 from harness.labels.timeline import timeline_of
+from harness.pipeline.cache_store import Store
+from harness.pipeline.outputs.write import write_coco_panoptic
 from harness.record import Size
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
@@ -22,8 +24,6 @@ from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.resume import partial_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache_store import Store
-from harness.stages.outputs.write import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError

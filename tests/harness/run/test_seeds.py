@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.record_logs import RecordLogs
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
@@ -16,7 +17,6 @@ from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from harness.score.score import score
-from harness.stages.frame_measures import FrameMeasures
 from tests.disk import write_text
 from tests.records import answers, labels
 from vfoa.errors import VfoaError

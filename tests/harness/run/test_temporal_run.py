@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
+from harness.pipeline.configuration import Configuration
+from harness.pipeline.ground_truth import OracleSettings, TruthSegmenter
+from harness.pipeline.perception import Perception
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Clip
-from harness.stages.configuration import Configuration
-from harness.stages.ground_truth import OracleSettings, TruthSegmenter
-from harness.stages.perception import Perception
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360

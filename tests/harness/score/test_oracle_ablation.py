@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.pipeline.configuration import StageChoice
+from harness.pipeline.frame_measures import FrameMeasures
+from harness.pipeline.ground_truth import OracleSettings
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -17,9 +20,6 @@ from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.sources import PersonTruth, Truth
-from harness.stages.configuration import StageChoice
-from harness.stages.frame_measures import FrameMeasures
-from harness.stages.ground_truth import OracleSettings
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Instances

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from harness.clips.add import add_clip
+from harness.pipeline.ground_truth import OracleSettings, TruthMatcher, TruthSegmenter
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.sources.sintel import SintelClip, SintelSettings
-from harness.stages.ground_truth import OracleSettings, TruthMatcher, TruthSegmenter
 from tests.disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, write_bytes, write_image
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity

@@ -9,8 +9,8 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.labels.timeline import timeline_of
+from harness.pipeline.ground_truth import true_labels
 from harness.sources import Truth
-from harness.stages.ground_truth import true_labels
 from harness.studio import StudioClip, StudioSettings
 from harness.studio.gathering import gathering
 from harness.studio.scenario import CAMERA

@@ -11,8 +11,8 @@ import pytest
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import IGNORED
 from harness.labels.timeline import timeline_of
+from harness.pipeline.ground_truth import true_labels
 from harness.sources import Clip
-from harness.stages.ground_truth import true_labels
 from harness.studio import StudioClip, StudioSettings
 from harness.studio.material import Material, grain
 from harness.studio.mesh import Mesh, box, ellipsoid, tube, turned

@@ -9,9 +9,9 @@ import pytest
 
 from harness.labels.files import read_annotations
 from harness.labels.labels import IGNORED
+from harness.pipeline.ground_truth import true_labels
 from harness.sources.measured.tables import write_measured
 from harness.sources.measured.vr_objects import VrObjectsClip
-from harness.stages.ground_truth import true_labels
 from tests.measured import open_measured, vr_session
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between

@@ -1,0 +1,341 @@
+"""A configuration: every setting of one way to run the pipeline, made of tables of settings.
+
+A table belongs to one of the five exchangeable stages (:data:`STAGES`) or to one step. An experiment gives tables as
+defaults, presets and differences; each overrides the ones before it.
+
+A stage of the library knows only frames and is built as ``Class(settings)``. A stage of the harness reads something
+that belongs to the clip (its ground truth, files of other programs) and is built as ``Class(settings, clip)``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import vfoa.gaze
+import vfoa.head_pose
+import vfoa.heads
+import vfoa.segmentation
+import vfoa.stereo
+from harness.sources import Clip
+from vfoa import config
+from vfoa.config import Tables, is_in_region, read_steps, step_settings
+from vfoa.drawn import DrawnSettings
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.logit import LogitSettings
+from vfoa.pipeline import AttendSettings
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.registry import Registry
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
+from vfoa.settings import Settings
+from vfoa.validation import parse
+
+if TYPE_CHECKING:
+    from vfoa.onnx import Provider
+
+
+DRAWN = "drawn"
+"""The name of the stages that use only the shapes drawn on the clip."""
+OFF = "none"
+"""The name that switches a stage off. Clips with images need a matcher, segmentation and heads."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageKind:
+    """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages."""
+
+    name: str
+    key: str
+    library: Registry
+    of_clip: Mapping[str, str]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether this slot takes the name."""
+        return isinstance(name, str) and (name == OFF or name in self.of_clip or name in self.library)
+
+    def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
+        """Read ``{key: name, **settings}``; None for a stage that is switched off.
+
+        Raises
+        ------
+        VfoaError
+            If the name or a setting is not known; ``where`` opens the message.
+        """
+        name = table.get(self.key)
+        if name is None:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {', '.join(self.names())}")
+        settings = {key: value for key, value in table.items() if key != self.key}
+        if name == OFF:
+            return None
+        if name not in self:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
+        checked = parse(self.settings_class(name), settings, f"{where}: {self.name}", beside=(self.key,))
+        return StageChoice(slot=self.name, name=name, settings=checked)
+
+    def settings_class(self, name: str) -> type[Settings]:
+        """The class of the settings of the stage called ``name``."""
+        return self.stage_class(name).Settings
+
+    def takes(self, name: object, key: str) -> bool:
+        """Whether the stage called ``name`` has a setting called ``key``; False for an unknown name."""
+        if key == self.key:
+            return True
+        return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
+
+    def build(self, choice: StageChoice, clip: Clip, beside: Executor | None = None) -> Any:
+        """Build the stage for one clip. ``beside`` segments key frames in another thread, for settings with a delay."""
+        stage, settings = self._of_every_frame(choice, clip), choice.settings
+        if not isinstance(settings, KeyFrameSettings) or settings.on_every_frame:
+            return stage
+        return KeyFrameSegmenter(
+            stage, settings, lambda number: path_to(number, clip.frames, settings), clip.frame, beside=beside
+        )
+
+    def _of_every_frame(self, choice: StageChoice, clip: Clip) -> Any:
+        cls = self.stage_class(choice.name)
+        return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
+
+    def is_true(self, choice: StageChoice) -> bool:
+        """Whether the stage answers from the ground truth of a person, without an image."""
+        return hasattr(self.stage_class(choice.name), "of_person")
+
+    def is_temporal(self, choice: StageChoice) -> bool:
+        """Whether the stage is a gaze model that looks at several frames."""
+        return hasattr(self.stage_class(choice.name), "estimate_sequence")
+
+    def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
+        """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
+        if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):
+            return None
+        digest: str = self._of_every_frame(choice, clip).digest()
+        return digest
+
+    def names(self) -> list[str]:
+        """Every name this slot takes, sorted."""
+        return sorted({*self.library.names(), *self.of_clip, OFF})
+
+    def stage_class(self, name: str) -> Any:
+        """The class of the stage called ``name``."""
+        registry = Registry(kind=self.library.kind, builtin=self.of_clip, group="") if name in self.of_clip else None
+        return (registry or self.library).load(name)
+
+
+CLIP_VARIABLE = "${CLIP}"
+"""Placeholder of the clip's name in a stage's settings, so that one configuration reads the files of every clip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageChoice:
+    """A stage by name with its checked settings."""
+
+    slot: str
+    name: str
+    settings: Settings
+
+    @property
+    def key(self) -> str:
+        """A text that identifies the stage with its settings."""
+        return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
+
+    def for_clip(self, clip: str) -> StageChoice:
+        """Return the choice with the clip's name filled in wherever its settings have the placeholder."""
+        texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
+        filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
+        return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
+
+    def on(self, provider: Provider) -> StageChoice:
+        """Return the choice with its networks on a provider of ONNX Runtime; a stage without networks is unchanged."""
+        if "provider" not in type(self.settings).model_fields:
+            return self
+        return replace(self, settings=self.settings.model_copy(update={"provider": provider}))
+
+    def plain(self) -> dict[str, Any]:
+        """Return the choice as JSON values, with every default."""
+        return {STAGES[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
+
+
+STAGES: dict[str, StageKind] = {
+    slot.name: slot
+    for slot in (
+        StageKind(
+            name="stereo",
+            key="matcher",
+            library=vfoa.stereo.MATCHERS,
+            of_clip={
+                "truth": "harness.pipeline.ground_truth:TruthMatcher",
+                "files": "harness.pipeline.outputs.maps:FileMatcher",
+            },
+        ),
+        StageKind(
+            name="segmentation",
+            key="model",
+            library=vfoa.segmentation.SEGMENTERS,
+            of_clip={
+                "truth": "harness.pipeline.ground_truth:TruthSegmenter",
+                "coco_panoptic": "harness.pipeline.outputs.maps:CocoPanoptic",
+                DRAWN: "harness.pipeline.drawn:DrawnMasks",
+            },
+        ),
+        StageKind(
+            name="heads",
+            key="detector",
+            library=vfoa.heads.DETECTORS,
+            of_clip={
+                "truth": "harness.pipeline.ground_truth:TruthHeads",
+                "files": "harness.pipeline.outputs.heads:FileHeads",
+                DRAWN: "harness.pipeline.drawn:DrawnHeads",
+            },
+        ),
+        StageKind(
+            name="head_pose",
+            key="model",
+            library=vfoa.head_pose.MODELS,
+            of_clip={
+                "truth": "harness.pipeline.ground_truth:TruthHeadPose",
+                "simulated": "harness.pipeline.ground_truth:SimulatedHeadPose",
+                "files": "harness.pipeline.outputs.directions:FileHeadPose",
+            },
+        ),
+        StageKind(
+            name="gaze",
+            key="model",
+            library=vfoa.gaze.MODELS,
+            of_clip={
+                "truth": "harness.pipeline.ground_truth:TruthGaze",
+                "simulated": "harness.pipeline.ground_truth:SimulatedGaze",
+                "files": "harness.pipeline.outputs.directions:FileGaze",
+            },
+        ),
+    )
+}
+
+
+STEPS: Mapping[str, Mapping[str, type[Settings]]] = {"drawn": {"": DrawnSettings}, **config.STEPS}
+"""Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""
+
+TABLES = (*STAGES, *STEPS)
+"""The tables of a configuration: the stages in the order of the pipeline, then the steps."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
+
+    ``factors`` are the labels of its place in a grid by dotted key; empty without a grid. ``drawn`` is switched on for
+    the stages that are ``"drawn"``.
+    """
+
+    name: str
+    choices: Mapping[str, StageChoice | None]
+    reconstruction: ReconstructionSettings
+    attend: AttendSettings
+    drawn: DrawnSettings = field(default_factory=DrawnSettings)
+    factors: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_in_region(self) -> bool:
+        """Whether the matcher is asked only for the disparities of things and heads."""
+        stereo = self.choices["stereo"]
+        return stereo is not None and is_in_region(stereo.settings)
+
+    @property
+    def uses_drawn(self) -> bool:
+        """Whether any drawn shapes of a clip are used."""
+        return self.drawn.targets or self.drawn.heads
+
+    def for_clip(self, clip: str) -> Configuration:
+        """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
+        choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
+        attention = self.attend.attention
+        if isinstance(attention, LogitSettings):
+            attention = attention.for_clip(clip)
+        return replace(self, choices=choices, attend=self.attend.model_copy(update={"attention": attention}))
+
+    def on(self, provider: Provider) -> Configuration:
+        """Return the configuration with all its networks on one provider of ONNX Runtime."""
+        choices = {slot: choice.on(provider) if choice else None for slot, choice in self.choices.items()}
+        return replace(self, choices=choices)
+
+    def without_images(self) -> Configuration:
+        """Return the configuration for clips of recorded 3D poses: only stages that answer from a person's truth."""
+        choices = {
+            slot: choice if choice and STAGES[slot].is_true(choice) else None for slot, choice in self.choices.items()
+        }
+        return replace(self, choices=choices)
+
+    def plain(self) -> dict[str, Any]:
+        """Return the configuration as JSON values, with every default, as a run's manifest records it."""
+        stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
+        attend = self.attend.model_dump(mode="json")
+        drawn = self.drawn.model_dump(mode="json")
+        return {**stages, "drawn": drawn, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
+
+
+def merged(tables: Tables, over: Tables) -> Tables:
+    """Return the tables with ``over`` over them, key by key."""
+    return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
+
+
+def inherited(defaults: Tables, own: Tables) -> Tables:
+    """Return the defaults that a configuration inherits: a stage inherits only the settings that it has."""
+    tables = {}
+    for table, settings in defaults.items():
+        slot = STAGES.get(table)
+        name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
+        tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
+    return tables
+
+
+def takes(tables: Tables, dotted: str) -> bool:
+    """Whether the stage or step that these tables select has the setting ``table.key``."""
+    table, _, key = dotted.partition(".")
+    settings = tables.get(table, {})
+    if slot := STAGES.get(table):
+        return slot.takes(settings.get(slot.key), key)
+    if table not in STEPS:
+        return False
+    model = DrawnSettings if table == "drawn" else step_settings(table, settings)
+    return key == "method" or key in model.model_fields
+
+
+def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
+    """Reject a default, as (table, key), that no configuration has ``used``: it is probably misspelt.
+
+    Raises
+    ------
+    VfoaError
+        With its table and key.
+    """
+    for table, settings in defaults.items():
+        if table not in TABLES:
+            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, TABLES)}")
+        for key in settings:
+            if (table, key) not in used:
+                raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
+
+
+def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], where: str) -> Configuration:
+    """Check the tables of one configuration, and fill in the defaults.
+
+    Raises
+    ------
+    VfoaError
+        If a stage, a key or a value is wrong, or two of them cannot be combined.
+    """
+    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in STAGES.values()}
+    stereo = choices["stereo"]
+    reconstruction, attend = read_steps(tables, stereo.settings if stereo else None, where)
+    drawn = _switched_on(parse(DrawnSettings, tables.get("drawn", {}), where, "drawn"), choices)
+    return Configuration(
+        name=name, choices=choices, drawn=drawn, reconstruction=reconstruction, attend=attend, factors=factors
+    )
+
+
+def _switched_on(drawn: DrawnSettings, choices: Mapping[str, StageChoice | None]) -> DrawnSettings:
+    """Switch on the drawn shapes of a stage that uses nothing else, whatever the table ``drawn`` says."""
+    alone = {slot for slot, choice in choices.items() if choice is not None and choice.name == DRAWN}
+    on = {"targets": drawn.targets or "segmentation" in alone, "heads": drawn.heads or "heads" in alone}
+    return drawn.model_copy(update=on)

@@ -1,0 +1,384 @@
+"""One clip under many configurations: every distinct stage runs once per frame, whoever needs its output.
+
+All calls of a stage go through :class:`harness.pipeline.stage_runner.StageRunner`. A clip of recorded 3D poses has no
+images: its frames are scenes already (:func:`pose_frames`).
+
+Frames are read and perceived in threads while the last ones are attended to and written. The order and all results stay
+the same: NumPy, OpenCV and ONNX Runtime let other threads run while they compute.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from threading import Lock
+from typing import Any, TypeVar, cast
+
+from harness.files.unchanged import ChangedError, read_unchanged
+from harness.pipeline.cache import ClipCache, Tally
+from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice
+from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded
+from harness.sources import Clip, MeasuredClip, PersonTruth
+from vfoa.drawn import DrawnSettings
+from vfoa.errors import StageError, VfoaError
+from vfoa.gaze import TemporalGazeModel
+from vfoa.gaze.temporal import HeadWindow, WindowStart, with_gazes
+from vfoa.pipeline import Stages, perceive
+from vfoa.reconstruction import place_people, place_targets
+from vfoa.types import Gaze, Percepts, Scene, StereoFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharedFrame:
+    """A frame with the percepts, the scene and the seconds per stage of each configuration, by its name.
+
+    A configuration that has failed, in this frame or an earlier one, has its error instead. A clip of recorded poses
+    has no images and no percepts. ``windows`` hold the start of each temporal gaze window for continuing from here.
+    """
+
+    index: int
+    frame: StereoFrame | None
+    by_configuration: Mapping[str, tuple[Percepts | None, Scene, Timings] | VfoaError]
+    windows: Mapping[str, WindowStart] = field(default_factory=dict)
+
+
+class UnreadableFrameError(VfoaError):
+    """An image that is damaged or missing; ``frame`` is the number of its frame."""
+
+    def __init__(self, line: str, frame: int = 0) -> None:
+        super().__init__(line)
+        self.frame = frame
+
+
+def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, float]]:
+    """Read the frames with these numbers, each with the seconds that reading took.
+
+    Raises
+    ------
+    UnreadableFrameError
+        If one cannot be read.
+    """
+
+    def read(number: int) -> StereoFrame:
+        try:
+            return clip.frame(number)
+        except ChangedError:
+            raise
+        except VfoaError as error:
+            raise UnreadableFrameError(str(error), number) from None
+
+    for number in numbers:
+        started = time.perf_counter()
+        frame = read_unchanged(read, number)
+        yield frame, time.perf_counter() - started
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """The stages that some configurations have in common, and the windows of their temporal gaze model."""
+
+    stages: Stages
+    names: list[str] = field(default_factory=list)
+    windows: dict[str, HeadWindow] = field(default_factory=dict)
+
+
+_Perceived = tuple[StereoFrame, float, Mapping[_Group, tuple[Percepts, Timings]]]
+"""A frame, the seconds that reading it took, and its percepts, without the gazes of a temporal model."""
+
+
+class Perception:
+    """Percepts and scenes of one clip for every configuration.
+
+    A stage that cannot be built, or fails on a frame, ends the configurations that use it.
+
+    Parameters
+    ----------
+    cache
+        Outputs of earlier runs; None for no cache.
+    drawn
+        The shapes drawn on the clip; None for none.
+    parallel
+        Run the models of the heads beside the matchers, in a thread, and segmenters with a delay in another one.
+    begins
+        The first frames of configurations that do not begin with the clip.
+    starts
+        The start of their temporal gaze windows.
+    """
+
+    def __init__(
+        self,
+        configurations: Sequence[Configuration],
+        clip: Clip,
+        cache: ClipCache | None = None,
+        *,
+        drawn: DrawnClip | None = None,
+        parallel: bool = False,
+        begins: Mapping[str, int] | None = None,
+        starts: Mapping[str, WindowStart] | None = None,
+    ) -> None:
+        self._configurations, self._clip, self._cache, self._drawn = configurations, clip, cache, drawn
+        self._begins, self._starts = begins or {}, starts or {}
+        self._heads_thread = ThreadPoolExecutor(1) if parallel else None
+        self._segmenter_thread = ThreadPoolExecutor(1) if parallel else None  # heads must not wait for it
+        self._memo = Memo()
+        self._tallies: dict[str, Tally] = {}
+        self._failed: dict[str, VfoaError] = {}
+        self._stages: dict[str, StageRunner] = {}
+        self._drawings: dict[DrawnSettings, StageRunner] = {}
+        self._groups: dict[tuple[object, ...], _Group] = {}
+        self._group_of: dict[str, _Group] = {}
+        self._windows: dict[tuple[object, ...], HeadWindow] = {}
+        for configuration in configurations:
+            with self._isolated([configuration.name]):
+                self._build(configuration)
+        self._look_ahead = max((window.look_ahead for window in self._windows.values()), default=0)
+
+    def __enter__(self) -> Perception:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for thread in (self._heads_thread, self._segmenter_thread):
+            if thread:
+                thread.shutdown(cancel_futures=True)
+
+    def frames(self, numbers: Iterable[int], read_ahead: int = 0) -> Generator[SharedFrame]:
+        """Read and perceive frames in ascending order, and place what they show in space.
+
+        A frame is yielded when all frames that its gaze depends on have been read: at once without a temporal model.
+        ``read_ahead`` frames are read in advance, in a thread.
+        """
+        waiting: deque[_Perceived] = deque()
+        with closing(prefetch(read_frames(self._clip, numbers), read_ahead)) as frames:
+            for frame, decode_s in frames:
+                waiting.append(self._perceive(frame, decode_s))
+                while waiting and waiting[0][0].index + self._look_ahead <= frame.index:
+                    yield self._reconstruct(*waiting.popleft())
+        for perceived in waiting:
+            yield self._reconstruct(*perceived)
+
+    def warm(self, number: int) -> None:
+        """Only perceive a frame, to fill the cache. A failure is ignored: :meth:`frames` will meet it again."""
+        with suppress(VfoaError):
+            frame = read_unchanged(self._clip.frame, number)
+            self._memo.outputs = {}
+            for group in self._groups.values():
+                with suppress(VfoaError):
+                    perceive(frame, group.stages)
+
+    def take_tallies(self) -> dict[str, Tally]:
+        """Return the outputs reused and computed since the last call, by the stage's key."""
+        return {key: tally.take() for key, tally in self._tallies.items()}
+
+    def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
+        found: dict[_Group, tuple[Percepts, Timings]] = {}
+        fed: set[HeadWindow] = set()
+        self._memo.outputs = {}
+        for group in self._groups.values():
+            names = [name for name in group.names if name not in self._failed]
+            if names:
+                with self._isolated(names, frame.index):
+                    self._memo.timings = {}
+                    percepts = perceive(frame, group.stages, beside=self._heads_thread)
+                    found[group] = percepts, self._memo.timings
+                    for window in {group.windows[name] for name in names if name in group.windows} - fed:
+                        window.add(percepts)
+                        fed.add(window)
+        return frame, decode_s, found
+
+    def _reconstruct(
+        self, frame: StereoFrame, decode_s: float, perceived: Mapping[_Group, tuple[Percepts, Timings]]
+    ) -> SharedFrame:
+        """Place the objects and people in space, for every configuration that has not failed."""
+        found: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
+        windows: dict[str, WindowStart] = {}
+        gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
+        memo = Memo()
+        for configuration in self._configurations:
+            name = configuration.name
+            if name in self._failed or frame.index < self._begins.get(name, frame.index):
+                continue
+            with self._isolated([name], frame.index):
+                group = self._group_of[name]
+                percepts, timings = perceived[group]
+                memo.timings = {"decode": decode_s, **timings}
+                if window := group.windows.get(name):
+                    if window not in gazes:
+                        self._memo.timings = {}
+                        gazes[window] = window.gazes(frame.index), self._memo.timings.get("gaze", 0.0)
+                    memo.charge("gaze", gazes[window][1])
+                    percepts = memo.call("gaze", with_gazes, percepts, gazes[window][0])
+                    windows[name] = window.start()
+                seen, settings = (percepts.disparity, percepts.instances, percepts.rig), configuration.reconstruction
+                place = ("reconstruction", guarded, "reconstruction")
+                targets = memo.call(*place, place_targets, *seen, settings)
+                scene = memo.call(*place, place_people, percepts, targets, settings)
+                found[name] = percepts, scene, memo.timings
+        return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **found}, windows=windows)
+
+    @contextmanager
+    def _isolated(self, names: Iterable[str], frame: int | None = None) -> Iterator[None]:
+        """Let an error of configurations, in a frame or before the first, end only these configurations."""
+        try:
+            yield
+        except VfoaError as error:
+            if isinstance(error, StageError):
+                error.frame = frame
+            self._failed.update(dict.fromkeys(names, error))
+
+    def _build(self, configuration: Configuration) -> None:
+        """Build the stages of one configuration, except those already built for another one."""
+        keys = {slot: choice.key if choice else OFF for slot, choice in configuration.choices.items()}
+        for choice in configuration.choices.values():
+            if choice and choice.key not in self._stages:
+                self._stages[choice.key] = self._stage(choice)
+        chosen: dict[str, Any] = {slot: self._stages.get(key) for slot, key in keys.items()}
+        for slot in ("stereo", "segmentation", "heads"):
+            if chosen[slot] is None:
+                raise VfoaError(f'{slot}.{STAGES[slot].key}: found "none"; a clip with images needs it')
+        drawing = self._drawing(configuration)
+        drawn = configuration.drawn if drawing else None
+        gaze = chosen["gaze"]
+        temporal = gaze is not None and isinstance(gaze.stage, TemporalGazeModel)
+        stages = Stages(
+            matcher=chosen["stereo"],
+            segmenter=chosen["segmentation"],
+            heads=chosen["heads"],
+            head_pose=chosen["head_pose"],
+            gaze=None if temporal else gaze,
+            temporal_gaze=gaze if temporal else None,
+            region_matcher=chosen["stereo"] if configuration.is_in_region else None,
+            drawing=drawing,
+        )
+        windows: dict[str, HeadWindow] = {}
+        if temporal:
+            tracking, start = configuration.attend.tracking, self._starts.get(configuration.name)
+            # heads and crops depend on nothing else, so configurations that agree on this have the same gazes
+            seen = (keys["segmentation"], keys["heads"], keys["gaze"], drawn, tracking)
+            if seen not in self._windows:
+                self._windows[seen] = HeadWindow(gaze, self._clip.rate_hz, tracking, start)
+            self._windows[seen].begin_by(start)
+            windows[configuration.name] = self._windows[seen]
+        group = self._groups.setdefault((*keys.values(), drawn), _Group(stages))
+        group.names.append(configuration.name)
+        group.windows.update(windows)
+        self._group_of[configuration.name] = group
+
+    def _stage(self, choice: StageChoice) -> StageRunner:
+        slot = STAGES[choice.slot]
+        name = f'{slot.name}.{slot.key} = "{choice.name}"'
+        stored = self._cache.outputs_of(choice, self._tallies) if self._cache else None
+        stage = guarded(name, slot.build, choice, self._clip, self._segmenter_thread)
+        return StageRunner(stage, slot=slot.name, name=name, memo=self._memo, stored=stored)
+
+    def _drawing(self, configuration: Configuration) -> StageRunner | None:
+        """The drawn shapes as a configuration uses them; their time is charged to the segmentation."""
+        settings = configuration.drawn
+        if self._drawn is None or not configuration.uses_drawn:
+            return None
+        if settings not in self._drawings:
+            shapes = self._drawn.shapes(settings)
+            self._drawings[settings] = StageRunner(shapes, slot="segmentation", name="drawn", memo=self._memo)
+        return self._drawings[settings]
+
+
+_DIRECTIONS = {"head_pose": "head_direction", "gaze": "gaze_direction"}
+"""The slots whose stages can answer from the truth of a person, and the direction that each needs."""
+
+
+def pose_frames(
+    configurations: Sequence[Configuration], clip: MeasuredClip, numbers: Iterable[int]
+) -> Generator[SharedFrame]:
+    """Read frames of recorded 3D poses in ascending order: scenes without percepts.
+
+    If the clip knows the true directions of its people, the stages ``truth`` and ``simulated`` give heads and gazes.
+    Configurations with the same stages get the same scene.
+    """
+    stages = {
+        each.name: {
+            choice.key: STAGES[choice.slot].stage_class(choice.name)(choice.settings, clip)
+            for slot in _DIRECTIONS
+            if (choice := each.choices[slot]) and STAGES[slot].is_true(choice)
+        }
+        for each in configurations
+    }
+    for number in numbers:
+        started = time.perf_counter()
+        scene, people = clip.scene(number), clip.truth(number).people
+        decode_s = time.perf_counter() - started
+        scenes: dict[tuple[str, ...], Scene] = {}
+        for own in stages.values():
+            if tuple(own) not in scenes:
+                scenes[tuple(own)] = scene if people is None else _with_directions(scene, people, own)
+        found = {name: (None, scenes[tuple(own)], {"decode": decode_s}) for name, own in stages.items()}
+        yield SharedFrame(index=number, frame=None, by_configuration=found)
+
+
+def _with_directions(scene: Scene, people: Iterable[PersonTruth], stages: Mapping[str, Any]) -> Scene:
+    """The scene with the directions that the stages give; none where the truth is not known, as in a blink."""
+    truths = {person.instance_id: person for person in people}
+    placed = []
+    for person in scene.people:
+        truth = truths.get(person.instance_id or 0)
+        cues = {}
+        for key, stage in stages.items():
+            slot = key.partition(" ")[0]
+            is_known = truth is not None and getattr(truth, _DIRECTIONS[slot]) is not None
+            cues[slot] = stage.of_person(scene.index, truth) if is_known else None
+        placed.append(replace(person, view=replace(person.view, **cues)))
+    return replace(scene, people=tuple(placed))
+
+
+T = TypeVar("T")
+_END = object()
+
+
+def prefetch(items: Generator[T], depth: int) -> Generator[T]:
+    """Yield the items; a thread has up to ``depth`` of them ready and computes the next one. 0: no thread.
+
+    An error is raised where its item would have come. When the caller stops, the thread ends after its current item.
+    """
+    return _computed_ahead(items, depth) if depth else items
+
+
+def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
+    thread = ThreadPoolExecutor(1)
+    try:
+        ahead = deque(thread.submit(next, items, _END) for _ in range(depth + 1))
+        while (item := ahead.popleft().result()) is not _END:
+            ahead.append(thread.submit(next, items, _END))
+            yield cast("T", item)
+    finally:
+        thread.shutdown(cancel_futures=True)
+        items.close()  # it may have a thread of its own
+
+
+def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
+    """Return the clip once for each of several threads: only one reads at a time, since a clip need not be thread-safe.
+
+    Each is an object of its own, with its own last ground truth (:func:`harness.pipeline.ground_truth.truth_of`).
+    """
+    lock = Lock()
+    return tuple(cast("Clip", _OneAtATime(clip, lock)) for _ in range(count))
+
+
+class _OneAtATime:
+    """A clip whose methods wait for each other."""
+
+    def __init__(self, clip: Clip, lock: Lock) -> None:
+        self._clip, self._lock = clip, lock
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._clip, name)
+        return self._locked(value) if callable(value) else value
+
+    def _locked(self, method: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            with self._lock:
+                return method(*arguments)
+
+        return call

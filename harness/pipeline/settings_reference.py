@@ -1,0 +1,187 @@
+"""Every setting of every stage and step: name, type, unit, default and meaning, from the settings classes."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+
+_UNITS = {
+    "m": "m",
+    "cm": "cm",
+    "px": "px",
+    "deg": "°",
+    "ms": "ms",
+    "s": "s",
+    "hz": "Hz",
+    "frames": "frames",
+    "percent": "%",
+    "bytes": "bytes",
+}
+_LIMITS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "multiple_of": "a multiple of"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingDescription:
+    """One setting. ``key`` is dotted, as after ``--set``; ``unit`` is empty for a number without one."""
+
+    key: str
+    type: str
+    unit: str
+    default: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsTable:
+    """The settings of one choice of a stage, or of one step.
+
+    ``table`` is the table of a configuration, ``choice`` the key and value that choose these settings (``matcher =
+    "sgbm"``), empty if there is no choice.
+    """
+
+    table: str
+    choice: str
+    summary: str
+    settings: tuple[SettingDescription, ...]
+
+    @property
+    def title(self) -> str:
+        """A heading: ``stereo, matcher = "sgbm"``."""
+        return f"{self.table}, {self.choice}" if self.choice else self.table
+
+
+def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
+    """Return every table of settings, or those of one stage or step.
+
+    Parameters
+    ----------
+    only
+        A table (``stereo``), or a table and a choice (``stereo.sgbm``).
+
+    Raises
+    ------
+    VfoaError
+        If there is no such stage or choice; the message suggests the nearest one.
+    """
+    wanted, _, choice = (only or "").partition(".")
+    if only and wanted not in TABLES:
+        raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
+    found = [each for table in ([wanted] if only else TABLES) for each in _tables_of(table)]
+    if choice:
+        named = {each.choice.partition(" = ")[2].strip('"'): each for each in found}
+        if choice not in named:
+            raise VfoaError(f"settings: {wanted}: no {choice!r}; {did_you_mean(choice, named)}")
+        found = [named[choice]]
+    return tuple(found)
+
+
+def choice_names() -> list[str]:
+    """Every argument of :func:`settings_tables` that names one choice of a stage or step: ``stereo.sgbm``."""
+    stages = [f"{slot.name}.{name}" for slot in STAGES.values() for name in slot.names() if name != OFF]
+    return [*stages, *(f"{step}.{method}" for step, methods in STEPS.items() for method in methods if method)]
+
+
+def setting_keys() -> list[str]:
+    """Every dotted key that ``--set`` takes, sorted."""
+    choices = {*(f"{slot.name}.{slot.key}" for slot in STAGES.values()), "attention.method"}
+    return sorted(choices | {setting.key for table in settings_tables() for setting in table.settings})
+
+
+def _tables_of(table: str) -> Iterator[SettingsTable]:
+    if table in STAGES:
+        slot = STAGES[table]
+        for name in slot.names():
+            if name != OFF:
+                stage = slot.stage_class(name)
+                yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _first_sentence(stage))
+    else:
+        for method, model in STEPS[table].items():
+            yield _describe(table, f'method = "{method}"' if method else "", model, "")
+
+
+def _describe(table: str, choice: str, model: type[Settings], summary: str) -> SettingsTable:
+    chosen = choice.partition(" = ")[0]
+    fields = {name: field for name, field in model.model_fields.items() if name != chosen}
+    return SettingsTable(
+        table=table,
+        choice=choice,
+        summary=summary,
+        settings=tuple(
+            SettingDescription(
+                key=f"{table}.{name}",
+                type=_type(field.annotation, field.metadata),
+                unit=_unit(name),
+                default=_default(field),
+                meaning=_plain(field.description or ""),
+            )
+            for name, field in fields.items()
+        ),
+    )
+
+
+def _unit(name: str) -> str:
+    return _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+def _default(field: FieldInfo) -> str:
+    return "(required)" if field.is_required() else _value(field.get_default(call_default_factory=True))
+
+
+def _value(value: Any) -> str:
+    """A value in TOML; "not set" for a null."""
+    if value is None:
+        return "(not set)"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, BaseModel):
+        return "{ " + ", ".join(f"{key} = {_value(each)}" for key, each in value) + " }"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _type(annotation: Any, metadata: list[Any]) -> str:
+    """A type in words, with its limits: ``number > 0``, ``"full" or "half"``."""
+    origin = get_origin(annotation)
+    if annotation.__class__.__name__ == "_AnnotatedAlias":
+        inner, *more = get_args(annotation)
+        nested = [each for extra in more for each in (extra.metadata if isinstance(extra, FieldInfo) else [extra])]
+        return _type(inner, [*nested, *metadata])
+    if origin is Literal:
+        return " or ".join(_value(each) for each in get_args(annotation))
+    if origin in (Union, type(int | str)):
+        return " or ".join(_type(each, metadata) for each in get_args(annotation) if each is not type(None))
+    if origin is tuple:
+        return f"list of {_type(get_args(annotation)[0], [])}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"table of {', '.join(annotation.model_fields)}"
+    words = {int: "integer", float: "number", str: "text", bool: "true or false"}
+    limits = [
+        f"{sign} {getattr(each, name):g}"
+        for each in metadata
+        for name, sign in _LIMITS.items()
+        if isinstance(getattr(each, name, None), int | float)
+    ]
+    return " ".join([words.get(annotation, str(annotation)), ", ".join(limits)]).strip()
+
+
+def _first_sentence(thing: Any) -> str:
+    return _plain(re.split(r"(?<=\.)\s", inspect.getdoc(thing) or "", maxsplit=1)[0])
+
+
+def _plain(text: str) -> str:
+    """Return text without the mark-up of docstrings, on one line."""
+    text = re.sub(r":\w+:`~?(?:[\w.]*\.)?([\w]+)`", r"\1", text)
+    return " ".join(text.replace("``", "").split())

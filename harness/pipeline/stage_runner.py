@@ -1,0 +1,177 @@
+"""The layer between the pipeline and a stage: each call is shared, cached, guarded, checked and timed here.
+
+A stage can come from anywhere: an error in one ends the configurations that use it, not the run. Only calls that pass
+through :class:`StageRunner` or :func:`guarded` are caught. An error of the harness itself ends the program.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from harness.pipeline.cache import StoredOutputs
+from vfoa.errors import StageError, VfoaError
+from vfoa.settings import Settings
+from vfoa.stereo.region import Region
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, NoGaze
+
+T = TypeVar("T")
+Timings = dict[str, float]
+"""Seconds per stage. A shared output counts in full for each configuration: timings say what one costs alone."""
+
+LONGEST_TEXT = 300
+"""Longest text of an exception that is quoted in a line."""
+
+NOT_STORED = frozenset({"crop", "stride", "with_people"})
+"""Methods that are faster to compute than to read from the cache."""
+
+
+@contextmanager
+def timed(timings: Timings, stage: str) -> Iterator[None]:
+    """Add the seconds of a ``with`` block to a stage."""
+    started = time.perf_counter()
+    yield
+    timings[stage] = timings.get(stage, 0.0) + time.perf_counter() - started
+
+
+class Memo:
+    """The outputs of calls on one frame: a call of the same objects is made once.
+
+    Settings, regions and text are compared by value, other arguments by identity. A shared output is the very same
+    object, so the calls that follow it are shared as well; no table of dependencies is needed.
+    """
+
+    def __init__(self) -> None:
+        self.outputs: dict[tuple[object, ...], tuple[Any, float, tuple[object, ...]]] = {}
+        self.timings: Timings = {}
+
+    def key(self, function: object, inputs: tuple[object, ...]) -> tuple[object, ...]:
+        """The key of a call. Its inputs must be kept: a new object could otherwise get the same id."""
+        return (function, *(each if isinstance(each, Settings | Region | str) else id(each) for each in inputs))
+
+    def call(self, stage: str, function: Callable[..., T], *inputs: object) -> T:
+        """Return ``function(*inputs)``, computed once; its seconds are charged to ``stage`` each time."""
+        key = self.key(function, inputs)
+        if key not in self.outputs:
+            started = time.perf_counter()
+            self.outputs[key] = function(*inputs), time.perf_counter() - started, inputs
+        value: T = self.outputs[key][0]
+        self.charge(stage, self.outputs[key][1])
+        return value
+
+    def charge(self, stage: str, seconds: float) -> None:
+        """Add seconds to a stage."""
+        self.timings[stage] = self.timings.get(stage, 0.0) + seconds
+
+
+class StageRunner:
+    """A stage of any protocol: it has the methods that the stage has.
+
+    Each call is answered from the frame's memo, from the cache if the stage is cached, or by the stage. An error of the
+    stage becomes one line, and its output is checked. The seconds that an output took when it was computed are charged
+    to the stage's slot.
+    """
+
+    def __init__(
+        self, stage: Any, *, slot: str, name: str, memo: Memo | None = None, stored: StoredOutputs | None = None
+    ) -> None:
+        self.stage = stage
+        self._slot, self._name, self._memo, self._stored = slot, name, memo or Memo(), stored
+
+    def __getattr__(self, method: str) -> Any:
+        getattr(self.stage, method)  # raises AttributeError for a method that the stage does not have
+        return partial(self._call, method)
+
+    def _call(self, method: str, *inputs: Any) -> Any:
+        key = self._memo.key((self, method), inputs)
+        if key not in self._memo.outputs:
+            stored = None if method in NOT_STORED else self._stored
+            if stored and (found := stored.load(inputs)):
+                seconds, value = found
+            else:
+                fault, started = None, time.perf_counter()
+                try:
+                    value = getattr(self.stage, method)(*inputs)
+                    seconds = time.perf_counter() - started
+                    check_output(value, method, self._slot, inputs)
+                except VfoaError:
+                    raise
+                except Exception as error:
+                    fault = _fault(f"{self._name}, {method}", error)
+                if fault:  # raised outside of the handler, so that it keeps no object of the stage alive
+                    raise fault
+                if stored:
+                    stored.save(inputs, seconds, value)
+            self._memo.outputs[key] = value, seconds, inputs
+        value, seconds, _ = self._memo.outputs[key]
+        self._memo.charge(self._slot, seconds)
+        return value
+
+
+def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
+    """Return ``function(*inputs)``; ``what`` opens the message of an error.
+
+    Raises
+    ------
+    StageError
+        For any exception that is not a :class:`VfoaError`. A VfoaError, and anything that is no Exception (Ctrl-C), is
+        raised unchanged.
+    """
+    try:
+        return function(*inputs)
+    except VfoaError:
+        raise
+    except Exception as error:
+        fault = _fault(what, error)
+    raise fault
+
+
+def _fault(what: str, error: Exception) -> StageError:
+    """The error of a stage in one line, with its traceback."""
+    words = " ".join(str(traceback.TracebackException.from_exception(error)).split())
+    short = words if len(words) <= LONGEST_TEXT else f"{words[:LONGEST_TEXT]}..."
+    line = f"{type(error).__name__}: {short}" if short else type(error).__name__
+    return StageError(f"{what}: {line}", "".join(traceback.format_exception(error)))
+
+
+def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...]) -> None:
+    """Check the output of a stage's method: a wrong kind or size would fail far from the stage that made it.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the kind of value, or the size of a map, is wrong. Outputs of unknown methods are not checked.
+    """
+    if method in ("match", "match_region"):
+        expected, is_right = "Disparity", isinstance(value, Disparity)
+    elif method == "segment":
+        expected, is_right = "Instances", isinstance(value, Instances)
+    elif method == "estimate_sequence":
+        expected, is_right = "Gaze", isinstance(value, Gaze)
+    elif method == "estimate" and slot == "head_pose":
+        expected, is_right = "HeadPose or None", value is None or isinstance(value, HeadPose)
+    elif method == "estimate":
+        expected, is_right = "Gaze or None", value is None or isinstance(value, Gaze | NoGaze)
+    elif method in ("detect", "faces", "with_people"):
+        heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
+        expected, is_right = "tuple of Head", heads
+    elif method == "crop":
+        image = isinstance(value, np.ndarray) and value.dtype == np.uint8 and value.ndim == 3
+        expected, is_right = "(h, w, 3) array of uint8", image
+    elif method == "stride":
+        expected, is_right = "whole number above 0", isinstance(value, int | np.integer) and int(value) > 0
+    else:
+        return
+    if not is_right:
+        raise TypeError(f"returned {type(value).__name__}; expected {expected}")
+    if isinstance(value, Disparity | Instances):
+        shape = value.disparity_px.shape if isinstance(value, Disparity) else value.ids.shape
+        rig = inputs[0].rig
+        if shape != (rig.height_px, rig.width_px):
+            raise ValueError(f"returned a map of {shape}; expected {(rig.height_px, rig.width_px)}")

@@ -1,0 +1,333 @@
+"""Learned models: the catalogue, downloads, checks of their files, and the stages that can run on this machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from harness.files.digests import file_digest
+from harness.files.parsing import read_toml
+from harness.pipeline.configuration import STAGES, StageChoice, StageKind
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.validation import parse
+from vfoa.weights import cache_directory, directories, is_lfs_pointer, locate, weights_of
+
+if TYPE_CHECKING:
+    from vfoa.onnx import RuntimeSettings, Signature
+
+Progress = Callable[[int, int | None], None]
+"""Called with the bytes received, and the bytes of the whole file if known."""
+
+
+class CatalogueEntry(Settings):
+    """One model of ``harness/pipeline/weights.toml``, whose head explains the keys. None: not known."""
+
+    file: str
+    task: str
+    stage: str | None = Field(default=None, pattern=r"^\w+\.\w+$")
+    licence: str
+    non_commercial: bool = False
+    home: str
+    address: str | None = None
+    note: str | None = None
+    sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+    bytes: int | None = Field(default=None, gt=0)
+    megabytes: float | None = Field(default=None, gt=0)
+    inputs: Mapping[str, tuple[int | str, ...]] = Field(default_factory=dict)
+    outputs: Mapping[str, tuple[int | str, ...]] = Field(default_factory=dict)
+    integers: tuple[str, ...] = ()
+    by_position: bool = False
+    sizes: Mapping[str, int] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _check_what_is_fetched(self) -> Self:
+        if self.address is not None and self.sha256 is None:
+            raise ValueError("address: expected sha256 beside it: without one, a login page would pass for the model")
+        return self
+
+    @property
+    def is_onnx(self) -> bool:
+        """Whether the file is a network that can be run; otherwise it is a checkpoint to be exported."""
+        return self.file.endswith(".onnx")
+
+    @property
+    def size(self) -> str | None:
+        """Size of the file, such as "7.5 MB"; None if not known."""
+        megabytes = self.bytes / 1e6 if self.bytes else self.megabytes
+        return None if megabytes is None else f"{megabytes:.1f} MB"
+
+    def find(self) -> Path | None:
+        """Return the path of its file on this machine; None if it is missing."""
+        try:
+            return locate(self.file)
+        except VfoaError:
+            return None
+
+
+@cache
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """Return every model by name, in the order of the file.
+
+    Raises
+    ------
+    VfoaError
+        If the file has an unknown key or a wrong value.
+    """
+    path = Path(__file__).with_suffix(".toml")
+    return {name: parse(CatalogueEntry, table, str(path), name) for name, table in read_toml(path).items()}
+
+
+def find_model(name: str) -> CatalogueEntry:
+    """Return the model of this name.
+
+    Raises
+    ------
+    VfoaError
+        If there is none; the message suggests the nearest name.
+    """
+    models = catalogue()
+    if name not in models:
+        raise VfoaError(f"models: no {name!r}; {did_you_mean(name, models)}")
+    return models[name]
+
+
+def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
+    """Download a model's file, if it is not on this machine yet, and return its path.
+
+    Raises
+    ------
+    VfoaError
+        If its licence was not accepted, no address with a checksum is known, another file would hide it, or
+        the download fails.
+    """
+    from harness.files.download import download
+
+    here = entry.find()
+    if here and (entry.sha256 is None or file_digest(here) == entry.sha256):
+        return here
+    target = cache_directory() / entry.file
+    if here and here != target:
+        raise VfoaError(
+            f"{here}: not the catalogue's {name} (another checksum), and it would hide the fetched one; "
+            "expected it to be moved away"
+        )
+    if entry.non_commercial and not accept_licence:
+        raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
+    if entry.address is None:
+        note = f" ({entry.note})" if entry.note else ""
+        raise VfoaError(
+            f"{name}: no address with a checksum is known{note}; expected you to get it from {entry.home} as {target}"
+        )
+    download(entry.address, target, sha256=entry.sha256, progress=progress)
+    return target
+
+
+Verdict = Literal["ok", "fails", "absent"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelCheck:
+    """The result of checking one model.
+
+    ``provider`` and ``inference_ms`` are None if nothing was run; ``checksum_known`` says whether the catalogue has a
+    checksum to compare with. ``message`` says what is wrong, or what else a reader must know.
+    """
+
+    name: str
+    verdict: Verdict
+    path: str | None = None
+    provider: str | None = None
+    inference_ms: float | None = None
+    checksum_known: bool = False
+    message: str | None = None
+
+
+def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> ModelCheck:
+    """Load a model, check its signature, run it once on zeros, compare its checksum; a failure is a verdict."""
+    path = entry.find()
+    if path is None:
+        source = f"vfoa models fetch {name}" if entry.address else f"its home: {entry.home}"
+        return ModelCheck(name=name, verdict="absent", message=f"no file {entry.file} here ({source})")
+    try:
+        _check_whole(path, entry)
+        provider, inference_ms = _run_once(path, entry, settings) if entry.is_onnx else (None, None)
+        _check_sum(path, entry)
+    except VfoaError as error:
+        return ModelCheck(name=name, verdict="fails", path=str(path), message=str(error))
+    return ModelCheck(
+        name=name,
+        verdict="ok",
+        path=str(path),
+        provider=provider,
+        inference_ms=inference_ms,
+        checksum_known=entry.sha256 is not None,
+        message=None if entry.is_onnx else entry.note,
+    )
+
+
+def signature(entry: CatalogueEntry) -> Signature:
+    """Return the catalogue's signature of a model; a length given as a word becomes None."""
+    from vfoa.onnx import Signature  # not above: ONNX Runtime is for those who run a network
+
+    def shapes(tensors: dict[str, tuple[int | str, ...]]) -> dict[str, tuple[int | None, ...]]:
+        return {
+            name: tuple(length if isinstance(length, int) else None for length in shape)
+            for name, shape in tensors.items()
+        }
+
+    return Signature(
+        inputs=shapes(dict(entry.inputs)),
+        outputs=shapes(dict(entry.outputs)),
+        by_position=entry.by_position,
+        integers=frozenset(entry.integers),
+    )
+
+
+def _check_whole(path: Path, entry: CatalogueEntry) -> None:
+    if is_lfs_pointer(path):
+        raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
+    found = path.stat().st_size
+    if entry.bytes is not None and found < entry.bytes:
+        raise VfoaError(f"{path}: truncated: found {found} bytes, expected {entry.bytes}")
+
+
+def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> tuple[str, float]:
+    """Return the provider, and the milliseconds of one inference on zeros."""
+    from vfoa.onnx import Model
+
+    model = Model(str(path), signature(entry), settings)
+    zeros = {
+        name: np.zeros([entry.sizes[length] if isinstance(length, str) else length for length in shape], np.float32)
+        for name, shape in entry.inputs.items()
+    }
+    provider = model.provider()
+    started = time.perf_counter()
+    model.run(**zeros)
+    return provider, (time.perf_counter() - started) * 1000
+
+
+def _check_sum(path: Path, entry: CatalogueEntry) -> None:
+    if entry.sha256 is None:
+        return
+    found = file_digest(path)
+    if found != entry.sha256:
+        raise VfoaError(
+            f"{path}: corrupt, or another version: found sha256 {found[:16]}..., expected {entry.sha256[:16]}..."
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadyStage:
+    """A stage of the library that can run here, and the settings that choose it, such as ``gaze.model=l2cs``."""
+
+    slot: str
+    name: str
+    settings: tuple[str, ...]
+    licences: tuple[str, ...]
+
+    @property
+    def options(self) -> str:
+        """Options of ``vfoa run`` that choose it, with the licences of its weights."""
+        options = " ".join(f"--set {setting}" for setting in self.settings)
+        return f"{options} ({', '.join(self.licences)})" if self.licences else options
+
+
+def ready_stages(slot: StageKind) -> list[ReadyStage]:
+    """The stages of the library in a slot that need no weights, or whose weights are on this machine.
+
+    A stage whose default weights are missing is ready with another network of the catalogue.
+    """
+    ready = []
+    for name in slot.library.builtin:
+        needed = default_weights(slot, name)
+        chosen: tuple[str, ...] = (f"{slot.name}.{slot.key}={name}",)
+        if needed is None or not all(map(_is_here, needed)):
+            other = next((entry for entry in _networks(slot, name) if entry.find()), None)
+            if other is None or (needed is not None and len(needed) > 1):
+                continue
+            needed, chosen = (other.file,), (*chosen, f"{slot.name}.weights={other.file}")
+        licences = {entry.licence for entry in catalogue().values() if entry.file in needed}
+        ready.append(ReadyStage(slot=slot.name, name=name, settings=chosen, licences=tuple(sorted(licences))))
+    return ready
+
+
+def default_weights(slot: StageKind, name: str) -> tuple[str, ...] | None:
+    """Return the weights files that a stage opens by default; None if its settings must name them."""
+    try:
+        return tuple(weights_of(slot.settings_class(name)()))
+    except ValueError:
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingWeights:
+    """Models of the catalogue that stages name and that are not here, and options of stages that can run instead."""
+
+    models: Mapping[str, CatalogueEntry]
+    instead: tuple[str, ...]
+
+    @property
+    def fetch(self) -> str:
+        """The command that fetches them, or says where to get them."""
+        return f"vfoa models fetch {' '.join(self.models)}"
+
+
+def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
+    """Return what is missing of the weights that the stages name; None if all are here."""
+    entries = {entry.file: (name, entry) for name, entry in catalogue().items()}
+    absent = {
+        file: choice
+        for choice in choices
+        for file in weights_of(choice.settings)
+        if file in entries and not _is_here(file)
+    }
+    stages = dict.fromkeys((choice.slot, choice.name) for choice in absent.values())
+    instead = tuple(options for slot, name in stages if (options := _instead(STAGES[slot], name)))
+    return MissingWeights(models=dict(entries[file] for file in sorted(absent)), instead=instead) if absent else None
+
+
+def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
+    """Return the path of each weights file that the stages name.
+
+    Raises
+    ------
+    VfoaError
+        If some are missing. For those of the catalogue, the message gives licence and size, the command that fetches
+        them, and for each stage without its weights another one that can run here.
+    """
+    choices = list(choices)
+    if missing := missing_weights(choices):
+        models = (
+            f"{name} ({entry.licence}, {entry.size or 'size not known'})" for name, entry in missing.models.items()
+        )
+        here = f"; or what is here already: {' '.join(missing.instead)}" if missing.instead else ""
+        folders = " and ".join(map(str, directories()))
+        raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {missing.fetch}{here}")
+    return {file: locate(file) for file in sorted({name for each in choices for name in weights_of(each.settings)})}
+
+
+def _instead(slot: StageKind, name: str) -> str | None:
+    """Options for a stage that can run here: the same one with other weights, else another network, else any."""
+    ready = ready_stages(slot)
+    ready.sort(key=lambda stage: (stage.name != name, not stage.licences))
+    return ready[0].options if ready else None
+
+
+def _networks(slot: StageKind, name: str) -> list[CatalogueEntry]:
+    return [entry for entry in catalogue().values() if entry.stage == f"{slot.name}.{name}"]
+
+
+def _is_here(file: str) -> bool:
+    try:
+        locate(file)
+    except VfoaError:
+        return False
+    return True

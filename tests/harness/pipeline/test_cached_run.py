@@ -1,0 +1,143 @@
+"""Runs with a cache: the same results as without one, and nothing computed twice."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.pipeline.cache_store import Store
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
+from tests import graphs
+from tests.command import vfoa
+from tests.disk import write_text
+
+FRAMES = 5
+EXPERIMENT = """
+clips = ["studio_table"]
+defaults.stereo.min_depth_m = 0.8
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "person_mask"
+defaults.head_pose.model = "none"
+[[configuration]]
+name = "temporal"
+stereo.matcher = "bm"
+gaze = {{ model = "gaze360", weights = "{temporal}", stride = 1 }}
+[[configuration]]
+name = "single"
+stereo.matcher = "bm"
+gaze = {{ model = "l2cs", weights = "{single}" }}
+"""
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cached")
+    temporal = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
+    angles = {"horizontal": np.zeros((1, 90)), "vertical": np.zeros((1, 90))}
+    single = Path(graphs.constant(folder / "l2cs.onnx", {"face": (1, 3, 448, 448)}, angles)).as_posix()
+    return write_text(folder / "cached.toml", EXPERIMENT.format(temporal=temporal, single=single))
+
+
+@pytest.fixture(scope="module")
+def plain(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
+    return _run(experiment, tmp_path_factory.mktemp("runs") / "plain", None)
+
+
+def _run(experiment: Path, out: Path, store: Store | None, *overrides: str) -> RunDirectory:
+    plan = prepare(load_experiment(str(experiment), overrides=overrides), limit=FRAMES)
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, cache=store)
+
+
+def _uses(directory: RunDirectory) -> dict[str, tuple[int, int, str | None]]:
+    rows = directory.read_manifest()["cache"]
+    return {f"{row['slot']} {row['stage']}": (row["reused"], row["computed"], row["why"]) for row in rows}
+
+
+def test_a_cache_changes_nothing_and_saves_everything(experiment: Path, plain: RunDirectory, tmp_path: Path) -> None:
+    store = Store(tmp_path / "cache", 10**9)
+    first, second = (_run(experiment, tmp_path / name, store) for name in ("first", "second"))
+    assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
+    stages = ("stereo bm", "heads person_mask", "gaze gaze360", "gaze l2cs")
+    assert _uses(first) == dict.fromkeys(stages, (0, FRAMES, "first time"))
+    assert _uses(second) == dict.fromkeys(stages, (FRAMES, 0, None))
+    # what a stage cost when it was computed is what it costs
+    stereo = [line for line in first.timings.read_text().splitlines() if ",stereo," in line]
+    assert stereo == [line for line in second.timings.read_text().splitlines() if ",stereo," in line]
+
+
+def test_a_changed_setting_computes_its_stage_again_and_no_other(experiment: Path, tmp_path: Path) -> None:
+    store = Store(tmp_path / "cache", 10**9)
+    _run(experiment, tmp_path / "first", store)
+    changed = _uses(_run(experiment, tmp_path / "second", store, "stereo.block_size_px=9"))
+    assert changed.pop("stereo bm") == (0, FRAMES, "settings.block_size_px changed")
+    assert {why for _, _, why in changed.values()} == {None}
+
+
+def test_a_damaged_result_is_named_and_made_again(
+    experiment: Path, plain: RunDirectory, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store(tmp_path / "cache", 10**9)
+    _run(experiment, tmp_path / "first", store)
+    victim = sorted(store.stages.glob("stereo/*/*.bin"))[2]
+    victim.write_bytes(victim.read_bytes()[:-7])
+    second = _run(experiment, tmp_path / "second", store)
+    assert f"{victim}: damaged; its result is computed again" in caplog.text
+    assert _uses(second)["stereo bm"] == (FRAMES - 1, 1, "damaged")
+    assert second.results.read_bytes() == plain.results.read_bytes()
+    assert _uses(_run(experiment, tmp_path / "third", store))["stereo bm"] == (FRAMES, 0, None)
+
+
+def test_a_cache_that_cannot_be_written_costs_no_run(
+    experiment: Path, plain: RunDirectory, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    nowhere = tmp_path / "file"
+    nowhere.write_text("")
+    directory = _run(experiment, tmp_path / "run", Store(nowhere, 10**9))
+    assert directory.results.read_bytes() == plain.results.read_bytes()
+    assert "are not stored" in caplog.text
+
+
+def test_beyond_the_limit_results_are_removed_and_computed_again(experiment: Path, tmp_path: Path) -> None:
+    store = Store(tmp_path / "cache", 1)
+    _run(experiment, tmp_path / "first", store)
+    assert list(store.stages.rglob("*.bin")) == []
+    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (
+        0,
+        FRAMES,
+        "not stored so far, or removed",
+    )
+
+
+def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
+    experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def says(*words: str) -> str:
+        code, said, _ = vfoa(monkeypatch, capsys, *words)
+        assert not code
+        return said
+
+    options = ("--cache", str(tmp_path / "cache"))
+    run = ("run", str(experiment), *options, "--limit", "2", "--recording", "none", "--workers", "1", "--out")
+    assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in says(*run, str(tmp_path / "first"))
+    assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
+    assert "second: finished already; nothing was computed\n" in says(*run, str(tmp_path / "second"))
+    usage = json.loads(says("cache", "info", "--json", *options))
+    assert usage["bytes"] == sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
+    assert {(each["slot"], each["files"]) for each in usage["stages"]} == {("stereo", 2), ("heads", 2), ("gaze", 2)}
+    assert "stereo bm" in says("cache", "info", *options)
+    assert "removed 0." in says("cache", "clear", *options)
+    assert json.loads(says("cache", "info", "--json", *options))["bytes"] == 0
+
+
+def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path: Path) -> None:
+    store, region = Store(tmp_path / "cache", 10**9), "stereo.region=needed"
+    plain = _run(experiment, tmp_path / "plain", None, region)
+    first, second = (_run(experiment, tmp_path / name, store, region) for name in ("first", "second"))
+    assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
+    assert _uses(first)["stereo bm"] == (0, FRAMES, "first time")
+    assert _uses(second)["stereo bm"] == (FRAMES, 0, None)
