@@ -47,28 +47,6 @@ class Changes(Settings):
     drawn: int = 0
     changes: list[Action] = Field(max_length=1000)
 
-    def make(self, session: Session) -> None:
-        """Make all actions that were not made before.
-
-        Raises
-        ------
-        StaleRevisionError
-            If something else changed since the revisions; nothing is applied.
-        """
-        applied = [number for number, each in enumerate(self.changes) if each.id and session.knows(each.id)]
-        rest = self.changes[applied[-1] + 1 if applied else 0 :]
-        if not applied:  # else, the first of them found the right revision
-            session.refresh()
-            kinds = {each.kind for each in rest}
-            if kinds & {"draw", "undo", "redo"} and self.drawn != session.revisions[1]:
-                raise StaleRevisionError
-            if kinds - {"draw", "seen"} and self.revision != session.revisions[0]:
-                raise StaleRevisionError
-        for each in rest:
-            with session.once(each.id) as is_new:
-                if is_new:
-                    session.make(each)
-
 
 class Shown(Settings):
     """Query of a picture: the subject of a head, or a part of a view (``u0,v0,u1,v1``), and the greatest width."""
@@ -217,7 +195,7 @@ def create_app(session: Session) -> Starlette:
         with session.changing:
             names = session.manifest
             try:
-                asked.make(session)
+                session.make_all(asked.changes, asked.revision, asked.drawn)
             except StaleRevisionError:
                 return JSONResponse({"error": "labels or drawing were changed elsewhere", **states()}, 409)
             except (VfoaError, OSError) as error:

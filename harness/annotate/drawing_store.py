@@ -119,7 +119,7 @@ class DrawingStore(JournaledStore[Drawn]):
     path, journal
         The file and its journal; neither needs to exist. ``origin`` is read if there is no file yet.
     frames, subjects, targets
-        The clip's frame numbers and the manifest's names.
+        The clip's frame numbers and the manifest's names; :attr:`targets` can be replaced.
 
     Raises
     ------
@@ -137,7 +137,7 @@ class DrawingStore(JournaledStore[Drawn]):
         targets: Iterable[str],
         origin: Path | None = None,
     ) -> None:
-        self._frames, self._subjects, self._targets = tuple(frames), list(subjects), list(targets)
+        self._frames, self._subjects, self.targets = tuple(frames), list(subjects), list(targets)
         self._positions = {number: at for at, number in enumerate(self._frames)}
         self._history = DrawnHistory()
         super().__init__(path, journal, self._history, origin=origin, may_be_read_only=True)
@@ -194,10 +194,6 @@ class DrawingStore(JournaledStore[Drawn]):
             if keys != self._history.tracks.get((name, kind), ()):
                 self.commit(self._history.change_to(name, kind, keys))
 
-    def set_targets(self, names: Iterable[str]) -> None:
-        """Set the manifest's targets."""
-        self._targets = list(names)
-
     def tracks(self) -> list[list[Any]]:
         """The drawing as JSON: name, kind and key frames of each track."""
         return plain_tracks(self.drawn)
@@ -215,7 +211,7 @@ class DrawingStore(JournaledStore[Drawn]):
 
     def undo_state(self) -> dict[str, Any]:
         """What can be undone and redone, as JSON: nothing of a name that the manifest no longer has."""
-        undo, known = self._history.undo, {*self._targets, *self._subjects}
+        undo, known = self._history.undo, {*self.targets, *self._subjects}
         steps = {"can_undo": undo.next_undo, "can_redo": undo.next_redo}
         return {**undo.plain(), **{key: step is not None and step["name"] in known for key, step in steps.items()}}
 
@@ -223,14 +219,14 @@ class DrawingStore(JournaledStore[Drawn]):
         """A file with this clip's frames and names (:class:`VfoaError`); an empty drawing without a file."""
         if path is None:
             return Drawn()
-        return read_drawn(path, frames=self._frames, subjects=self._subjects, targets=self._targets)
+        return read_drawn(path, frames=self._frames, subjects=self._subjects, targets=self.targets)
 
     def write(self, path: Path, content: Drawn) -> None:
         """Write the file."""
         write_drawn(path, content)
 
     def _check(self, draw: Draw) -> None:
-        names = [*self._targets, *self._subjects]
+        names = [*self.targets, *self._subjects]
         if draw.name not in names:
             raise VfoaError(f"no subject or target {draw.name!r}; {did_you_mean(draw.name, names)}")
         others = [kind for name, kind in self._history.tracks if name == draw.name]

@@ -178,7 +178,7 @@ class LabelStore(JournaledStore[Labels]):
     path, journal
         The CSV and the journal; neither needs to exist.
     timeline, subjects, targets
-        The clip's frames and the manifest's names. A subject may be a target, too.
+        The clip's frames and the manifest's names; :attr:`targets` can be replaced. A subject may be a target, too.
     origin
         The labels to read while there is no CSV: those that came with the program. The first change copies them.
 
@@ -199,21 +199,16 @@ class LabelStore(JournaledStore[Labels]):
         origin: Path | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        self._timeline, self._subjects, self._targets = timeline, tuple(subjects), list(targets)
+        self._timeline, self.subjects, self.targets = timeline, tuple(subjects), list(targets)
         self._frames = tuple(timeline.frames)
         self._history = LabelHistory(subjects, self._frames)
         super().__init__(path, journal, self._history, origin=origin, clock=clock)
         self._labelled_at_start = self._history.labelled(self._history.parts())
         self._active_s, self._last_s = 0.0, clock()
 
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        """The people to label."""
-        return self._history.subjects
-
     def names(self) -> tuple[str, ...]:
         """Every name that can be a target, ``none`` and ``ignore`` last."""
-        return (*self._targets, *self.subjects, *RESERVED)
+        return (*self.targets, *self.subjects, *RESERVED)
 
     def track(self, subject: str) -> Sequence[Mark | None]:
         """A subject's marks, one per frame."""
@@ -278,10 +273,6 @@ class LabelStore(JournaledStore[Labels]):
             raise OutsideClipError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
         return at
 
-    def set_targets(self, names: Iterable[str]) -> None:
-        """Set the manifest's targets."""
-        self._targets = list(names)
-
     def uses(self, target: str) -> int:
         """Number of (frame, subject) pairs with this target, including suggestions and marks carried on."""
         return sum(mark is not None and mark.target == target for name in self.subjects for mark in self.track(name))
@@ -324,7 +315,7 @@ class LabelStore(JournaledStore[Labels]):
         if path is None:
             return Labels(())
         return read_annotations(
-            path, timeline=self._timeline, subjects=self._subjects, targets=self._targets, allow_gaps=True
+            path, timeline=self._timeline, subjects=self.subjects, targets=self.targets, allow_gaps=True
         )
 
     def write(self, path: Path, content: Labels) -> None:

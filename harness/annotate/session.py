@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ from harness.annotate import targets
 from harness.annotate.actions import Action, edited
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
 from harness.annotate.drawing_store import DrawingStore
+from harness.annotate.journal import StaleRevisionError
 from harness.annotate.label_store import LabelStore
 from harness.annotate.suggestions import Block, Predictions, advice
 from harness.annotate.targets import TargetChange, finish_change
@@ -142,26 +142,30 @@ class Session:
             can = {f"can_{kind}": self._next(kind) is not None for kind in ("undo", "redo")}
             return {**self._store.state(), **can}
 
-    @contextmanager
-    def once(self, request: str) -> Iterator[bool]:
-        """Whether a request was not applied yet, by its id; changes of the block are recorded under it."""
-        with self.changing, self._store.once(request) as is_new, self._drawing.once(request) as is_undrawn:
-            yield is_new and is_undrawn
+    def make_all(self, actions: Sequence[Action], revision: int, drawn: int) -> None:
+        """Make all actions that were not made before, on these revisions of labels and drawing.
 
-    def knows(self, request: str) -> bool:
-        """Whether a request was applied, by its id."""
-        return self._store.knows(request) or self._drawing.knows(request)
-
-    @property
-    def revisions(self) -> tuple[int, int]:
-        """The revisions of the labels and of the drawing."""
-        return self._store.revision, self._drawing.revision
-
-    def refresh(self) -> None:
-        """Read the files again if another program has changed them."""
+        Raises
+        ------
+        StaleRevisionError
+            If something else changed since the revisions; nothing is made.
+        """
+        stores = (self._store, self._drawing)
         with self.changing:
-            self._store.refresh()
-            self._drawing.refresh()
+            made = [at for at, each in enumerate(actions) if each.id and any(store.knows(each.id) for store in stores)]
+            rest = actions[made[-1] + 1 if made else 0 :]
+            if not made:  # else, the first of them had the right revision
+                for store in stores:
+                    store.refresh()
+                kinds = {each.kind for each in rest}
+                if kinds & {"draw", "undo", "redo"} and drawn != self._drawing.revision:
+                    raise StaleRevisionError
+                if kinds - {"draw", "seen"} and revision != self._store.revision:
+                    raise StaleRevisionError
+            for each in rest:
+                with self._store.once(each.id) as is_new, self._drawing.once(each.id) as is_undrawn:
+                    if is_new and is_undrawn:
+                        self.make(each)
 
     def make(self, action: Action) -> None:
         """Make a person's action on the present state.
@@ -345,8 +349,8 @@ class Session:
         if self._run:
             self._predictions = Predictions(self._run, self.manifest, self._configuration)
         left = [each for each in self._left_over if self._store.uses(each)]
-        self._store.set_targets((*self.manifest.targets, *left))
-        self._drawing.set_targets(self.manifest.targets)
+        self._store.targets = [*self.manifest.targets, *left]
+        self._drawing.targets = [*self.manifest.targets]
         with self._reading:
             self._views.use(self.manifest, self._predictions)
 
