@@ -48,7 +48,7 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option("--format", help="elan, boris, csv, idiap_vfoa, or a package's; with --drawn: cvat."),
+    typer.Option("--format", help="elan, csv, boris and idiap_vfoa (import only), a package's; cvat: --drawn."),
 ]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")

@@ -129,7 +129,7 @@ PARSERS: Sequence[Parser] = (
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
         for name, file_name in (("csv", "theirs.csv"), ("elan", "theirs.eaf"))
     ),
-    Parser("BORIS project", "theirs.boris", whole.exported("boris"), _labels("boris")),
+    Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("Idiap labels, table", "labels.csv", whole.idiap_table, states.idiap_labels),

@@ -67,6 +67,11 @@ CVAT_TRACKS = (
     '<box frame="5" keyframe="0" outside="1" xtl="3" ytl="2" xbr="11" ybr="8"/></track>'
     '<track id="1" label="cup"><points frame="2" keyframe="1" outside="0" points="7.5,8.5"/></track></annotations>'
 )
+BORIS_PROJECT = (
+    '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '
+    '"1": {"code": "nod", "type": "Point event"}}, "observations": {"talk": {"media_info": {"offset": {"1": 0.5}}, '
+    '"events": [[0.5, "girl", "bird", "", "shut", 2], [0.6, "girl", "nod", "", ""], [0.9, "girl", "bird", "", ""]]}}}'
+)
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
 STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"
@@ -96,8 +101,7 @@ def exported(name: str) -> Write:
 
 
 def boris_packed(path: Path) -> None:
-    exported("boris")(path.with_name("theirs.boris"))
-    path.write_bytes(gzip.compress(path.with_name("theirs.boris").read_bytes(), mtime=0))
+    path.write_bytes(gzip.compress(BORIS_PROJECT.encode(), mtime=0))
 
 
 def idiap_arrays(path: Path) -> None:

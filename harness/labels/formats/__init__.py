@@ -66,5 +66,5 @@ FORMATS = Registry(
     group="vfoa.annotation_formats",
 )
 
-SUFFIXES = {"boris": ".boris", "csv": ".csv", "elan": ".eaf"}
+SUFFIXES = {"csv": ".csv", "elan": ".eaf"}
 """Default suffix of a file in each format; formats of other distributions have none."""

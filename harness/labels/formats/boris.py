@@ -7,28 +7,25 @@ used).
 
 from __future__ import annotations
 
-import json
 import math
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.files.io import atomic_write, read_bytes
+from harness.files.io import read_bytes
 from harness.files.parsing import parse_json
-from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, left_out, one_line, to_spans
-from harness.labels.labels import Label, Labels
+from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, Span, from_spans, one_line
+from harness.labels.labels import Label
 from vfoa.errors import VfoaError, did_you_mean
 
 _GZIP = b"\x1f\x8b"
 _LARGEST_BYTES = 2**28
 _NO_FOCAL_SUBJECT = "No focal subject"
 """BORIS's name for the subject of events without one."""
-_DATE = "1970-01-01T00:00:00"
-"""The format needs dates; a constant one gives the same bytes for the same labels."""
 
 
-class Boris:
+class Boris(ReadOnly):
     """State events. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
@@ -54,51 +51,6 @@ class Boris:
         found = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
         return Imported(labels=found.labels, notes=(*found.notes, *said, *note))
 
-    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write a project with one observation, named like the file; image points are left out."""
-        events: list[tuple[int, int, list[Any]]] = []
-        last = 0
-        for start, end, row in to_spans(labels, exchange):
-            last = max(last, end)
-            for order, time, comment in ((1, start, row.label.note), (0, end, "")):  # at equal times, ends come first
-                events.append((time, order, [time / 1000, row.subject, row.label.target, "", comment, "NA"]))
-        targets = dict.fromkeys(row.label.target for row in labels.ranges)
-        observation = {
-            "file": [],
-            "type": "LIVE",
-            "date": _DATE,
-            "description": "",
-            "time offset": 0.0,
-            "events": [event for *_, event in sorted(events, key=lambda each: (each[0], each[1], each[2][1:3]))],
-            "observation time interval": [0, last / 1000],
-            "independent_variables": {},
-            "visualize_spectrogram": False,
-            "visualize_waveform": False,
-            "close_behaviors_between_videos": False,
-            "scan_sampling_time": 0,
-            "start_from_current_time": False,
-            "start_from_current_epoch_time": False,
-        }
-        project = {
-            "time_format": "hh:mm:ss",
-            "project_date": _DATE,
-            "project_name": _stem(path),
-            "project_description": "Written by vfoa. A behaviour is what the subject looks at.",
-            "project_format_version": "7.0",
-            "subjects_conf": {
-                str(place): {"key": "", "name": name, "description": ""} for place, name in enumerate(labels.subjects)
-            },
-            "behaviors_conf": {str(place): _behaviour(name) for place, name in enumerate(targets)},
-            "observations": {_stem(path): observation},
-            "behavioral_categories": [],
-            "independent_variables": {},
-            "coding_map": {},
-            "behaviors_coding_map": [],
-            "converters": {},
-        }
-        atomic_write(path, json.dumps(project, indent=1, ensure_ascii=False) + "\n")
-        return tuple(left_out(labels, "BORIS", notes=True))
-
 
 def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
     """Return the wanted observation, or the only one."""
@@ -110,15 +62,6 @@ def _choose_observation(names: Collection[str], wanted: str | None, path: Path) 
         listed = ", ".join(map(repr, names))
         raise VfoaError(f"{path}: found the observations {listed}; expected --observation NAME")
     return next(iter(names))
-
-
-def _behaviour(name: str) -> dict[str, str]:
-    said = {"type": "State event", "key": "", "code": name, "description": "looks at it", "color": "", "category": ""}
-    return {**said, "modifiers": "", "excluded": "", "coding map": ""}
-
-
-def _stem(path: Path) -> str:
-    return path.name.removesuffix(".gz").removesuffix(".boris")
 
 
 def _load(path: Path) -> dict[str, Any]:

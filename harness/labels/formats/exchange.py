@@ -6,6 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,14 @@ class Imported:
 
     labels: Labels
     notes: tuple[str, ...] = ()
+
+
+class ReadOnly:
+    """A format that cannot be written."""
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Raise :class:`VfoaError`."""
+        raise VfoaError(f"{path}: this format cannot be written; expected another --format")
 
 
 @dataclass(slots=True, kw_only=True)
@@ -273,14 +282,3 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
 def one_line(text: str | None) -> str:
     """Text for a note: each run of white space and line breaks becomes one space."""
     return " ".join((text or "").split())
-
-
-def left_out(labels: Labels, what: str, *, notes: bool = False, points: bool = False) -> list[str]:
-    """A note for each kind of content of these labels that a format cannot hold."""
-    found = [row.label for row in labels.ranges]
-    counts = {
-        "suggested labels stand in it as if a person had confirmed them": sum(each.is_suggested for each in found),
-        "notes are left out": 0 if notes else sum(bool(each.note) for each in found),
-        "image points are left out": 0 if points else sum(each.point_px is not None for each in found),
-    }
-    return [f"{what} cannot hold it: {count} {words}." for words, count in counts.items() if count]

@@ -17,8 +17,8 @@ import numpy as np
 from harness.files.io import read_bytes
 from harness.files.parsing import check_archive
 from harness.files.tables import read_rows
-from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.labels import NOWHERE, Label, Labels, ranges_of
+from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
+from harness.labels.labels import NOWHERE, Label, ranges_of
 from vfoa.errors import VfoaError, did_you_mean
 
 MEANINGS = ("unfocused", "robot", "other person")
@@ -29,8 +29,8 @@ _Found = tuple[int, str, str]
 """A frame, the upstream name of a person, and the target of that person."""
 
 
-class IdiapGroundTruth:
-    """Reads upstream's arrays, or the table; it cannot be written."""
+class IdiapGroundTruth(ReadOnly):
+    """Reads upstream's arrays, or the table."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels; the manifest must have the people, and the robot by this name."""
@@ -48,10 +48,6 @@ class IdiapGroundTruth:
                 raise VfoaError(f"{path}: frame {twice}: {subject!r} has two labels; expected one")
         rows = [row for subject, labels in tracks.items() for row in ranges_of(subject, labels)]
         return exchange.labels(rows, path)
-
-    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Raise an error: the format is read-only."""
-        raise VfoaError(f"{path}: this format cannot be written; expected another --format")
 
 
 def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:

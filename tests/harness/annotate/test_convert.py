@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +72,7 @@ def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
     assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
 
 
-@pytest.mark.parametrize("name", ["elan", "boris", "csv"])
+@pytest.mark.parametrize("name", ["elan", "csv"])
 @given(girl=st.lists(st.sampled_from(["bird", "cup", "none", None]), min_size=1, max_size=60).filter(any))
 def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: list[str | None]) -> None:
     run = write_run(tmp_path / "run", girl)
@@ -91,20 +90,6 @@ def test_pympi_reads_what_was_predicted(tmp_path: Path) -> None:
     assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 101, "cup")]
     assert [value for *_, value in document.get_annotation_data_for_tier("girl:state")] == ["suggested"] * 2
     assert document.get_annotation_data_for_tier("girl:note")[0][2] == "probability 0.75"
-
-
-def test_a_boris_project_is_whole(tmp_path: Path) -> None:
-    ((written, _),) = export_predictions(write_run(tmp_path, ["bird", "cup"]), "boris")
-    project = json.loads(written.read_text())
-    assert project["project_format_version"] == "7.0"
-    assert [each["code"] for each in project["behaviors_conf"].values()] == ["bird", "cup"]
-    (observation,) = project["observations"].values()
-    assert [event[:3] for event in observation["events"]] == [
-        [0.0, "girl", "bird"],
-        [0.033, "girl", "bird"],
-        [0.033, "girl", "cup"],
-        [0.066, "girl", "cup"],
-    ]
 
 
 def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["elan", "boris"])
+@pytest.mark.parametrize("name", ["elan", "csv"])
 def test_labels_go_out_and_come_back(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -59,7 +59,7 @@ def test_an_existing_file_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = write_text(folder / "mine.csv", "mine")
-    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "mine.csv", "--format", "boris")
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "mine.csv", "--format", "elan")
     assert (code, mine.read_text()) == (2, "mine")
     assert "exists already; expected --replace" in said
 

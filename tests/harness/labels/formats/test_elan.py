@@ -6,6 +6,7 @@ import pytest
 from pympi.Elan import Eaf
 
 from harness.labels.formats.elan import Elan
+from harness.labels.labels import Labels
 from tests.disk import write_text
 from tests.exchanges import PlainClip, exchange, row
 from vfoa.errors import VfoaError
@@ -154,3 +155,8 @@ def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) ->
     document.to_file(str(tmp_path / "a.eaf"))
     imported = Elan().read(tmp_path / "a.eaf", exchange())
     assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 5, "none"))
+
+
+def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
+        Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))

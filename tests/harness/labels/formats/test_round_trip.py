@@ -12,13 +12,6 @@ from harness.labels.formats import FORMATS, SUFFIXES
 from harness.labels.labels import Labels
 from tests.exchanges import FRAMES, PlainClip, exchange, labels_of
 
-HELD = {
-    "csv": {"notes": True, "points": True, "suggested": True},
-    "elan": {"notes": True, "points": True, "suggested": True},
-    "boris": {"notes": True, "points": False, "suggested": False},
-}
-"""The labels that formats of times can hold."""
-
 
 def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
     chosen = FORMATS.load(name)()
@@ -31,7 +24,7 @@ def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
     return imported.labels
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("name", SUFFIXES)
 @given(
     frames=FRAMES,
     rate=st.sampled_from([10.0, 24.0, 25.0, 29.97, 60.0, 120.0]),
@@ -51,5 +44,5 @@ def test_formats_of_times(
     data: st.DataObject,
 ) -> None:
     clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
-    labels = data.draw(labels_of(frames, **HELD[name]))
+    labels = data.draw(labels_of(frames, notes=True, points=True, suggested=True))
     assert _again(name, tmp_path / f"labels{SUFFIXES[name]}", labels, clip=clip, fps=fps, offset=offset) == labels
