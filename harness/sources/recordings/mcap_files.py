@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import re
 import struct
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
+from mcap.summary import Summary
 
 from harness.files.io import check_readable, unreadable
 from harness.sources.recordings.containers import Index, TopicIndex, Window, unpack
@@ -30,16 +31,11 @@ _RECORDS: dict[int, Any] = {
     Opcode.CHANNEL: Channel,
     Opcode.MESSAGE: Message,
     Opcode.CHUNK: Chunk,
-    Opcode.DATA_END: DataEnd,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.STATISTICS: Statistics,
 }
-PARSED = _RECORDS.keys()
-_SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 
 
 def parse_record(opcode: int, data: bytes) -> McapRecord:
-    """Parse a record of one of the :data:`PARSED` kinds; any exception means damage."""
+    """Parse a record of a kind that holds messages, or is needed to read them; any exception means damage."""
     stream = ReadDataStream(BytesIO(data))
     return Message.read(stream, len(data)) if opcode == Opcode.MESSAGE else _RECORDS[opcode].read(stream)
 
@@ -52,24 +48,9 @@ def parts_of(record: McapRecord) -> list[McapRecord]:
     return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
 
 
-def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
-    """First and last log time in the head of the chunk at the file's position; None if the file ends before."""
-    head = file.read(_SPAN.size) if opcode == Opcode.CHUNK else b""
-    if len(head) < _SPAN.size:
-        return None
-    first_ns, last_ns = _SPAN.unpack(head)
-    return first_ns, last_ns
-
-
 def first_line(error: Exception) -> str:
     """An error's text in one line; its kind if it has no text."""
     return (str(error) or type(error).__name__).splitlines()[0]
-
-
-_FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
-_MESSAGE = struct.Struct("<HIQ")  # channel, sequence and log time, the first fields of a message
-
-_BLOCK_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
@@ -87,25 +68,18 @@ class Walk:
 def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
     """Yield every readable message as (record's offset in the file, place in that record, message); fills ``walk``.
 
-    Holds one chunk at a time. A chunk with a wrong checksum is left out completely; messages outside chunks have one
-    checksum for all, if any, which only says that something is wrong. Attachments and metadata are skipped.
-    ``offsets``: read only the chunks at these offsets.
+    Holds one chunk at a time. A chunk with a wrong checksum is left out completely. Attachments and metadata are
+    skipped. ``offsets``: read only the chunks at these offsets.
 
     Raises
     ------
     VfoaError
         If the file cannot be opened or is not MCAP.
     """
-    recall_channels(path, walk)
-    is_chunked = True
+    if (summary := read_summary(path)) is not None:  # the chunk with the first channels may be lost
+        walk.schemas.update(summary.schemas)
+        walk.channels.update(summary.channels)
     for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
-        if isinstance(record, Statistics):
-            continue
-        if isinstance(record, DataEnd):
-            if not is_chunked and record.data_section_crc not in (0, _checksum(path, offset)):
-                walk.losses.append("the checksum of all data is wrong: it is unknown which messages are damaged")
-            continue
-        is_chunked = is_chunked and not isinstance(record, Message)
         try:
             parts = parts_of(record)
         except Exception as error:  # the decompressors' errors have no common base
@@ -122,21 +96,6 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
                 messages += 1
 
 
-def read_message(path: Path, offset: int, place: int) -> Message:
-    """Read one message again, from the record at this offset.
-
-    Raises
-    ------
-    VfoaError
-        If the file has changed since it was indexed.
-    """
-    try:
-        status = path.stat()
-        return _messages_at(path, offset, (status.st_size, status.st_mtime_ns))[place]
-    except Exception as error:
-        raise VfoaError(f"{path}: the record at byte {offset} can no longer be read: {first_line(error)}") from None
-
-
 @lru_cache(maxsize=2)
 def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Message, ...]:
     """The messages of one record; the last two chunks stay decompressed, since neighbours are read in turn."""
@@ -147,30 +106,26 @@ def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Me
     return tuple(part for part in parts if isinstance(part, Message))
 
 
-def summary(path: Path) -> list[McapRecord]:
-    """The records at the end of a file: schemas, channels, statistics, indexes of chunks; none in a truncated file."""
-    return [record for _, record in _records(path, Walk(), from_summary=True)]
+def read_summary(path: Path) -> Summary | None:
+    """Schemas, channels, statistics and the index of chunks at a file's end; None in a truncated file, or without."""
+    try:
+        check_readable(path)
+        with path.open("rb") as file:
+            return SeekingReader(file).get_summary()
+    except Exception:  # of the library, struct or the file: the records themselves tell what is wrong
+        return None
 
 
 def log_span_ns(path: Path) -> tuple[int, int] | None:
-    """First and last log time of a file: from its statistics, or else its records' heads; None without messages."""
-    for record in summary(path):
-        if isinstance(record, Statistics) and record.message_count:
-            return record.message_start_time, record.message_end_time
-    spans = list(_spans(path))
-    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+    """First and last log time of a file: from its statistics, or else its messages; None without messages."""
+    summary = read_summary(path)
+    if summary is not None and (statistics := summary.statistics) is not None and statistics.message_count:
+        return statistics.message_start_time, statistics.message_end_time
+    times_ns = [message.log_time for _, _, message in walk_messages(path, Walk())]
+    return (min(times_ns), max(times_ns)) if times_ns else None
 
 
-def recall_channels(path: Path, walk: Walk) -> None:
-    """Read schemas and channels from the summary, if there is one: the chunk with the first ones may be lost."""
-    for record in summary(path):
-        if isinstance(record, Schema):
-            walk.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            walk.channels[record.id] = record
-
-
-def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[tuple[int, McapRecord]]:
+def _records(path: Path, walk: Walk) -> Iterator[tuple[int, McapRecord]]:
     check_readable(path)
     try:
         size = path.stat().st_size
@@ -180,8 +135,6 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
     with file:
         if (magic := file.read(len(MAGIC))) != MAGIC:
             raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
-        if from_summary:
-            file.seek(_summary_start(file, size))
         while (head := file.read(HEAD.size)) and len(head) == HEAD.size:
             opcode, length = HEAD.unpack(head)
             offset = file.tell() - HEAD.size
@@ -193,7 +146,7 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
             if opcode == 0:  # no such record: zeros of the file system
                 walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
                 return
-            if opcode not in PARSED:
+            if opcode not in _RECORDS:
                 file.seek(length, 1)
                 continue
             try:
@@ -218,44 +171,6 @@ def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tupl
             yield offset, record
 
 
-def _spans(path: Path) -> Iterator[tuple[int, int]]:
-    """First and last log time of each whole chunk and message, from its first bytes."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        file.seek(len(MAGIC))
-        while len(head := file.read(HEAD.size)) == HEAD.size:
-            opcode, length = HEAD.unpack(head)
-            end = file.tell() + length
-            if end > size or opcode in (0, Opcode.FOOTER):
-                return
-            if (span := chunk_span_ns(opcode, file)) is not None:
-                yield span
-            elif opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-                log_time_ns = _MESSAGE.unpack(file.read(_MESSAGE.size))[2]
-                yield log_time_ns, log_time_ns
-            file.seek(end)
-
-
-def _checksum(path: Path, end: int) -> int:
-    """CRC-32 of a file's bytes before ``end``."""
-    crc = 0
-    with path.open("rb") as file:
-        while data := file.read(min(_BLOCK_BYTES, end - file.tell())):
-            crc = zlib.crc32(data, crc)
-    return crc
-
-
-def _summary_start(file: BinaryIO, size: int) -> int:
-    """The summary's offset from the footer; the end of the file if there is neither."""
-    file.seek(max(size - HEAD.size - _FOOTER.size - len(MAGIC), 0))
-    opcode, _ = HEAD.unpack(file.read(HEAD.size).ljust(HEAD.size, b"\0"))
-    tail = file.read()
-    if opcode != Opcode.FOOTER or len(tail) != _FOOTER.size + len(MAGIC) or not tail.endswith(MAGIC):
-        return size
-    summary_start = int(_FOOTER.unpack_from(tail)[0])
-    return summary_start if 0 < summary_start < size else size
-
-
 def message_type(channel: Channel, schema: Schema | None) -> MessageType:
     """Return the type of a channel's messages; a channel may have no schema."""
     name = "no schema" if schema is None else schema.name
@@ -265,27 +180,6 @@ def message_type(channel: Channel, schema: Schema | None) -> MessageType:
         name=ros_name(name) if channel.message_encoding == "ros1" else name,
         schema=b"" if schema is None else schema.data,
     )
-
-
-def chunks_in(path: Path, window: Window, once: set[int]) -> list[int] | None:
-    """Return the offsets of the chunks to read for a window, by the file's index; None if the file has none.
-
-    Beside those of the window: for each channel of ``once``, the last chunk before the window with one of its messages,
-    since a camera may send its calibration once.
-    """
-    chunks = sorted(
-        (each for each in summary(path) if isinstance(each, ChunkIndex)), key=lambda each: each.chunk_start_offset
-    )
-    if not chunks or not all(each.message_index_offsets for each in chunks):
-        return None
-    wanted = {
-        each.chunk_start_offset for each in chunks if window.overlaps(each.message_start_time, each.message_end_time)
-    }
-    for channel in once:
-        holding = [each for each in chunks if channel in each.message_index_offsets]
-        before = [each for each in holding if each.message_start_time < window.start_ns]
-        wanted.update(each.chunk_start_offset for each in (before[-1:] or holding[:1]))
-    return sorted(wanted)
 
 
 class McapContainer:
@@ -315,7 +209,13 @@ class McapContainer:
 
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message of the record at this offset."""
-        return read_message(self.files[place.file], place.offset, place.place).data
+        path = self.files[place.file]
+        try:
+            status = path.stat()
+            return _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place].data
+        except Exception as error:
+            said = f"the record at byte {place.offset} can no longer be read: {first_line(error)}"
+            raise VfoaError(f"{path}: {said}") from None
 
 
 def files_in(folder: Path) -> tuple[Path, ...]:
@@ -336,14 +236,28 @@ def _index_file(number: int, path: Path, topics: TopicIndex, window: Window | No
 
 
 def _chunks(path: Path, window: Window) -> list[int] | None:
-    """Offsets of the chunks to read for a window. None: all, since decoding a video begins before the window."""
-    walk = Walk()
-    recall_channels(path, walk)
-    types = {number: message_type(each, walk.schemas.get(each.schema_id)) for number, each in walk.channels.items()}
-    if any(each.kind == "video" for each in types.values()):
+    """Offsets of the chunks to read for a window, by the file's index.
+
+    Beside those of the window: for each channel of calibrations and poses, the last chunk before the window with one of
+    its messages, since a camera may send its calibration once. None: all, if there is no index, or if decoding a video
+    begins before the window.
+    """
+    summary = read_summary(path)
+    if summary is None or not summary.chunk_indexes:
         return None
-    once = {number for number, each in types.items() if each.kind in ("calibration", "transforms", "extrinsics")}
-    return chunks_in(path, window, once)
+    chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
+    channels = summary.channels.values()
+    kinds = {each.id: message_type(each, summary.schemas.get(each.schema_id)).kind for each in channels}
+    if "video" in kinds.values() or not all(each.message_index_offsets for each in chunks):
+        return None
+    wanted = {
+        each.chunk_start_offset for each in chunks if window.overlaps(each.message_start_time, each.message_end_time)
+    }
+    for channel in (number for number, kind in kinds.items() if kind in ("calibration", "transforms", "extrinsics")):
+        holding = [each for each in chunks if channel in each.message_index_offsets]
+        before = [each for each in holding if each.message_start_time < window.start_ns]
+        wanted.update(each.chunk_start_offset for each in (before[-1:] or holding[:1]))
+    return sorted(wanted)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
