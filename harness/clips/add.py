@@ -56,19 +56,15 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     distinct = [each for place, each in enumerate(filled) if each not in filled[:place]]
     if len(distinct) != 1:
         raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
-    if distinct[0].found.calibration is None:
-        raise VfoaError(f"{path}: {_without_calibration(distinct[0].found)}")
+    found = distinct[0].found
+    if found.calibration is None:
+        missing = "; ".join(found.incomplete) or (
+            "no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the manifest: "
+            "calibration = in [source]), or --fx --cx --cy, and --baseline of a rectified pair, in pixels and metres "
+            "(the table [source.camera])"
+        )
+        raise VfoaError(f"{path}: {found.layout}; {missing}")
     return distinct[0]
-
-
-def _without_calibration(found: Recognised) -> str:
-    if found.incomplete:
-        return f"{found.layout}; {'; '.join(found.incomplete)}"
-    return (
-        f"{found.layout}; no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the "
-        "manifest: calibration = in [source]), or --fx --cx --cy, and --baseline of a rectified pair, in pixels and "
-        "metres (the table [source.camera])"
-    )
 
 
 def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list[Reading]:
@@ -223,7 +219,11 @@ def add_clip(
     if isinstance(clip, MeasuredClip):
         if subjects or targets:
             raise VfoaError(f"{path}: --subject, --target: expected none: the measurements name all people and objects")
-        text = _manifest_text(name, chosen, found, *_of_source(clip))
+        own = [
+            {each: {"category": clip.categories[each], "instance": number} for each, number in ids.items()}
+            for ids in (clip.people, clip.objects)
+        ]
+        text = _manifest_text(name, chosen, found, *own)
         manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     added = Added(
         name=name,
@@ -282,15 +282,6 @@ def _from_left(names: Names) -> Rules:
         if categories.count(category) > 1:
             rules[name]["from_left"] = 1 + categories[:position].count(category)
     return rules
-
-
-def _of_source(clip: MeasuredClip) -> tuple[Rules, Rules]:
-    """The rules of the people and of the objects that a measured clip names itself."""
-    subjects, targets = (
-        {name: {"category": clip.categories[name], "instance": number} for name, number in ids.items()}
-        for ids in (clip.people, clip.objects)
-    )
-    return subjects, targets
 
 
 def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Rules, targets: Rules) -> str:

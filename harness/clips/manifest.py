@@ -80,14 +80,13 @@ class ClipManifest(Settings):
         for name, rule in (*self.targets.items(), *self.subjects.items()):
             if rule.key is not None and keys.setdefault(rule.key, name) != name:
                 raise ValueError(f"{name}: key: {rule.key!r} is the key of {keys[rule.key]!r}; expected another one")
-        shared = [(rule.category, name) for name, rule in self.targets.items() if rule.is_shared]
-        for position, (category, name) in enumerate(shared):
-            for earlier, other in shared[:position]:
-                if earlier == category:
-                    raise ValueError(
-                        f"targets.{name}: every {category!r} is {other!r} already; "
-                        "expected instance, from_left, at_px or box_px"
-                    )
+        shared: dict[str, str] = {}
+        for name, rule in self.targets.items():
+            if rule.is_shared and (other := shared.setdefault(rule.category, name)) != name:
+                raise ValueError(
+                    f"targets.{name}: every {rule.category!r} is {other!r} already; "
+                    "expected instance, from_left, at_px or box_px"
+                )
         return self
 
     @property

@@ -175,26 +175,15 @@ def _stamp(capture: Any) -> int:
     return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
 
 
-def opencv_name(name: str) -> str:
-    """Check a name for ``cv2.VideoCapture``, which ends the process for a name that is not Unicode.
-
-    Raises
-    ------
-    VfoaError
-        If it is not.
-    """
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        raise VfoaError(f"{name}: its name is not UTF-8, which FFmpeg cannot open; rename it") from None
-    return name
-
-
 def _open(path: Path, packets: bool = False) -> Any:
     """Open a capture; ``packets``: it returns packets undecoded. A rotation noted in the file is not applied."""
     if not path.is_file():
         raise VfoaError(f"{path}: no such file")
-    name = opencv_name(str(path))
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:  # OpenCV ends the process then
+        raise VfoaError(f"{name}: its name is not UTF-8, which FFmpeg cannot open; rename it") from None
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1] if packets else [])

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, Transform, without_distortion
-from harness.sources.recordings.containers import Messages
+from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import MessageType, camera, fields_of, reading
 from harness.sources.recordings.topics import (
     RecordingSettings,
@@ -48,11 +48,13 @@ class PairCameras:
         If there is no calibration, or it cannot be read.
     """
 
+    notes: tuple[str, ...] = ()
+
     def __init__(
         self,
         topics: Collection[Topic],
         streams: Streams,
-        container: Messages,
+        container: Container,
         settings: RecordingSettings,
         folder: Path,
         size: ImageSize,
@@ -60,7 +62,7 @@ class PairCameras:
     ) -> None:
         assert streams.right is not None
         pair = streams.left, streams.right
-        self._container, self._where = container, where
+        self._streams, self._container, self._where = streams, container, where
         self._rectified = are_rectified(pair) if settings.rectified is None else settings.rectified
         self._topics: tuple[Topic, ...] = ()
         self._latest: tuple[bytes, Rectifier] | None = None
@@ -73,7 +75,33 @@ class PairCameras:
             infos = settings.left_info, settings.right_info
             self._topics = tuple(find_camera(topics, *each, where) for each in zip(pair, infos, strict=True))
 
-    def at(self, left_ns: int, right_ns: int) -> Rectifier:
+    def frame(
+        self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
+    ) -> StereoFrame:
+        """Return a frame of the images and the depth in the messages, rectified; the stamps are those of both images.
+
+        Raises
+        ------
+        VfoaError
+            If the sizes differ from each other or from those of the calibrations, or a calibration cannot be read.
+        """
+        assert right is not None
+        if left.shape != right.shape:
+            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
+        found, depth = self._at(*stamps_ns), self._streams.depth
+        if depth is not None and depth_m is not None:
+            if depth_m.shape != left.shape[:2]:
+                raise VfoaError(f"{depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
+            if not found.keeps_left:
+                raise VfoaError(
+                    f"{depth.name} belongs to {self._streams.left.name} before rectification, which rotates it; "
+                    "expected rectified images with depth"
+                )
+        left, right = found.rectify(left, right)
+        rig = found.calibration.rig(left.shape[1], left.shape[0])
+        return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)
+
+    def _at(self, left_ns: int, right_ns: int) -> Rectifier:
         """Return the rectifier at the time of the two images; maps are computed only if the calibration has changed."""
         if self._topics:
             left, right = (
@@ -88,7 +116,7 @@ class PairCameras:
         return self._latest[1]
 
 
-def camera_at(topic: Topic, stamp_ns: int, container: Messages, where: str) -> RawCamera:
+def camera_at(topic: Topic, stamp_ns: int, container: Container, where: str) -> RawCamera:
     """A camera's last calibration before a time, or its first one if all came later."""
     after = bisect.bisect_right(topic.places, stamp_ns, key=lambda place: place.stamp_ns)
     if not topic.places:
@@ -105,7 +133,7 @@ Edges = dict[tuple[str, str], Transform]
 
 
 def find_transform(
-    topics: Iterable[Topic], container: Messages, target: str, source: str, where: str
+    topics: Iterable[Topic], container: Container, target: str, source: str, where: str
 ) -> Transform | None:
     """From frame ``source`` to frame ``target`` by the recording's transforms; None if no chain connects them."""
     edges: Edges = {}
@@ -116,7 +144,7 @@ def find_transform(
     return _chain(edges, target, source)
 
 
-def find_extrinsics(topics: Iterable[Topic], container: Messages, where: str) -> Transform | None:
+def find_extrinsics(topics: Iterable[Topic], container: Container, where: str) -> Transform | None:
     """The pose colour_from_depth sent by RealSense's driver (``.../extrinsics/depth_to_color``); None if there is none.
 
     ``realsense2_camera_msgs/Extrinsics``: the rotation is by columns, as in librealsense's rs2_extrinsics.
@@ -192,7 +220,7 @@ class DepthCamera:
         self,
         topics: Collection[Topic],
         streams: Streams,
-        container: Messages,
+        container: Container,
         settings: RecordingSettings,
         where: str,
     ) -> None:
@@ -220,8 +248,12 @@ class DepthCamera:
             "calibrations and extrinsics, and unknown where the depth camera does not see what the colour camera does",
         )
 
-    def view(self, colour: Image, depth_m: Map, stamp_ns: int) -> tuple[Image, Map, StereoRig]:
-        """Return the colour image and the depth (H, W) in it, both without distortion, and their rig."""
+    def frame(
+        self, number: int, stamps_ns: tuple[int, int], colour: Image, right: Image | None, depth_m: Map | None
+    ) -> StereoFrame:
+        """Return the colour image with the depth in it, both without distortion, as :meth:`PairCameras.frame`."""
+        assert depth_m is not None
+        stamp_ns = stamps_ns[0]
         optics = self._optics_of(self._camera(self._colour, stamp_ns, (colour.shape[1], colour.shape[0])))
         if self._colour_from_depth is not None:
             depth = self._registered(depth_m, stamp_ns, optics.rig)
@@ -233,7 +265,8 @@ class DepthCamera:
             )
         else:
             depth = self._aligned(depth_m, stamp_ns, optics.rig)
-        return optics.image(colour), depth, optics.rig
+        image = optics.image(colour)
+        return StereoFrame(index=number, time_ns=stamp_ns, left=image, depth_m=depth, rig=optics.rig)
 
     def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:
         """The calibration topic of an image, or of the other image if they are aligned; None if numbers are given."""
@@ -311,60 +344,3 @@ class DepthCamera:
         if self._registration is None or self._registration[0] != key:
             self._registration = key, DepthRegistration(source, target, self._colour_from_depth)
         return np.ascontiguousarray(self._registration[1].register(depth_m))
-
-
-class RecordedOptics:
-    """The calibrations of a recording's cameras, by which its images become frames; parameters as of PairCameras."""
-
-    def __init__(
-        self,
-        topics: Collection[Topic],
-        streams: Streams,
-        container: Messages,
-        settings: RecordingSettings,
-        folder: Path,
-        size: ImageSize,
-        where: str,
-    ) -> None:
-        self._streams = streams
-        self._pair = self._single = None
-        if streams.right is None:
-            self._single = DepthCamera(topics, streams, container, settings, where)
-        else:
-            self._pair = PairCameras(topics, streams, container, settings, folder, size, where)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """As of :class:`DepthCamera`; none for a pair."""
-        return () if self._single is None else self._single.notes
-
-    def frame(
-        self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
-    ) -> StereoFrame:
-        """Return a frame of the images and the depth in the messages, rectified; the stamps are those of both images.
-
-        Raises
-        ------
-        VfoaError
-            If the sizes differ from each other or from those of the calibrations, or a calibration cannot be read.
-        """
-        if self._single is not None:
-            assert depth_m is not None
-            left, depth_m, rig = self._single.view(left, depth_m, stamps_ns[0])
-            return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, depth_m=depth_m, rig=rig)
-        assert self._pair is not None
-        assert right is not None
-        if left.shape != right.shape:
-            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
-        found = self._pair.at(*stamps_ns)
-        if depth_m is not None and self._streams.depth is not None:
-            if depth_m.shape != left.shape[:2]:
-                raise VfoaError(f"{self._streams.depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
-            if not found.keeps_left:
-                raise VfoaError(
-                    f"{self._streams.depth.name} belongs to {self._streams.left.name} before rectification, which "
-                    "rotates it; expected rectified images with depth"
-                )
-        left, right = found.rectify(left, right)
-        rig = found.calibration.rig(left.shape[1], left.shape[0])
-        return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)

@@ -167,21 +167,7 @@ class TopicIndex:
         return self.topics
 
 
-class Messages(Protocol):
-    """Returns messages by their places."""
-
-    def read(self, topic: Topic, place: Place) -> bytes:
-        """Read one message again.
-
-        Raises
-        ------
-        VfoaError
-            If the file has changed since it was indexed.
-        """
-        ...
-
-
-class Container(Messages, Protocol):
+class Container(Protocol):
     """One recording of one or several files. It holds no messages, and can be pickled to another process."""
 
     @property
@@ -200,5 +186,15 @@ class Container(Messages, Protocol):
         ------
         VfoaError
             If a file is not of this format, or a camera's message cannot be decoded.
+        """
+        ...
+
+    def read(self, topic: Topic, place: Place) -> bytes:
+        """Read one message again.
+
+        Raises
+        ------
+        VfoaError
+            If the file has changed since it was indexed.
         """
         ...

@@ -97,17 +97,11 @@ class VideoDecoder:
         self._lock = Lock()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "topic": self._topic,
-            "read": self._read,
-            "where": self._where,
-            "number": self._number,
-            "keys": self._keys,
-        }
+        return {name: self.__dict__[name] for name in ("_topic", "_read", "_where", "_number", "_keys")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._topic, self._read, self._where = state["topic"], state["read"], state["where"]
-        self._number, self._keys, self._lock = state["number"], state["keys"], Lock()
+        self.__dict__.update(state)
+        self._lock = Lock()
         self._reset()
 
     def image(self, place: Place) -> Image:
