@@ -21,6 +21,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.studio.store import cache_folder
 from tests.repository import REPOSITORY
 
 OWN_TEST = ("label-fit-run", "real-person")
@@ -34,6 +35,10 @@ SERVING = ("--serve", "--web", "annotate")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A folder in which ``make demo`` has run, and what it printed at 80 columns."""
     folder = tmp_path_factory.mktemp("tutorial")
+    rendered = cache_folder("any").parent  # rendering takes longer than the runs: frames of other tests are used
+    rendered.mkdir(parents=True, exist_ok=True)
+    (folder / "cache").mkdir()
+    (folder / "cache" / "studio").symlink_to(rendered)
     return folder, _vfoa(["demo"], folder, folder / "cache", columns=80)
 
 
