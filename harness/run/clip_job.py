@@ -26,14 +26,11 @@ from vfoa.gaze.temporal import WindowStart
 class ClipJob:
     """A clip under some configurations. It is pickled, so it holds only settings, paths and factories.
 
-    ``run_id`` is the random id of the run, for its recordings.
-
-    Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``digest``
-    is that of the clip's content, of which every frame must be read (None: not checked), and ``known`` are digests by
-    the stamp of their files. ``cache`` is None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are
-    the numbers of frames that one thread reads and another one perceives in advance; 0 for no thread.
-    ``keeps``: frames cannot be read again, so the frames finished before an
-    error are the complete result.
+    ``run_id`` is the random id of the run, for its recordings. Finished frames go to the ``sinks`` in their order.
+    ``drawn`` holds the shapes drawn on the clip. ``digest`` is that of the clip's content, of which every frame must be
+    read (None: not checked), and ``known`` are digests by the stamp of their files. ``cache`` is None if no output of a
+    stage is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread reads and another
+    one perceives in advance; 0 for no thread.
     """
 
     manifest: ClipManifest
@@ -49,7 +46,6 @@ class ClipJob:
     cache: ClipCache | None = None
     read_ahead: int = 0
     perceive_ahead: int = 0
-    keeps: bool = False
 
     @property
     def sink_names(self) -> list[str]:

@@ -77,9 +77,8 @@ class ResumableSink(FrameSink, Protocol):
 class SinkContext:
     """Context of a sink: one configuration on one clip.
 
-    ``labels`` is None for a clip without labels. ``run_id`` is the run's, also on another computer.
-    A ``rehearsal`` is one frame into a temporary directory, before a live
-    run. ``resumed`` is the state to continue from: files are cut to it, and the frames after it follow.
+    ``labels`` is None for a clip without labels. ``run_id`` is the run's, also on another computer. ``resumed`` is the
+    state to continue from: files are cut to it, and the frames after it follow.
     """
 
     manifest: ClipManifest
@@ -88,7 +87,6 @@ class SinkContext:
     rate_hz: float | None
     directory: RunDirectory
     run_id: str
-    rehearsal: bool = False
     resumed: SinkState | None = None
 
     @property

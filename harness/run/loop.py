@@ -1,7 +1,7 @@
 """The only loop over frames: read, perceive, reconstruct, attend for each configuration, hand to the sinks.
 
-Batch runs and live runs use it; they differ in where frame numbers come from and in their sinks. Each frame
-is read once and each distinct stage runs once. A configuration that fails is dropped, and the others continue.
+Each frame is read once and each distinct stage runs once. A configuration that fails is dropped, and the others
+continue.
 """
 
 from __future__ import annotations
@@ -99,19 +99,16 @@ def attend_to(
     progress: Progress,
     *,
     measurer: Measurer | None = None,
-    rehearsal: bool = False,
     resumed: Mapping[str, Checkpoint] | None = None,
 ) -> list[ConfigurationRunner]:
     """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
-    Checkpoints are written from time to time, unless the source cannot be read again. ``resumed`` holds the states that
-    configurations continue from, by name. Returns one runner per configuration of the job, in order, each finished,
-    with its error.
+    Checkpoints are written from time to time. ``resumed`` holds the states that configurations continue from, by name.
+    Returns one runner per configuration of the job, in order, each finished, with its error.
     """
     begun = resumed or {}
     runners = [
-        ConfigurationRunner(job, each, rate_hz, measurer, rehearsal=rehearsal, resumed=begun.get(each.name))
-        for each in job.configurations
+        ConfigurationRunner(job, each, rate_hz, measurer, resumed=begun.get(each.name)) for each in job.configurations
     ]
     began_s = written_s = time.monotonic()
     with closing(frames), ExitStack() as sinks:
@@ -121,7 +118,7 @@ def attend_to(
             while any(each.error is None for each in runners) and (frame := next(frames, None)):
                 for runner in runners:
                     runner.attend(frame)
-                if not job.keeps and time.monotonic() - written_s >= pause_s(written_s - began_s):
+                if time.monotonic() - written_s >= pause_s(written_s - began_s):
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)
@@ -196,7 +193,6 @@ class ConfigurationRunner:
         rate_hz: float | None,
         measurer: Measurer | None,
         *,
-        rehearsal: bool = False,
         resumed: Checkpoint | None = None,
     ) -> None:
         self.error: VfoaError | None = None
@@ -212,7 +208,6 @@ class ConfigurationRunner:
             rate_hz=rate_hz,
             directory=job.directory,
             run_id=job.run_id,
-            rehearsal=rehearsal,
         )
         self._memory, self._names = (resumed.memory, resumed.names) if resumed else (Memory(), SubjectNames())
         self._smoothing: SmoothingBuffer[_Companion] = SmoothingBuffer(configuration.attend)
@@ -246,8 +241,7 @@ class ConfigurationRunner:
         """End this configuration. Its sinks are closed; their files stay, so that a later run can continue them."""
         if self.error is None:
             self.error = error
-            complete = self._job.keeps and self.written > 0
-            self._open_sinks.__exit__(*((None,) * 3 if complete else (type(error), error, error.__traceback__)))
+            self._open_sinks.__exit__(type(error), error, error.__traceback__)
             self._open_sinks = ExitStack()
 
     def attend(self, shared: SharedFrame) -> None:

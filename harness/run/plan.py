@@ -95,7 +95,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         )
     notes = (
         *_notes_on_names(clips, experiment.configurations),
-        *(note_on_drawn(one.manifest.name, one.drawn) for one in clips if one.drawn is not None),
+        *(_note_on_drawn(one.manifest.name, one.drawn) for one in clips if one.drawn),
         *_notes_on_near(clips, experiment.configurations),
     )
     noted = replace(experiment, notes=(*experiment.notes, *notes))
@@ -110,8 +110,8 @@ def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> Prepa
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels, drawn=drawn)
 
 
-def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: Experiment) -> DrawnClip | None:
-    """The drawing of a clip with these frames, if a configuration uses it; None for a source that is no clip.
+def drawn_on(manifest: ClipManifest, frames: Sequence[int], experiment: Experiment) -> DrawnClip | None:
+    """The drawing of a clip with these frames, if a configuration uses it.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: E
     """
     if not any(each.uses_drawn for each in experiment.configurations):
         return None
-    drawn = None if frames is None else manifest.drawn(frames)
+    drawn = manifest.drawn(frames)
     for each in experiment.configurations:
         check_drawn(manifest.name, drawn, each)
     return DrawnClip.of(manifest, drawn) if drawn else None
@@ -139,7 +139,7 @@ def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Conf
             )
 
 
-def note_on_drawn(clip: str, drawn: DrawnClip) -> str:
+def _note_on_drawn(clip: str, drawn: DrawnClip) -> str:
     """A line that lists what is drawn on a clip, and the number of key frames."""
     keys = sum(len(each.keys) for each in drawn.drawn.tracks)
     return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."

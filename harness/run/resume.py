@@ -16,8 +16,8 @@ from __future__ import annotations
 import sys
 import time
 import zlib
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -178,30 +178,47 @@ LOCK_SECONDS = 10.0
 """Seconds that the last writer of a file may take to end before it counts as another run."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reached:
-    """The part of partial results that a run reuses unread: number of frames, and bytes of results and timings."""
-
-    frames: int = 0
-    results: int = 0
-    timings: int = 0
-
-
 class PartialResults:
-    """Two open files: results and timings. ``kept`` frames were written by an earlier run that was interrupted.
+    """Results and timings of one (clip, configuration): two files that are open in a ``with`` block.
 
-    ``reached`` of them are not computed again.
+    Parameters
+    ----------
+    results, timings
+        The files; those of an interrupted run are continued.
+    frames
+        Frames of that run that are not computed again. The others are compared with what it has written.
+    results_bytes, timings_bytes
+        The extent of these frames in the files.
     """
 
-    def __init__(self, results: BinaryIO, timings: BinaryIO, kept: int, reached: Reached) -> None:
-        self._results, self._timings = results, timings
-        self._kept, self._frames = kept, reached.frames
+    def __init__(
+        self, results: Path, timings: Path, *, frames: int = 0, results_bytes: int = 0, timings_bytes: int = 0
+    ) -> None:
+        self._paths, self._frames, self._kept = (results, timings), frames, frames
+        self._starts = results_bytes, timings_bytes
+        self._files = ExitStack()
 
-    def reached(self) -> Reached | None:
-        """The extent of the files; None while kept frames are being compared."""
-        if not self.goes_on:
-            return None
-        return Reached(frames=self._frames, results=self._results.tell(), timings=self._timings.tell())
+    def __enter__(self) -> Self:
+        """Open the files; a :class:`VfoaError` says that another process is writing them."""
+        self._paths[0].parent.mkdir(parents=True, exist_ok=True)
+        self._results = self._files.enter_context(open(self._paths[0], "a+b"))
+        self._timings = self._files.enter_context(open(self._paths[1], "a+b"))
+        try:
+            _lock(self._results, self._paths[0])
+        except VfoaError:
+            self._files.close()
+            raise
+        more = _cut_results(self._results, self._starts[0])
+        _cut_timings(self._timings, more, self._starts[1])
+        self._kept += more
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._files.close()
+
+    def reached(self) -> tuple[int, int, int] | None:
+        """The frames so far, and the bytes of results and timings; None while kept frames are being compared."""
+        return (self._frames, self._results.tell(), self._timings.tell()) if self.goes_on else None
 
     @property
     def goes_on(self) -> bool:
@@ -227,23 +244,6 @@ class PartialResults:
                 "found another result; remove the file to begin anew"
             )
         self._frames += 1
-
-
-@contextmanager
-def open_partial_results(results: Path, timings: Path, reached: Reached = Reached()) -> Iterator[PartialResults]:
-    """Open partial results to continue them after the ``reached`` frames, or begin new ones.
-
-    Raises
-    ------
-    VfoaError
-        If another process is writing them.
-    """
-    results.parent.mkdir(parents=True, exist_ok=True)
-    with open(results, "a+b") as kept_results, open(timings, "a+b") as kept_timings:
-        _lock(kept_results, results)
-        more = _cut_results(kept_results, reached.results)
-        _cut_timings(kept_timings, more, reached.timings)
-        yield PartialResults(kept_results, kept_timings, reached.frames + more, reached)
 
 
 def _cut_results(file: BinaryIO, start: int) -> int:
@@ -292,51 +292,33 @@ def _lock(file: BinaryIO, path: Path) -> None:
             time.sleep(0.1)
 
 
-@contextmanager
-def partial_results(directory: RunDirectory, pair: Pair, reached: Reached = Reached()) -> Iterator[PartialResults]:
-    """Open the partial results of a (clip, configuration), interrupted or new; mark them finished at the end."""
-    places = [directory.partial(pair, "jsonl"), directory.partial(pair, "csv")]
-    drafts = _drafts(directory, pair)
-    with open_partial_results(*drafts, reached) as partial:
-        yield partial
-        # the timings first: the results' file is the one that marks the end
-        drafts[1].replace(places[1])
-        drafts[0].replace(places[0])
-
-
-def _drafts(directory: RunDirectory, pair: Pair) -> tuple[Path, Path]:
-    return directory.partial(pair, "jsonl.partial"), directory.partial(pair, "csv.partial")
-
-
 class ResultsSink:
-    """Writes records and timings into the partial results of one (clip, configuration)."""
+    """Writes records and timings into the partial results of one (clip, configuration), and marks them finished."""
 
     def __init__(self, directory: RunDirectory, pair: Pair, resumed: SinkState | None = None) -> None:
-        self._directory, self._pair, self._resumed = directory, pair, resumed
-        self._names = [path.relative_to(directory.path).as_posix() for path in _drafts(directory, pair)]
-        self._files = ExitStack()
-        self._partial: PartialResults
+        self._drafts = directory.partial(pair, "jsonl.partial"), directory.partial(pair, "csv.partial")
+        self._names = [path.relative_to(directory.path).as_posix() for path in self._drafts]
+        results, timings = (resumed.files[name] if resumed else 0 for name in self._names)
+        frames = resumed.values["frames"] if resumed else 0
+        self._partial = PartialResults(*self._drafts, frames=frames, results_bytes=results, timings_bytes=timings)
 
     def __enter__(self) -> Self:
-        reached = Reached()
-        if self._resumed:
-            results, timings = (self._resumed.files[name] for name in self._names)
-            reached = Reached(frames=self._resumed.values["frames"], results=results, timings=timings)
-        self._partial = self._files.enter_context(partial_results(self._directory, self._pair, reached))
+        self._partial.__enter__()
         return self
-
-    def state(self) -> SinkState | None:
-        """The extent of the files; None while kept frames are being compared."""
-        reached = self._partial.reached()
-        if reached is None:
-            return None
-        sizes = dict(zip(self._names, (reached.results, reached.timings), strict=True))
-        return SinkState(files=sizes, values={"frames": reached.frames})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._files.__exit__(kind, error, trace)
+        for draft in reversed(self._drafts) if kind is None else ():  # the results' file marks the end, so it is last
+            draft.replace(draft.with_suffix(""))
+        self._partial.__exit__()
+
+    def state(self) -> SinkState | None:
+        """The extent of the files; None while kept frames are being compared."""
+        if (reached := self._partial.reached()) is None:
+            return None
+        frames, *sizes = reached
+        return SinkState(files=dict(zip(self._names, sizes, strict=True)), values={"frames": frames})
 
     def write(self, frame: FinishedFrame) -> None:
         """Write one frame. Raises the errors of :meth:`PartialResults.write`."""

@@ -16,9 +16,8 @@ from harness.pipeline.cache_store import Store
 from harness.remote import forget_copies
 from harness.run.directory import RunDirectory, differences, locked, new_run_id
 from harness.run.executors import Progress
-from harness.run.experiment import Experiment
 from harness.run.jobs import Done, executor, run_jobs, skip
-from harness.run.plan import Plan, PreparedClip, describe, host, prepare, source_commit
+from harness.run.plan import Plan, describe, host, prepare, source_commit
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
@@ -84,7 +83,7 @@ def run_plan(
         earlier = {} if directory.is_new() else directory.read_manifest()
         for failure in earlier.get("failed", ()):  # a repaired input may give another result
             directory.discard((failure["clip"], failure["configuration"]))
-        started = now()
+        started = _now()
         of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
         directory.write_manifest(of_run)
         write_value(directory.noted_inputs, digests)
@@ -150,7 +149,21 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: D
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join(finished)
-    directory.write_manifest({**of_run, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)})
+    labels = {one.manifest.name: one.manifest.annotations.find(plan.experiment.annotator) for one in plan.clips}
+    directory.write_manifest(
+        {
+            **of_run,
+            "failed": failed,
+            "cache": done.account.rows(),
+            "labels_sha256": {
+                name: digest_files([("labels", path)]) if path else None for name, path in labels.items()
+            },
+            "commit": source_commit(),
+            "host": host(),
+            "started": started,
+            "finished": _now(),
+        }
+    )
     if not failed:
         directory.remove_partial()
 
@@ -178,22 +191,6 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunD
     raise AssertionError("counting has no end")
 
 
-def circumstances(plan: Plan, started: str) -> dict[str, Any]:
-    """Facts about a finished run that are not part of its identity."""
-    return {
-        "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
-        "commit": source_commit(),
-        "host": host(),
-        "started": started,
-        "finished": now(),
-    }
-
-
-def _labels_digest(one: PreparedClip, experiment: Experiment) -> str | None:
-    labels = one.manifest.annotations.find(experiment.annotator)
-    return digest_files([("labels", labels)]) if labels else None
-
-
-def now() -> str:
+def _now() -> str:
     """The current time, in the manifest's format."""
     return datetime.now(UTC).isoformat(timespec="seconds")

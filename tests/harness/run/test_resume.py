@@ -20,7 +20,7 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.resume import open_partial_results
+from harness.run.resume import PartialResults
 from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
@@ -123,12 +123,12 @@ def test_a_killed_run_goes_on_to_the_same_tables(
 
 def test_what_a_kill_cut_off_is_dropped_and_the_rest_is_kept(tmp_path: Path) -> None:
     results, timings = tmp_path / "a.jsonl", tmp_path / "a.csv"
-    with open_partial_results(results, timings) as part:
+    with PartialResults(results, timings) as part:
         for frame in (1, 2, 3):
             part.write(f"line {frame}\n", {"stereo": frame, "gaze": frame}, f"clip,conf,{frame}")
     kept = timings.read_text()
     results.write_text("line 1\nline 2\nli")
-    with open_partial_results(results, timings) as part:
+    with PartialResults(results, timings) as part:
         assert not part.goes_on
         part.write("line 1\n", {"stereo": 9.0}, "clip,conf,1")
         part.write("line 2\n", {"stereo": 9.0}, "clip,conf,2")
@@ -140,7 +140,7 @@ def test_what_a_kill_cut_off_is_dropped_and_the_rest_is_kept(tmp_path: Path) -> 
 
 def test_a_frame_survives_its_process_as_soon_as_it_is_done(tmp_path: Path) -> None:
     results, timings = tmp_path / "runs" / "partial" / "a.jsonl", tmp_path / "runs" / "partial" / "a.csv"
-    with open_partial_results(results, timings) as part:
+    with PartialResults(results, timings) as part:
         for frame in (1, 2):
             part.write(f"line {frame}\n", {"stereo": frame}, f"clip,conf,{frame}")
             assert results.read_text().endswith(f"line {frame}\n")
@@ -149,10 +149,10 @@ def test_a_frame_survives_its_process_as_soon_as_it_is_done(tmp_path: Path) -> N
 
 def test_a_kept_frame_that_comes_out_differently_is_refused(tmp_path: Path) -> None:
     paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
-    with open_partial_results(*paths) as part:
+    with PartialResults(*paths) as part:
         part.write("line 1\n", {}, "clip,conf,1")
     with (
-        open_partial_results(*paths) as part,
+        PartialResults(*paths) as part,
         pytest.raises(VfoaError, match=r"a\.jsonl, line 1: expected what this program"),
     ):
         part.write("another line\n", {}, "clip,conf,1")
@@ -162,9 +162,9 @@ def test_a_part_has_one_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("harness.run.resume.LOCK_SECONDS", 0.0)
     paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
     with (
-        open_partial_results(*paths),
+        PartialResults(*paths),
         pytest.raises(VfoaError, match="another process is writing it"),
-        open_partial_results(*paths),
+        PartialResults(*paths),
     ):
         pass
 
