@@ -1,1 +1,1 @@
-"""Readers of calibration files: one module per program that writes them."""
+"""Readers of calibration files of all programs: YAML and XML, other texts, and files of a single camera."""

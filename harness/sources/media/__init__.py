@@ -1,1 +1,1 @@
-"""Files of pixels: images, videos, numbered files, disparities, id maps."""
+"""Files of pixels: images, videos, files numbered by frame, maps of disparity and depth."""

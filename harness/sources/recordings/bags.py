@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_yaml
-from harness.sources.recordings.containers import MOST_BYTES, Index, TopicIndex, Window, starts_with, unpack, zstd_size
+from harness.sources.recordings.containers import MOST_BYTES, TopicIndex, Window, starts_with, unpack, zstd_size
 from harness.sources.recordings.messages import BY_NAME, MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
@@ -177,11 +177,13 @@ class BagContainer:
         readers = [reader for part in self._parts if (reader := self._reader(part)).message_count]
         return (min(r.start_time for r in readers), max(r.end_time for r in readers) - 1) if readers else None
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> Index:
+    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
         """Read all messages of cameras; other topics are counted by the bag's index."""
         topics = TopicIndex(self._parts, window, by_log_time=by_log_time)
-        losses = [loss for number in range(len(self._parts)) for loss in self._index_part(number, topics, window)]
-        return Index(topics=topics.sorted(), losses=tuple(losses))
+        topics.losses = [
+            loss for number in range(len(self._parts)) for loss in self._index_part(number, topics, window)
+        ]
+        return topics.sorted()
 
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message by its log time."""

@@ -11,7 +11,7 @@ from typing import Protocol
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from harness.sources.recordings.messages import IMAGES, MessageType, sight, stamp_ns
+from harness.sources.recordings.messages import IMAGES, MessageType, image_header, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
@@ -101,16 +101,10 @@ def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: flo
     return Window(start_ns=start, end_ns=None if end_s is None else first + round(end_s * 1e9))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Index:
-    """All topics by name, and a note for each loss."""
-
-    topics: dict[str, Topic]
-    losses: tuple[str, ...] = ()
-
-
 class TopicIndex:
-    """Collects the topics of a recording, message by message; keeps one small entry per message of a camera.
+    """The topics of a recording by name, collected message by message, and a note for each loss.
+
+    It keeps one small entry per message of a camera.
 
     Parameters
     ----------
@@ -126,6 +120,7 @@ class TopicIndex:
     def __init__(self, files: Sequence[Path], window: Window | None, *, by_log_time: bool) -> None:
         self._files, self._window, self._by_log_time = files, window, by_log_time
         self.topics: dict[str, Topic] = {}
+        self.losses: list[str] = []
 
     def meet(self, name: str, kind: MessageType) -> Topic:
         """Return the topic of this name; a new one if it is not known yet."""
@@ -150,8 +145,8 @@ class TopicIndex:
         if kind is None:
             return
         where = f"{self._files[address[0]]}: {topic.name}"
-        if topic.sight is None and (kind in IMAGES or kind == "calibration"):
-            topic.sight = sight(topic.type, data, where)
+        if topic.header is None and (kind in IMAGES or kind == "calibration"):
+            topic.header = image_header(topic.type, data, where)
         has_header = kind in IMAGES or kind == "calibration"
         stamp = log_time_ns if self._by_log_time or not has_header else stamp_ns(topic.type, data, where)
         place = Place(stamp, *address)
@@ -160,11 +155,11 @@ class TopicIndex:
         if kind == "video":
             topic.packets.append((place, begins_video(topic.type, data, where)))
 
-    def sorted(self) -> dict[str, Topic]:
-        """The topics with their places in the order of their stamps."""
+    def sorted(self) -> TopicIndex:
+        """The same, with the places of each topic in the order of their stamps."""
         for topic in self.topics.values():
             topic.places.sort()
-        return self.topics
+        return self
 
 
 class Container(Protocol):
@@ -179,8 +174,8 @@ class Container(Protocol):
         """Log times of the first and the last message; None without messages."""
         ...
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> Index:
-        """Read all messages once and index them as :class:`harness.sources.recordings.containers.TopicIndex` does.
+    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
+        """Read all messages once and index them.
 
         Raises
         ------

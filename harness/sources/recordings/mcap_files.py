@@ -19,7 +19,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import check_readable, unreadable
-from harness.sources.recordings.containers import Index, TopicIndex, Window, unpack
+from harness.sources.recordings.containers import TopicIndex, Window, unpack
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
@@ -196,16 +196,19 @@ class McapContainer:
         spans = [span for path in self.files if (span := log_span_ns(path)) is not None]
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> Index:
+    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
         """Read all files once, one chunk at a time. If the files have indexes, only a window's chunks are read."""
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
-        walks = [_index_file(number, path, topics, window) for number, path in enumerate(self.files)]
-        return Index(
-            topics=topics.sorted(),
-            losses=tuple(
-                f"{path.name}: {loss}" for path, walk in zip(self.files, walks, strict=True) for loss in walk.losses
-            ),
-        )
+        for number, path in enumerate(self.files):
+            walk = Walk()
+            for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
+                if (
+                    channel := walk.channels.get(message.channel_id)
+                ) is not None:  # else it was in a chunk that is lost
+                    topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
+                    topics.add(topic, message.log_time, message.data, (number, offset, place))
+            topics.losses += [f"{path.name}: {loss}" for loss in walk.losses]
+        return topics.sorted()
 
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message of the record at this offset."""
@@ -221,18 +224,6 @@ class McapContainer:
 def files_in(folder: Path) -> tuple[Path, ...]:
     """The ``.mcap`` of a folder in natural order, without hidden ones (macOS leaves ``._a.mcap`` beside ``a.mcap``)."""
     return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
-
-
-def _index_file(number: int, path: Path, topics: TopicIndex, window: Window | None) -> Walk:
-    """Add the messages of one file to the topics; the returned walk says what was lost."""
-    walk = Walk()
-    for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
-        channel = walk.channels.get(message.channel_id)
-        if channel is None:  # the channel was in a chunk that is lost
-            continue
-        topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
-        topics.add(topic, message.log_time, message.data, (number, offset, place))
-    return walk
 
 
 def _chunks(path: Path, window: Window) -> list[int] | None:

@@ -172,7 +172,7 @@ class CompressedPicture:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sight:
+class ImageHeader:
     """An image's description: encoding or format, (width, height) if given, and the name of its coordinate frame."""
 
     form: str
@@ -198,7 +198,7 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     return stamp
 
 
-def sight(kind: MessageType, data: bytes, where: str) -> Sight:
+def image_header(kind: MessageType, data: bytes, where: str) -> ImageHeader:
     """The description in an image's or a calibration's message, without its content."""
     with reading(kind, where):
         field = fields_of(kind, data, where)
@@ -206,7 +206,9 @@ def sight(kind: MessageType, data: bytes, where: str) -> Sight:
         names = {"raw": "encoding", "calibration": "distortion_model", "video": _form(kind)}
         form = str(field(names.get(kind.kind or "", "format")))
         size = (int(field("width")), int(field("height"))) if kind.kind in ("raw", "calibration") else None
-        return Sight(form=form, size_px=size, frame_id=frame_id.removeprefix("/"))  # tf's old names began with a slash
+        return ImageHeader(
+            form=form, size_px=size, frame_id=frame_id.removeprefix("/")
+        )  # tf's old names began with a slash
 
 
 def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | CompressedPicture:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import decode, decode_rgb
 from harness.sources.media.maps import default_counts_per_m, depth_map
-from harness.sources.recordings.messages import CompressedPicture, MessageType, RawPicture, Sight, picture
+from harness.sources.recordings.messages import CompressedPicture, ImageHeader, MessageType, RawPicture, picture
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Image, Map
 
@@ -83,7 +83,7 @@ _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transpor
 _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
-def may_be_depth(name: str, said: Sight | None) -> bool:
+def may_be_depth(name: str, said: ImageHeader | None) -> bool:
     """Whether a topic's name, and the description of its first image, fit a depth image."""
     lower = name.lower()
     if said is None or any(word in lower for word in _NO_DEPTH):

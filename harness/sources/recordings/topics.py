@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, MessageType, Sight
+from harness.sources.recordings.messages import IMAGES, ImageHeader, MessageType
 from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -31,7 +31,7 @@ class Topic:
     """One topic over all files.
 
     ``places`` are kept only for camera data. ``packets`` are all packets of a video in the order of writing, each with
-    whether a decoder can begin there. ``sight`` describes the first message.
+    whether a decoder can begin there. ``header`` describes the first message.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Topic:
     count: int = 0
     places: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
-    sight: Sight | None = None
+    header: ImageHeader | None = None
 
     @property
     def is_image(self) -> bool:
@@ -49,7 +49,7 @@ class Topic:
     @property
     def frame_id(self) -> str:
         """The coordinate frame of its messages; empty if they do not say."""
-        return "" if self.sight is None else self.sight.frame_id
+        return "" if self.header is None else self.header.frame_id
 
     def __str__(self) -> str:
         return f"{self.name} ({self.type.name}, {self.count} {'message' if self.count == 1 else 'messages'})"
@@ -202,7 +202,7 @@ _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|vi
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
     """Return all topics that may be depth, by name."""
     images = [topic for topic in topics if topic.is_image and topic.places]
-    return sorted((each for each in images if may_be_depth(each.name, each.sight)), key=lambda each: each.name)
+    return sorted((each for each in images if may_be_depth(each.name, each.header)), key=lambda each: each.name)
 
 
 def is_aligned(depth: Topic, colour: Topic) -> bool:
@@ -212,7 +212,7 @@ def is_aligned(depth: Topic, colour: Topic) -> bool:
     """
     if has_no_frames(depth):
         return False
-    sizes = {each.sight.size_px for each in (depth, colour) if each.sight is not None and each.sight.size_px}
+    sizes = {each.header.size_px for each in (depth, colour) if each.header is not None and each.header.size_px}
     if len(sizes) > 1:
         return False
     if any(word in depth.name.lower() for word in _ALIGNED):
@@ -260,7 +260,9 @@ def find_colour_and_depth(
 
 def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
     """Images in colour by name; if none has such a name, images of any other name."""
-    others = [each for each in images if each.places and each not in depths and not may_be_depth(each.name, each.sight)]
+    others = [
+        each for each in images if each.places and each not in depths and not may_be_depth(each.name, each.header)
+    ]
     others = [each for each in others if not any(word in each.name.lower() for word in _NO_COLOUR)]
     by_name = [each for each in others if any(word in each.name.lower() for word in _COLOUR)]
     return _of_streams(by_name or [each for each in others if "depth" not in each.name.lower()])
@@ -282,7 +284,7 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
         parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
         common = next((place for place, (one, other) in enumerate(parts) if one != other), 0)
         is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
-        is_gray = "gray" in colour.name or (colour.sight is not None and colour.sight.form in ("mono8", "8UC1"))
+        is_gray = "gray" in colour.name or (colour.header is not None and colour.header.form in ("mono8", "8UC1"))
         is_of_side = any(side in colour.name for side in ("left", "right"))
         same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id
         return same_frame, common, ("rect" in colour.name) == is_rectified, not is_gray, not is_of_side
