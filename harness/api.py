@@ -197,7 +197,7 @@ def run_experiment(
     VfoaError
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
-    from harness.files.cache import cache_root
+    from harness.files.folders import cache_root
     from harness.pipeline.cache_store import Store, cache_limit
     from harness.report.sinks import composed_sinks
     from harness.run.directory import out_folder

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from harness.files.cache import cache_root
+from harness.files.folders import cache_root
 from harness.files.io import atomic_write, replacing
 from vfoa.errors import VfoaError
 

@@ -11,8 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from harness.labels.formats.exchange import Exchange
-from harness.labels.labels import Label, LabelRange, Labels
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import Label, LabelRange, Labels, timeline_of
 from tests.scenes import make_rig
 from vfoa.types import StereoFrame
 

@@ -71,7 +71,7 @@ DOORS = {
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
-        "harness/files/cache.py",
+        "harness/files/folders.py",
         "harness/files/parsing.py",
         "harness/pipeline/outputs/maps.py",
         "harness/run/results.py",
@@ -86,7 +86,7 @@ DOORS = {
     ),
     "pyarrow": ("harness/record/", "harness/files/tables.py"),
     "yaml": ("harness/files/parsing.py", "harness/sources/calibration_files/documents.py"),
-    "platformdirs": ("vfoa/weights.py", "harness/files/cache.py", "harness/studio/store.py"),
+    "platformdirs": ("vfoa/weights.py", "harness/files/folders.py", "harness/studio/store.py"),
 }
 
 

@@ -29,7 +29,7 @@ from harness.annotate.journal import OutsideClipError, StaleRevisionError
 from harness.annotate.session import Session
 from harness.annotate.views import RegionPx, View
 from harness.clips.naming import NameRule
-from harness.files.cache import cache_root
+from harness.files.folders import cache_root
 from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings

@@ -11,8 +11,7 @@ from harness.annotate.label_store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
 from harness.labels.files import read_annotations, target_names
-from harness.labels.labels import RESERVED, Labels
-from harness.labels.timeline import Timeline
+from harness.labels.labels import RESERVED, Labels, Timeline
 
 
 def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline) -> LabelStore:

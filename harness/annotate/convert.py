@@ -20,8 +20,17 @@ from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
-from harness.labels.timeline import Timeline, timeline_of
+from harness.labels.labels import (
+    IGNORED,
+    NOWHERE,
+    RESERVED,
+    Label,
+    LabelRange,
+    Labels,
+    Timeline,
+    ranges_of,
+    timeline_of,
+)
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import load_manifest
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from vfoa.errors import VfoaError, did_you_mean

@@ -14,9 +14,8 @@ from typing import Any
 from harness.annotate.journal import Entry, History, JournaledStore, OutsideClipError
 from harness.annotate.marks import Mark, Stretch, Track, from_labels, labelled, stretches, to_labels
 from harness.labels.files import read_annotations, write_annotations
-from harness.labels.labels import RESERVED, Labels
+from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.labels.rows import check_text
-from harness.labels.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0

@@ -23,8 +23,7 @@ from harness.clips.naming import COLOURS, KEYS, NameRule, looks
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.files.io import read_bytes
-from harness.labels.labels import RESERVED, TO_DECIDE
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import RESERVED, TO_DECIDE, timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 

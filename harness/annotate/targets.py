@@ -24,7 +24,7 @@ from harness.clips.naming import NameRule, looks
 from harness.files.folders import came_with_program
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json, parse_toml
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.validation import parse

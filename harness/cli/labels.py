@@ -167,7 +167,7 @@ def _print_export(path: Path, notes: Iterable[str]) -> None:
 def check(clip: Clip, annotator: Annotator = None) -> None:
     """Read a clip's labels (of every annotator by default) and drawn shapes; stop at the first error."""
     from harness.clips.manifest import load_manifest
-    from harness.labels.timeline import timeline_of
+    from harness.labels.labels import timeline_of
 
     manifest = load_manifest(clip)
     timeline = timeline_of(manifest.open())
@@ -246,7 +246,7 @@ def _labels_by_annotator(
 
     ``but`` is left out of all: the annotator written by an earlier merge.
     """
-    from harness.labels.timeline import timeline_of
+    from harness.labels.labels import timeline_of
     from vfoa.errors import VfoaError
 
     names = annotators or [each for each in manifest.annotations.annotators() if each != but]

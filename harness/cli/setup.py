@@ -140,7 +140,7 @@ def _packages() -> Iterator[Finding]:
 def _folders() -> Iterator[Finding]:
     import os
 
-    from harness.files.cache import VARIABLE, cache_root
+    from harness.files.folders import VARIABLE, cache_root
     from vfoa.weights import cache_directory
 
     mends = {

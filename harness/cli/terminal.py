@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from harness.files.safe_names import shown
+from harness.files.io import shown
 
 if TYPE_CHECKING:
     from harness.report.formats import Table

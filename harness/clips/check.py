@@ -12,8 +12,7 @@ import numpy as np
 from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes, manifest_problems
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.files.folders import folders
-from harness.labels.labels import IGNORED
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import IGNORED, timeline_of
 from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean

@@ -25,13 +25,11 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from harness.clips.naming import NameRule
 from harness.files.folders import folders, names
-from harness.files.io import is_file, read_text
+from harness.files.io import check_name, is_file, read_text
 from harness.files.parsing import read_toml
-from harness.files.safe_names import check_name
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
-from harness.labels.labels import RESERVED, Labels
-from harness.labels.timeline import Timeline
+from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.remote import expand
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS

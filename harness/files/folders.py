@@ -1,11 +1,110 @@
-"""Data folders: those of the working directory first, then those of the package."""
+"""The cache folder, with values in files of their own: a checksum, then MessagePack. They can be removed at any time.
+
+A missing file, a damaged one, and one of another version give None: the value is then computed again.
+
+The data folders: those of the working directory first, then those of the package.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import logging
+import os
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from harness.files.io import stands
+import platformdirs
+
+from harness.files.digests import stamp_of
+from harness.files.io import replacing, stands
+
+if TYPE_CHECKING:
+    import msgspec
+
+
+Value = TypeVar("Value")
+VARIABLE = "VFOA_CACHE"
+_CHECKSUM_BYTES = 16
+_log = logging.getLogger(__name__)
+
+
+def cache_root() -> Path:
+    """``$VFOA_CACHE``, or the cache folder of the platform."""
+    return Path(os.environ.get(VARIABLE) or _of_platform())
+
+
+def _of_platform() -> str:
+    return platformdirs.user_cache_dir("vfoa")
+
+
+def read_value(path: Path, kind: Any) -> Any | None:
+    """Read a value of a type that msgspec knows; None if there is none."""
+    import msgspec
+
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    body = memoryview(content)[_CHECKSUM_BYTES:]
+    if _checksum(body) != content[:_CHECKSUM_BYTES]:
+        _log.warning("%s: damaged; it is made again", path)
+        return None
+    try:
+        return _decoder(kind).decode(body)
+    except msgspec.DecodeError:
+        return None
+
+
+def write_value(path: Path, value: object) -> None:
+    """Store a value. It is not synced to the disk: the checksum shows what a power cut damages."""
+    import msgspec
+
+    body = msgspec.msgpack.encode(value)
+    with replacing(path) as draft:
+        draft.write_bytes(_checksum(body) + body)
+
+
+def settled_stamp(path: Path) -> str | None:
+    """The stamp of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
+    stamp = stamp_of([("file", str(path))])
+    return stamp.digest if stamp and stamp.is_settled else None
+
+
+def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:
+    """Return what ``read`` returns for a file, without reading it if neither file nor code has changed.
+
+    Parameters
+    ----------
+    path
+        Where the value is kept, with the stamp of ``source`` (:mod:`harness.files.digests`).
+    kind
+        The type of the value.
+    code
+        The digest of the code that reads it.
+    """
+    stamp = settled_stamp(source)
+    found = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
+    if found is not None and found[:2] == (stamp, code):
+        value: Value = found[2]
+        return value
+    value = read()
+    if stamp is not None:
+        write_value(path, (stamp, code, value))
+    return value
+
+
+def _checksum(body: bytes | memoryview) -> bytes:
+    return hashlib.blake2b(body, digest_size=_CHECKSUM_BYTES).digest()
+
+
+@cache
+def _decoder(kind: Any) -> msgspec.msgpack.Decoder[Any]:
+    import msgspec
+
+    return msgspec.msgpack.Decoder(kind)
+
 
 Kind = Literal["datasets", "annotations", "experiments"]
 

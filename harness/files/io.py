@@ -1,16 +1,21 @@
-"""Files: read with errors of one line, and written atomically."""
+"""Files: read with errors of one line, and written atomically, under names that are safe in tables and on terminals.
+
+A clip is read as it was when a run began: a change of its files while they are read is an error
+(:class:`UnchangedFiles`).
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TypeVar
 
-from harness.files.unchanged import check_unchanged
 from vfoa.errors import VfoaError
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
@@ -182,3 +187,165 @@ def replacing(path: Path) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+Frame = TypeVar("Frame")
+
+LARGE_BYTES = 1 << 20
+"""Larger files have digests by stamp of their own."""
+
+_FEW = 16
+"""The stamps of this many large files, such as videos, are compared at each frame."""
+
+_ATTEMPTS = 3
+
+
+class ChangedError(VfoaError):
+    """A file is not as it was when the clip was digested."""
+
+
+class UnchangedFiles:
+    """The files of a clip, which is read as it was when it was digested: outputs are cached under that digest.
+
+    While the object is active, every file that is read is compared with its stamp: files that are exchanged and put
+    back, or behind a link that is switched and switched back, differ in nothing at the end.
+
+    Parameters
+    ----------
+    clip
+        The name of the clip.
+    digest
+        Computes the digest of its files.
+    expected
+        The digest that the run began with.
+
+    Raises
+    ------
+    VfoaError
+        If the digest is another one.
+    """
+
+    def __init__(self, clip: str, digest: Callable[[], str], expected: str) -> None:
+        self._clip, self._digest, self._expected = clip, digest, expected
+        self._stamps: dict[int, int] = {}
+        self._large: set[str] = set()
+        self._renew()
+
+    @contextmanager
+    def active(self) -> Iterator[None]:
+        """Compare every file of the clip that is read in the block."""
+        global _active
+        before, _active = _active, self
+        try:
+            yield
+        finally:
+            _active = before
+
+    def read(self, frame: Callable[[int], Frame], number: int) -> Frame:
+        """Return ``frame(number)``, read from unchanged files. If files were only touched, it is read again.
+
+        Raises
+        ------
+        VfoaError
+            If a file has changed.
+        """
+        for _ in range(_ATTEMPTS):
+            try:
+                found = frame(number)
+                for path in (
+                    tuple(self._large) if len(self._large) <= _FEW else ()
+                ):  # a video stays open while it is read
+                    self.check(path, os.stat(path))
+            except (ChangedError, FileNotFoundError):
+                self._renew()
+            else:
+                return found
+        raise VfoaError(changed_during_run(self._clip))
+
+    def check(self, path: str, found: os.stat_result) -> None:
+        """Raise a :class:`ChangedError` if a file of the clip has another stamp."""
+        if self._stamps.get(hash(path), expected := _short(found)) != expected:
+            raise ChangedError(f"{path}: changed during the run")
+
+    def note(self, path: str, found: os.stat_result) -> None:
+        """Note the stamp of a file that is being digested."""
+        self._stamps[hash(path)] = _short(found)
+        if found.st_size > LARGE_BYTES:
+            self._large.add(path)
+
+    def _renew(self) -> None:
+        global _noting
+        before, _noting = _noting, self  # each stamp is replaced: other threads may be reading
+        try:
+            if self._digest() != self._expected:
+                raise VfoaError(changed_during_run(self._clip))
+        finally:
+            _noting = before
+
+
+def changed_during_run(clip: str) -> str:
+    """The error of a clip that is not what a run began with."""
+    return (
+        f"{clip}: its images or calibration changed during the run; expected the same content to the end: "
+        "remove the run's directory and run again"
+    )
+
+
+def check_unchanged(path: str, found: os.stat_result) -> None:
+    """Check a file that was just read, if it belongs to the clip of an active :class:`UnchangedFiles`."""
+    if _active is not None:
+        _active.check(path, found)
+
+
+def note_stamp(path: str, found: os.stat_result) -> None:
+    """Note the stamp of a file, if an :class:`UnchangedFiles` is being digested."""
+    if _noting is not None:
+        _noting.note(path, found)
+
+
+def read_unchanged(frame: Callable[[int], Frame], number: int) -> Frame:
+    """Return ``frame(number)`` as :meth:`UnchangedFiles.read`; without an active one, as it is."""
+    return frame(number) if _active is None else _active.read(frame, number)
+
+
+def _short(found: os.stat_result) -> int:
+    return hash((found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino, found.st_dev))
+
+
+_active: UnchangedFiles | None = None
+_noting: UnchangedFiles | None = None
+
+
+_FORMULA = ("=", "+", "-", "@")
+"""A spreadsheet executes a cell that begins with one of these as a formula."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""Control characters: a terminal obeys some of them (ESC), and some reverse the direction of text."""
+
+_NUMBER = re.compile(r"[+-][0-9.][0-9.,]*([eE][+-]?[0-9]+)?( .*)?$")
+"""A number in the form of a table, perhaps followed by its unit or interval."""
+
+
+def check_name(name: str) -> str:
+    """Return a valid name; called wherever names are defined or come from another program.
+
+    Raises
+    ------
+    ValueError
+        If it is empty, holds a control character, or begins like a formula.
+    """
+    if not name.strip() or not name.isprintable() or name.startswith(_FORMULA):
+        raise ValueError(f"found the name {name!r}; expected text that does not begin with {' '.join(_FORMULA)}")
+    return name
+
+
+def shown(text: str) -> str:
+    """Text of unknown origin for a terminal: control characters are escaped as in Python."""
+    return _CONTROL.sub(lambda sign: "\n" if sign[0] == "\n" else ascii(sign[0])[1:-1], text)
+
+
+def plain_cell(text: str) -> str:
+    """Text of unknown origin as a cell of a table, escaped so that a spreadsheet does not run it as a formula."""
+    safe = text if text.isprintable() else shown(text)
+    if safe.startswith(_FORMULA) and safe not in _FORMULA and not _NUMBER.match(safe):
+        return f"'{safe}"
+    return safe

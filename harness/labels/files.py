@@ -19,7 +19,7 @@ from pathlib import Path
 
 from harness.files.folders import came_with_program, folders
 from harness.files.io import atomic_write, read_text, stands
-from harness.labels.labels import LabelRange, Labels
+from harness.labels.labels import LabelRange, Labels, Timeline, format_seconds
 from harness.labels.rows import (
     FRAME_COLUMNS,
     POINT_COLUMNS,
@@ -31,7 +31,6 @@ from harness.labels.rows import (
     check_sequence,
     check_text,
 )
-from harness.labels.timeline import Timeline, format_seconds
 from harness.remote import expand
 from vfoa.errors import VfoaError, did_you_mean
 

@@ -8,8 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from harness.labels.labels import IGNORED, RESERVED, Label, LabelRange
-from harness.labels.timeline import Timeline, format_seconds, parse_seconds
+from harness.labels.labels import IGNORED, RESERVED, Label, LabelRange, Timeline, format_seconds, parse_seconds
 from vfoa.errors import VfoaError, did_you_mean
 
 FRAME_COLUMNS = ("first_frame", "last_frame")

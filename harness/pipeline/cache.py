@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from harness.files.code_digest import code_of
-from harness.files.digests import file_digest
+from harness.files.digests import code_of, file_digest
 from harness.pipeline import cache_store
 from harness.pipeline.cache_store import Store, content_digest, decode, encode
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice

@@ -32,7 +32,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from harness.files.cache import cache_root
+from harness.files.folders import cache_root
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json
 from harness.remote import local_folder

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, TypeVar, cast
 
-from harness.files.unchanged import ChangedError, read_unchanged
+from harness.files.io import ChangedError, read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip

@@ -9,13 +9,12 @@ from typing import Any, ClassVar, Self
 
 from harness.record import Size, entities
 from harness.record.appearance import Colours
-from harness.record.attention import log_attention
 from harness.record.blueprint import Shown, file_layout, guide
 from harness.record.entities import load_entities
+from harness.record.frame_content import log_attention, log_disparity, log_targets
 from harness.record.images import ImageLog, log_masks
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
-from harness.record.reconstruction import log_disparity, log_targets
 from harness.run.frame_sink import FinishedFrame, SinkState
 
 

@@ -12,7 +12,7 @@ from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from harness.files.safe_names import plain_cell
+from harness.files.io import plain_cell
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

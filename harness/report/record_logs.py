@@ -22,12 +22,12 @@ from pathlib import Path
 
 import harness
 import vfoa
-from harness.files.cache import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.files.digests import file_digest
+from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
-from harness.report.page.attention_log import AttentionLog, TrackPart
+from harness.report.page.packing import AttentionLog, TrackPart
 from harness.report.reliability import direction_check_table, prediction_set_table, subject_reliability_table
 from harness.report.stages import StageTimes, stage_times
 from harness.run.records import FrameRecord, renamed

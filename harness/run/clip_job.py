@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
-from harness.files.unchanged import UnchangedFiles
+from harness.files.io import UnchangedFiles
 from harness.labels.labels import Labels
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import Configuration

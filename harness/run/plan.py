@@ -14,10 +14,8 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
-from harness.files.code_digest import code_digest
-from harness.files.digests import file_digest
-from harness.labels.labels import Labels
-from harness.labels.timeline import timeline_of
+from harness.files.digests import code_digest, file_digest
+from harness.labels.labels import Labels, timeline_of
 from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.drawn import DrawnClip, check_drawn
 from harness.pipeline.weights import locate_weights

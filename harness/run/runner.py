@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
-from harness.files.unchanged import changed_during_run
+from harness.files.folders import read_value, write_value
+from harness.files.io import changed_during_run
 from harness.pipeline.cache import cache_lines
 from harness.pipeline.cache_store import Store
 from harness.remote import forget_copies

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
+from harness.files.folders import read_value, write_value
 from harness.files.io import is_file
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, has_probabilities, read_results, says_nowhere

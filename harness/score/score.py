@@ -60,7 +60,7 @@ class ScoreRow:
     (see :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values
     of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` is None for a method that cannot say
     "looks at nothing". ``visible`` and ``visible_correct`` count the frames whose line of sight no label calls blocked.
-    ``baselines`` are the rates of :mod:`harness.score.baselines`, ``beats`` says whether the best of them is beaten.
+    ``baselines`` are the rates of :mod:`harness.score.metrics`, ``beats`` says whether the best of them is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
     ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
     """

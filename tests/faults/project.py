@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Timeline
 from tests.disk import write_image, write_text
 from tests.measured import EXPERIMENT, LABELS_HEADER, measured_tables, true_labels
 

@@ -11,8 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
-from harness.labels.timeline import Timeline
+from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, Timeline, gaps
 from vfoa.errors import VfoaError, did_you_mean
 
 _SHOWN = 8

@@ -8,8 +8,7 @@ from typing import Any
 
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
-from harness.report.page.attention_log import AttentionLog, Judged, pack_attention
-from harness.report.page.packing import pack_json, runs, steps
+from harness.report.page.packing import AttentionLog, Judged, pack_attention, pack_json, runs, steps
 from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles

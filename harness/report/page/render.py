@@ -12,9 +12,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from harness.report.comparisons import ablation_table, compare_configurations, comparison_table, published_table
 from harness.report.formats import UNKNOWN, Table
-from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import Served, differing_settings, page_data
-from harness.report.page.packing import bundle, pack_json
+from harness.report.page.packing import AttentionLog, bundle, pack_json
 from harness.report.panels import Picture, draw_panels
 from harness.report.reliability import reliability_table
 from harness.report.stages import StageTimes

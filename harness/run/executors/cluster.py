@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from harness.files.cache import VARIABLE as CACHE_VARIABLE
-from harness.files.code_digest import code_digest
+from harness.files.digests import code_digest
+from harness.files.folders import VARIABLE as CACHE_VARIABLE
 from harness.remote import forget_copies
 from harness.run.executors import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError

@@ -15,8 +15,7 @@ from harness.annotate.drawing_store import Draw
 from harness.annotate.session import Session
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
-from harness.labels.labels import Labels
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Labels, Timeline
 from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
 from tests.browser import chromium, set_width
 from tests.disk import write_text

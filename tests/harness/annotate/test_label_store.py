@@ -16,8 +16,7 @@ from harness.annotate.journal import StaleRevisionError
 from harness.annotate.label_store import LabelStore
 from harness.annotate.marks import Mark
 from harness.labels.files import read_annotations
-from harness.labels.labels import TO_DECIDE, Label, Labels
-from harness.labels.timeline import Timeline
+from harness.labels.labels import TO_DECIDE, Label, Labels, Timeline
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 

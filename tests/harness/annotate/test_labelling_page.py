@@ -14,7 +14,7 @@ import pytest
 from harness.annotate.actions import Action
 from harness.clips.manifest import load_manifest
 from harness.labels.files import read_annotations
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Timeline
 from harness.sources import Clip, Truth
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width

@@ -13,7 +13,7 @@ import pytest
 
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import load_manifest
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import timeline_of
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.repository import REPOSITORY

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.clips.manifest import clip_files, clips_here, load_manifest
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import timeline_of
 from harness.remote import expand
 from harness.run.experiment import load_experiment
 from tests.disk import sintel_scene, write_text

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.files.cache import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.files.digests import SETTLED_NS
+from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
 from tests.disk import write_bytes
 
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.files import read_annotations, write_annotations
-from harness.labels.labels import Label, LabelRange, Labels, ranges_of
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Label, LabelRange, Labels, Timeline, ranges_of
 from tests.disk import write_bytes, write_text
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError

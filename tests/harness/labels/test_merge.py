@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.files import read_annotations, write_annotations
-from harness.labels.labels import Label, LabelRange, Labels, MergeRule, merge_labels, to_decide
-from harness.labels.timeline import Timeline
+from harness.labels.labels import Label, LabelRange, Labels, MergeRule, Timeline, merge_labels, to_decide
 from tests.exchanges import SUBJECTS, TARGETS, labels_of, row
 
 FRAMES = range(1, 41)

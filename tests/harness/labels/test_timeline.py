@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.labels.timeline import Timeline, format_seconds, parse_seconds, timeline_of
+from harness.labels.labels import Timeline, format_seconds, parse_seconds, timeline_of
 from harness.sources.sintel import SintelClip, SintelSettings
 from tests.disk import sintel_scene
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.files.code_digest import code_of
+from harness.files.digests import code_of
 from harness.pipeline import cache_store
 from harness.pipeline.cache import Source, difference, identify
 from harness.pipeline.configuration import StageChoice

@@ -17,7 +17,7 @@ import numpy as np
 import rerun as rr
 
 from harness.record.layer_file import LayerFile
-from harness.record.layers import ClipFiles
+from harness.record.layers import (ClipFiles)
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # Python ignores the signal that comes with it
 folder = Path(sys.argv[1])

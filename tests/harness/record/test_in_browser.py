@@ -19,8 +19,8 @@ from rerun.chunk import RrdReader
 from harness.record.composed import RecordedClip, find_clips
 from harness.record.web_app import failures_routes, site
 from harness.record.web_viewer import web_viewer_files
-from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import Served
+from harness.report.page.packing import AttentionLog
 from harness.report.page.render import render_page
 from harness.score.outcomes import Reference
 from harness.score.score import score

@@ -15,9 +15,8 @@ import pytest
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page import packing
-from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import LETTERS, STATES, differing_settings
-from harness.report.page.packing import bundle, runs, steps
+from harness.report.page.packing import AttentionLog, bundle, runs, steps
 from harness.report.page.render import render_page
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
@@ -132,7 +131,7 @@ def test_every_outcome_has_a_letter_of_its_own() -> None:
 def test_attention_that_is_too_much_is_thinned_and_the_page_says_so(
     budget: int, stride: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("harness.report.page.attention_log.MOST_BYTES", budget)
+    monkeypatch.setattr("harness.report.page.packing.MOST_BYTES", budget)
     targets = [target_record(each, f"thing {each}") for each in range(1, 11)]
     noise = np.random.default_rng(0).uniform(0.01, 1, (300, 10)).tolist()
     records = [

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
-from harness.report.page.attention_log import AttentionLog
+from harness.report.page.packing import AttentionLog
 from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
 from harness.run.records import FrameRecord

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from harness.files.code_digest import code_digest, import_closure
+from harness.files.digests import code_digest, import_closure
 from harness.run.experiment import load_experiment
 from harness.run.plan import describe, prepare
 

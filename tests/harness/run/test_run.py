@@ -12,8 +12,7 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.labels.files import write_annotations
-from harness.labels.labels import NOWHERE, Label, Labels
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
 from harness.pipeline.cache_store import Store
 from harness.pipeline.outputs.write import write_coco_panoptic
 from harness.record import Size

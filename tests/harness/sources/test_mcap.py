@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, IndexType
 from numpy.typing import NDArray
 
 from harness.labels.files import VERSION_LINE, read_annotations, write_annotations
-from harness.labels.timeline import format_seconds, timeline_of
+from harness.labels.labels import format_seconds, timeline_of
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings
 from tests.calibrations import write_opencv

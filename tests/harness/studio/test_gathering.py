@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import timeline_of
 from harness.pipeline.ground_truth import true_labels
 from harness.sources import Truth
 from harness.studio import StudioClip, StudioSettings

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.labels.labels import IGNORED
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import IGNORED, timeline_of
 from harness.pipeline.ground_truth import true_labels
 from harness.sources import Clip
 from harness.studio import StudioClip, StudioSettings

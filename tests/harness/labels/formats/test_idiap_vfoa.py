@@ -9,8 +9,7 @@ import pytest
 
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
-from harness.labels.labels import Labels
-from harness.labels.timeline import timeline_of
+from harness.labels.labels import Labels, timeline_of
 from harness.sources import MeasuredClip
 from tests.disk import write_text
 from tests.exchanges import row
