@@ -16,7 +16,7 @@ from harness.run.frame_sink import SinkContext, SinkFactory
 
 if TYPE_CHECKING:
     from harness.record.recorder import Recorder
-    from harness.report.thumbnails import ThumbnailWriter
+    from harness.report.thumbnails.writer import ThumbnailWriter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,7 @@ class ThumbnailSinks:
 
     def open(self, context: SinkContext) -> ThumbnailWriter:
         """Open the thumbnails of one configuration on one clip."""
-        from harness.report.thumbnails import ThumbnailWriter
+        from harness.report.thumbnails.writer import ThumbnailWriter
 
         return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
 

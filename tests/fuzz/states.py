@@ -20,7 +20,8 @@ from harness.pipeline.cache import Identity, StoredOutputs, Tally, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.pipeline.outputs.write import write_coco_panoptic
-from harness.report.thumbnails import ThumbnailWriter, lines_path, read_thumbnails
+from harness.report.thumbnails import lines_path, read_thumbnails
+from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan

@@ -14,7 +14,8 @@ from PIL import Image
 
 from harness.files.io import atomic_write
 from harness.report.page.render import render_comparison
-from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture, picture_path
+from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
+from harness.report.thumbnails.writer import picture
 from harness.run.results import to_line
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference

@@ -10,15 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.report.thumbnails import (
-    Thumbnails,
-    ThumbnailWriter,
-    lines_path,
-    picture,
-    picture_path,
-    read_thumbnails,
-    thumbnail,
-)
+from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
+from harness.report.thumbnails.writer import ThumbnailWriter, picture, thumbnail
 from harness.run.frame_sink import FinishedFrame
 from harness.score.outcomes import Reference
 from harness.score.score import score

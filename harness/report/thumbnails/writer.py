@@ -1,0 +1,149 @@
+"""The sink that writes a thumbnail of every frame."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from itertools import compress
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.files.io import replacing
+from harness.record.appearance import cone_wires, reach_m
+from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
+from harness.run.frame_sink import FinishedFrame, SinkState
+from harness.run.records import FrameRecord
+from vfoa.geometry import project
+from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
+
+WIDTH_PX = 360
+QUALITY = 52
+METHOD = 2
+"""WebP's effort, 0 (fastest) to 6: the default, 4, takes twice as long for as many bytes and 0.5 dB less noise."""
+ARROW_M = 0.25
+NEAR_M = 0.05
+"""A line that comes nearer to the camera's plane than this is not drawn: it would extend to infinity."""
+RIM = 16
+
+
+class ThumbnailWriter:
+    """Writes the thumbnails of one clip and configuration; older ones are replaced when it ends."""
+
+    def __init__(self, run: Path, clip: str, configuration: str, resumed: SinkState | None = None) -> None:
+        self._run, self._clip, self._resumed = run, clip, resumed
+        self._path = lines_path(run, clip, configuration)
+        self._partial = self._path.with_name(self._path.name + ".partial")
+        self._encoder = msgspec.json.Encoder()
+        self._file: BinaryIO
+
+    def __enter__(self) -> Self:
+        picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._partial.open("r+b" if self._resumed else "wb")
+        if self._resumed:
+            self._file.truncate(self._resumed.files[self._name])
+            self._file.seek(0, os.SEEK_END)
+        return self
+
+    def state(self) -> SinkState:
+        """The extent of the lines' file; each picture has a file of its own."""
+        self._file.flush()
+        return SinkState(files={self._name: self._file.tell()})
+
+    @property
+    def _name(self) -> str:
+        return self._partial.relative_to(self._run).as_posix()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if kind is None:
+            self._partial.replace(self._path)
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Write one frame."""
+        images = frame.frame
+        if images is None:
+            return
+        path = picture_path(self._run, self._clip, images.index)
+        if not path.exists():  # another configuration has written it
+            with replacing(path) as draft:  # another process may be writing it
+                draft.write_bytes(picture(images.left))
+        self._file.write(self._encoder.encode(thumbnail(images.rig, frame.result, frame.record)) + b"\n")
+
+
+def picture(left: Image) -> bytes:
+    """A left image as a small WebP file."""
+    from PIL import Image as Picture
+
+    file = io.BytesIO()
+    Picture.fromarray(_small(left)).save(file, "WEBP", quality=QUALITY, method=METHOD)
+    return file.getvalue()
+
+
+def _small(image: Image) -> NDArray[np.uint8]:
+    """An image in the size of its picture: halved while it is twice as large, which is fast, and then interpolated."""
+    height, width = image.shape[:2]
+    size = _size(width, height)
+    while width >= 2 * size[0]:
+        height, width = height // 2, width // 2
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumbnail:
+    """Everything seen in a frame, in the pixels of its picture."""
+    size = _size(rig.width_px, rig.height_px)
+    scale = size[0] / rig.width_px
+    attentions = {each.subject.track_id: each for each in result.attentions}
+    return Thumbnail(
+        frame=record.frame,
+        size=size,
+        boxes=[(each.instance_id, each.name, _box(each.box_px, scale)) for each in record.targets if each.box_px],
+        subjects=[
+            ThumbnailSubject(
+                name=each.name,
+                head=_box(each.head_box_px, scale),
+                focus=each.focus,
+                lines=_lines(attentions[each.track_id], result.scene, rig, scale),
+            )
+            for each in record.subjects
+            if each.head_box_px
+        ],
+    )
+
+
+def _lines(attention: Attention, scene: Scene, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
+    """The cones and directions of a subject as seen in the picture."""
+    wires = cone_wires(attention.cones, reach_m(attention, scene), rim=RIM)
+    lines = _projected([cone.cue for cone in attention.cones], wires, rig, scale)
+    eyes, subject = attention.subject.person.eye_origin_left, attention.subject
+    seen = {cue: direction for cue in CUES if (direction := subject.direction(cue)) is not None}
+    if eyes is not None and seen:
+        arrows = np.array([(eyes, eyes + ARROW_M * direction) for direction in seen.values()])
+        lines += _projected(list(seen), arrows, rig, scale)
+    return lines
+
+
+def _projected(cues: Sequence[str], lines: Float, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
+    """The lines (N, points, 3) in the camera frame, metres, as seen in the picture; N cues."""
+    far = np.asarray((lines[:, :, 2] > NEAR_M).all(axis=1))
+    points_px = np.rint((project(lines[far], rig) + 0.5) * scale - 0.5).astype(int)
+    return [(cue, line.ravel().tolist()) for cue, line in zip(compress(cues, far), points_px, strict=True)]
+
+
+def _size(width: int, height: int) -> tuple[int, int]:
+    scale = min(1.0, WIDTH_PX / width)
+    return round(scale * width), max(round(scale * height), 1)
+
+
+def _box(box_px: tuple[float, float, float, float], scale: float) -> Box:
+    left, top, right, bottom = (round(scale * value) for value in box_px)
+    return left, top, right, bottom
