@@ -309,9 +309,11 @@ class ResultsSink:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for draft in reversed(self._drafts) if kind is None else ():  # the results' file marks the end, so it is last
-            draft.replace(draft.with_suffix(""))
-        self._partial.__exit__()
+        try:
+            for draft in reversed(self._drafts) if kind is None else ():  # the results' file marks the end: it is last
+                draft.replace(draft.with_suffix(""))
+        finally:
+            self._partial.__exit__()
 
     def state(self) -> SinkState | None:
         """The extent of the files; None while kept frames are being compared."""

@@ -25,6 +25,7 @@ from harness.report.page.render import render_page
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import Verdict
+from tests.annotating import wait_for
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width
 from tests.harness.record.conftest import ANN, CONFIGURATION
 from tests.records import labels, run_manifest
@@ -129,10 +130,12 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
 
 
 def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
-    """The subjects whose tab is active in the layout that the viewer has now."""
+    """The subjects whose tab is active in the layout that the viewer has now; none while it has no layout."""
     (scratch / "now.rbl").write_bytes(
         bytes(browser.execute_script("return Array.from(window._handle.save_blueprint())"))
     )
+    if not (scratch / "now.rbl").stat().st_size:
+        return set()
     reader = RrdReader(scratch / "now.rbl")
     containers: dict[str, dict[str, str]] = {}
     for store in reader.blueprints():
@@ -141,8 +144,8 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
             for component in {"ContainerBlueprint:display_name", "ContainerBlueprint:active_tab"} & {
                 *batch.schema.names
             }:
-                (value,) = batch.column(component).to_pylist()[-1]
-                containers.setdefault(chunk.entity_path.lstrip("/"), {})[component] = value
+                values = batch.column(component).to_pylist()[-1]
+                containers.setdefault(chunk.entity_path.lstrip("/"), {})[component] = values[0] if values else ""
     active = {each.get("ContainerBlueprint:active_tab", "") for each in containers.values()} & containers.keys()
     return {containers[path]["ContainerBlueprint:display_name"] for path in active}
 
@@ -165,8 +168,8 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
     from selenium.webdriver.support.select import Select
 
     def shows(frame: int, subject: str, place: str) -> None:
-        _wait_for(browser, frame)
-        assert _tabs_in_front(browser, tmp_path) == {subject}
+        wait_for(lambda: _shows(frame) in _state(browser), at_most_s=LOADED_S)
+        wait_for(lambda: _tabs_in_front(browser, tmp_path) == {subject}, at_most_s=LOADED_S)
         assert browser.find_element("id", "place").text == place
 
     browser.get(failures)
