@@ -108,6 +108,14 @@ def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -
     ]
 
 
+@pytest.mark.parametrize(("attention", "accepted"), [(0.5, {1, 2}), (0.6, {2}), (0.8, set())])
+def test_only_suggestions_with_enough_attention_are_accepted(attention: float, accepted: set[int]) -> None:
+    suggested = [None, ("cup", 0.5), ("cup", 0.7)]
+    action = actions.Action(kind="accept", subject="ann", attention=attention)
+    new = actions.edited(action, [None] * 3, suggested, seen=0)
+    assert {at for each in new for at in range(each.first, each.last + 1)} == accepted
+
+
 def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
     store = _open(tmp_path)
     store.put(store.revision, "ann", actions.mark_range(1, 2, "none"))
