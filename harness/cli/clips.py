@@ -202,7 +202,7 @@ def check_clips(
         print_json([asdict(check) for check in checks])
     else:
         _print_checks(checks)
-        for variable, absent in at_hand.elsewhere.items() if at_hand else ():
+        for variable, absent in at_hand.without_data.items() if at_hand else ():
             say(f"not checked, {variable} is not set: {', '.join(absent)}")
         if at_hand and at_hand.packaged:
             say(f"not checked: {len(at_hand.packaged)} clips that came with vfoa; name one to check it")

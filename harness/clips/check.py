@@ -216,12 +216,12 @@ def list_clips() -> list[ClipRow]:
 class AtHand:
     """The clips of the working directory, or of the package if there are none, whose data can be checked.
 
-    ``elsewhere``: by environment variable, clips whose root needs one that is not set. ``packaged``: clips of the
+    ``without_data``: by environment variable, clips whose root needs one that is not set. ``packaged``: clips of the
     package that are left out, because the working directory has clips of its own.
     """
 
     clips: tuple[str, ...]
-    elsewhere: dict[str, list[str]]
+    without_data: dict[str, list[str]]
     packaged: tuple[str, ...]
 
 
@@ -230,18 +230,18 @@ def clips_at_hand() -> AtHand:
     found = clip_files()
     own = {name: path for name, path in found.items() if path.parent == folders("datasets")[0]}
     here: list[str] = []
-    elsewhere: dict[str, list[str]] = {}
+    without_data: dict[str, list[str]] = {}
     for name, path in (own or found).items():
         try:
             root = load_manifest(path, name).root or ""
         except VfoaError:
             root = ""
         if unset := unset_variables(root):
-            elsewhere.setdefault(unset[0], []).append(name)
+            without_data.setdefault(unset[0], []).append(name)
         else:
             here.append(name)
     packaged = tuple(name for name in found if own and name not in own)
-    return AtHand(clips=tuple(here), elsewhere=elsewhere, packaged=packaged)
+    return AtHand(clips=tuple(here), without_data=without_data, packaged=packaged)
 
 
 def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:

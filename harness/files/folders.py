@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import platformdirs
 
 from harness.files.digests import stamp_of
-from harness.files.io import replacing, stands
+from harness.files.io import is_file_or_link, replacing
 
 if TYPE_CHECKING:
     import msgspec
@@ -136,12 +136,12 @@ def came_with_program(manifest: Path) -> bool:
 def find(kind: Kind, name: str) -> Path | None:
     """The file of this kind called ``name`` (without its suffix), or None."""
     candidates = (folder / f"{name}{_SUFFIX[kind]}" for folder in folders(kind))
-    return next((path for path in candidates if stands(path)), None)
+    return next((path for path in candidates if is_file_or_link(path)), None)
 
 
 def names(kind: Kind) -> dict[str, Path]:
     """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns."""
     found: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if stands(path))
+        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if is_file_or_link(path))
     return dict(sorted(found.items()))

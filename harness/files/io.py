@@ -58,7 +58,7 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def stands(path: Path) -> bool:
+def is_file_or_link(path: Path) -> bool:
     """Whether a file, a pipe or a broken link is at the path (reading the latter two fails); False for a folder."""
     return os.path.lexists(path) and not path.is_dir()
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.files.folders import came_with_program, folders
-from harness.files.io import atomic_write, read_text, stands
+from harness.files.io import atomic_write, is_file_or_link, read_text
 from harness.labels.labels import LabelRange, Labels, Timeline, format_seconds
 from harness.labels.rows import (
     FRAME_COLUMNS,
@@ -188,7 +188,7 @@ class AnnotationFiles:
         if found is not None or annotator is not None or self.with_clip is None:
             return found
         path = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
-        return path if stands(path) else None
+        return path if is_file_or_link(path) else None
 
     def find_drawn(self) -> Path | None:
         """Return the file of drawn shapes, the same for all annotators; None if there is none."""
@@ -199,7 +199,7 @@ class AnnotationFiles:
         return self.place().with_name(f"{self.clip}.drawn.csv")
 
     def _find(self, name: str) -> Path | None:
-        return next((folder / name for folder in self._folders if stands(folder / name)), None)
+        return next((folder / name for folder in self._folders if is_file_or_link(folder / name)), None)
 
     def expect(self, annotator: str) -> Path:
         """Return a named annotator's file.

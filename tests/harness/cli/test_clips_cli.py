@@ -249,7 +249,7 @@ def test_all_clips_are_those_whose_data_is_at_hand(tmp_path: Path, monkeypatch: 
     write_text(tmp_path / "datasets" / "lab.toml", 'name = "lab"\nadapter = "stereo_folder"\nroot = "${LAB}/x"\n')
     (tmp_path / "datasets" / "torn.toml").write_text("name =")
     found = clips_at_hand()
-    assert (found.clips, found.elsewhere) == (("torn", "wall"), {"LAB": ["lab"]})
+    assert (found.clips, found.without_data) == (("torn", "wall"), {"LAB": ["lab"]})
     assert {"studio_table", "sintel_bandage_2"} <= set(found.packaged)
     monkeypatch.setenv("LAB", "/lab")
     assert "lab" in clips_at_hand().clips
@@ -258,7 +258,7 @@ def test_all_clips_are_those_whose_data_is_at_hand(tmp_path: Path, monkeypatch: 
 def test_without_clips_of_ones_own_those_of_the_package_are_at_hand() -> None:
     found = clips_at_hand()
     assert "studio_table" in found.clips
-    assert "sintel_bandage_2" in found.elsewhere["VFOA_DATA"]
+    assert "sintel_bandage_2" in found.without_data["VFOA_DATA"]
     assert found.packaged == ()
 
 
