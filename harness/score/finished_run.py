@@ -75,6 +75,8 @@ class FinishedRun:
         found: Counter[Pair] = Counter()
         for record in read_results(self.directory.results):
             found[record.clip, record.configuration] += 1
+            if record.clip not in names:
+                self._check_listed(record.clip)
             if record.clip not in clips and record.configuration not in configurations:
                 yield renamed(record, names[record.clip])
         self._check_complete(found)
@@ -92,6 +94,7 @@ class FinishedRun:
         found: Counter[Pair] = Counter()
         for block in blocks:
             found[block.clip, block.configuration] += len(block.frames)
+            self._check_listed(block.clip)
         self._check_complete(found)
         return [each for each in blocks if each.clip not in clips and each.configuration not in configurations]
 
@@ -103,6 +106,14 @@ class FinishedRun:
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
         return clips, configurations
+
+    def _check_listed(self, name: str) -> None:
+        """Raise an error for results of a clip that the manifest does not have."""
+        if all(clip["name"] != name for clip in self.manifest["clips"]):
+            known = ", ".join(str(clip["name"]) for clip in self.manifest["clips"])
+            raise VfoaError(
+                f"{self.directory.manifest}: clips: found {known}; expected {name!r}, of which results.jsonl has frames"
+            )
 
     def _check_complete(self, found: Counter[Pair]) -> None:
         """Raise an error if results have lost lines: they would be scored as frames without a prediction."""

@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 
 from harness.run.directory import RunDirectory
-from harness.run.results import to_line
+from harness.run.results import find_blocks, to_line
 from harness.score.finished_run import FinishedRun
 from tests.disk import write_text
 from tests.records import answers
+from vfoa.errors import VfoaError
 
 
 @pytest.mark.parametrize(
@@ -41,3 +42,13 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
     manifest = {"notes": ["Ours."], "clips": clips, "configurations": {"one": {}}, "finished": "now"}
     run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
     assert run.reference().notes == ("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
+
+
+def test_results_of_a_clip_that_the_manifest_does_not_have_are_one_line(tmp_path: Path) -> None:
+    results = write_text(tmp_path / "results.jsonl", "".join(map(to_line, answers(["cup"], clip="old"))))
+    clip = {"name": "studio_table", "manifest": "", "frames": [1], "notes": []}
+    manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
+    run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
+    for read in (lambda: list(run.records()), lambda: run.scored_blocks(find_blocks(results))):
+        with pytest.raises(VfoaError, match=r"manifest\.json: clips: found studio_table; expected .old."):
+            read()
