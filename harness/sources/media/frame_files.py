@@ -8,7 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,21 +29,33 @@ class NumberedNames(Mapping[int, str]):
     """Names by frame number, ascending. An hour of video has 90,000: those that follow one pattern are not kept."""
 
     def __init__(self, names: dict[int, str]) -> None:
-        self._pattern = _shared_pattern(names)
-        self._names: Mapping[int, str] | range = _steps(names) if self._pattern else names
+        self._names: Mapping[int, str] | range = names
+        if (steps := _steps([*names])) and (pattern := _pattern(names)):
+            self._names, self._pattern = steps, pattern
 
     def __getitem__(self, number: int) -> str:
         if not isinstance(self._names, range):
             return self._names[number]
         if number not in self._names:
             raise KeyError(number)
-        return printf_name(self._pattern, number)
+        return self._pattern.name(number)
 
     def __iter__(self) -> Iterator[int]:
         return iter(self._names)
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+class _Pattern(NamedTuple):
+    """Names that differ in a number of at least so many digits."""
+
+    before: str
+    digits: int
+    after: str
+
+    def name(self, number: int) -> str:
+        return f"{self.before}{number:0{self.digits}d}{self.after}"
 
 
 class FolderFiles(Mapping[int, Path]):
@@ -130,21 +142,21 @@ def number_names(names: Iterable[str], where: str) -> NumberedNames:
     return NumberedNames(_unique(((runs[name][varying[0]], name) for name in names), where))
 
 
-def _shared_pattern(names: Mapping[int, str]) -> str:
-    """The printf pattern that gives every name from its number; "" if there is none."""
-    number, name = next(iter(names.items()))
-    for digits in _DIGITS.finditer(name):
-        pattern = f"{name[: digits.start()]}%0{len(digits[0])}d{name[digits.end() :]}"
-        if int(digits[0]) == number and all(printf_name(pattern, each) == name for each, name in names.items()):
-            return pattern
-    return ""
+def _pattern(names: Mapping[int, str]) -> _Pattern | None:
+    """The pattern that gives every name from its number, if there is one."""
+    first, name = next(iter(names.items()))
+    for run in _DIGITS.finditer(name):
+        found = _Pattern(name[: run.start()], len(run[0]), name[run.end() :])
+        if int(run[0]) == first and all(found.name(number) == name for number, name in names.items()):
+            return found
+    return None
 
 
-def _steps(names: dict[int, str]) -> dict[int, str] | range:
-    """The numbers as a range if their steps are equal, else the names as they are."""
-    numbers = [*names]
-    steps = range(numbers[0], numbers[-1] + 1, max(1, (numbers[-1] - numbers[0]) // max(1, len(numbers) - 1)))
-    return steps if [*steps] == numbers else names
+def _steps(numbers: Sequence[int]) -> range | None:
+    """Ascending numbers as a range, if their steps are equal."""
+    step = (numbers[-1] - numbers[0]) // max(1, len(numbers) - 1)
+    found = range(numbers[0], numbers[-1] + 1, max(1, step))
+    return found if [*found] == numbers else None
 
 
 def printf_name(pattern: str, number: int) -> str:
