@@ -11,7 +11,6 @@ from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.sources.calibrate.solve import StereoCalibration
-    from harness.sources.calibrate.views import Board
     from harness.sources.stereo_views import Views
 
 LAYOUT = "Layout of the views in the files, as in a manifest of stereo_folder: images, images_side_by_side, video ..."
@@ -20,50 +19,42 @@ LAYOUT = "Layout of the views in the files, as in a manifest of stereo_folder: i
 def calibrate(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="PICTURES|FILE", help="The folder of the pictures or videos; or a calibration to rescale."
-        ),
+        typer.Argument(metavar="PICTURES", help="The folder of the pictures or videos."),
     ],
     square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square, millimetres.")],
-    columns: Annotated[
-        int | None, typer.Option(min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")
-    ] = None,
-    rows: Annotated[int | None, typer.Option(min=2, help="Rows: inner corners or squares, likewise.")] = None,
+    columns: Annotated[int, typer.Option(min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")],
+    rows: Annotated[int, typer.Option(min=2, help="Rows: inner corners or squares, likewise.")],
     marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker, millimetres.")] = None,
     dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
-    legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: board made by OpenCV before 4.6.")] = False,
     left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,
     right: Annotated[str | None, typer.Option(help="Right pictures. Default: sides by names, as in clips add.")] = None,
     both: Annotated[str | None, typer.Option(help="Pictures, or a video, that hold both views.")] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
     every: Annotated[int, typer.Option(min=1, help="Use every Nth frame of a video.")] = 1,
-    max_edge_px: Annotated[float, typer.Option(min=1, help="Drop blurred pictures: those with wider edges.")] = 4.0,
     out: Annotated[Path, typer.Option(help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing calibration.")] = False,
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).
 
     Prints the pairs that were not used, with the reason. Writes the file that stereo_folder reads, and a rectified pair
-    to look at. Given a file that it has written, it rescales the lengths to another side of the squares.
+    to look at.
     """
-    from harness.files.io import atomic_write, check_new, write_together
+    from harness.files.io import check_new, write_together
     from harness.sources.calibrate.solve import (
         format_calibration,
         preview_png,
         read_back,
         rectified_preview,
-        rescaled,
         solve,
     )
-    from harness.sources.calibrate.views import Pictures, find_views
+    from harness.sources.calibrate.views import charuco_board, chessboard, find_views
 
     _check_name(out)
     check_new(out, replace=replace, hint=", or another --out")
-    if folder.is_file():
-        atomic_write(out, rescaled(folder, square_mm / 1000))
-        say(f"{out}: {folder} for squares of {square_mm:g} mm")
-        return
-    board = _board(columns, rows, square_mm, marker_mm, dictionary, legacy)
+    if marker_mm is None:
+        board = chessboard(columns, rows, square_mm / 1000)
+    else:
+        board = charuco_board(columns, rows, square_mm / 1000, marker_mm / 1000, dictionary)
     preview = out.with_suffix(".png")
     of_user = () if out.exists() else folder.rglob("*")  # beside a calibration, the picture of its name is the preview
     check_new(preview, replace=replace, hint=", or another --out", inputs=of_user)
@@ -72,17 +63,16 @@ def calibrate(
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
     for note in views.notes:
         say(note)
-    pictures = Pictures(views, every)
-    seen, unseen = find_views(pictures, board, max_edge_px)
-    for each in sorted((*pictures.dropped, *unseen), key=lambda each: each.number):
-        say(f"frame {each.number} dropped: {each.reason}")
-    found = solve(seen, pictures.size_px)
-    for each in found.dropped:
-        say(f"frame {each.number} dropped: {each.reason}")
+    seen, unseen, size_px = find_views(views.frames[::every], views.read, board)
+    for dropped in unseen:
+        say(f"frame {dropped.number} dropped: {dropped.reason}")
+    found = solve(seen, size_px)
+    for dropped in found.dropped:
+        say(f"frame {dropped.number} dropped: {dropped.reason}")
     for number, error in found.errors.items():
         say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
-    text = format_calibration(found, square_mm / 1000)
-    rectified = read_back(text, pictures.size_px)
+    text = format_calibration(found)
+    rectified = read_back(text, size_px)
     shown = next(iter(found.errors))
     picture = rectified_preview(rectified, *views.read(shown))
     write_together({out: text, preview: preview_png(picture)})  # all that can be refused has been by now
@@ -98,7 +88,7 @@ def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration
     if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
         say(
             f"next: measure a square of the board: {baseline_m:.4f} m is an unusual distance of two cameras "
-            f"({MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m); vfoa calibrate {out} --square-mm SIDE --replace rescales it"
+            f"({MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m); if --square-mm was wrong, calibrate again with --replace"
         )
     say(f"next: look at {preview}: the same object must be on the same row on both sides")
     say(f"next: vfoa clips add PATH --calibration {out}")
@@ -125,24 +115,3 @@ def _views(folder: Path, files: dict[str, str | None]) -> Views:
     from vfoa.validation import parse
 
     return parse(ViewFiles, files, "calibrate").views(folder)
-
-
-def _board(
-    columns: int | None, rows: int | None, square_mm: float, marker_mm: float | None, dictionary: str, legacy: bool
-) -> Board:
-    from harness.sources.calibrate.views import CharucoBoard, Chessboard
-    from vfoa.errors import VfoaError
-
-    if columns is None or rows is None:
-        raise VfoaError("--columns, --rows: missing; expected the board's number of inner corners (ChArUco: squares)")
-    square_m = square_mm / 1000
-    if marker_mm is None:
-        return Chessboard(columns=columns, rows=rows, square_m=square_m)
-    return CharucoBoard(
-        columns=columns,
-        rows=rows,
-        square_m=square_m,
-        marker_m=marker_mm / 1000,
-        dictionary=dictionary,
-        is_legacy=legacy,
-    )

@@ -48,8 +48,7 @@ def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> 
             guess = "" if rig.baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
             problem = (
                 f"the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: "
-                'say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source], or rescale the '
-                "file: vfoa calibrate FILE --square-mm SIDE"
+                'say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source]'
             )
             problems.setdefault(problem, []).append(frame.index)
         if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):

@@ -12,7 +12,6 @@ import numpy as np
 
 from harness.files.io import atomic_write
 from harness.sources.calibrate.views import Dropped, View
-from harness.sources.calibration_files.documents import numbers, read_document
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.rectification import Rectifier
 from vfoa.errors import VfoaError
@@ -75,9 +74,9 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
     dropped: list[Dropped] = []
     while True:
         if len(kept) < MIN_VIEWS:
-            reasons = "".join(f"; frame {each.number}: {each.reason}" for each in dropped)
-            hint = " (are --columns and --rows right?)" if not kept else ""
-            raise VfoaError(f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}{hint}{reasons}")
+            raise VfoaError(
+                f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS} (--columns, --rows right?)"
+            )
         found = _solve(kept, size_px, tuple(dropped))
         worst = _worst(found.errors)
         if worst is None:
@@ -138,46 +137,13 @@ def _epipolar_px(view: View, K1: Float, D1: Float, K2: Float, D2: Float, F: Floa
     return float(np.mean([to_right, to_left]))
 
 
-SQUARE = "square_m"
-"""The name under which ``vfoa calibrate`` stores the side of a square."""
-
-
-def rescaled(path: Path, square_m: float) -> str:
-    """Return the text of a file of ``vfoa calibrate`` for squares of another side in metres.
-
-    Raises
-    ------
-    VfoaError
-        If the file cannot be read, or does not contain the side that it was made with.
-    """
-    document = read_document(path)
-    if SQUARE not in document:
-        raise VfoaError(
-            f"{path}: no {SQUARE}; expected a file of vfoa calibrate (for any other: baseline_m = in [source], or "
-            "vfoa clips add PATH --baseline)"
-        )
-    scale = square_m / float(numbers(document[SQUARE], f"{path}: {SQUARE}", 1)[0])
-    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    for name, value in document.items():
-        if name == SQUARE:
-            storage.write(name, square_m)
-        elif name == "T":
-            storage.write(name, np.asarray(value) * scale)
-        elif name in ("P1", "P2"):
-            storage.write(name, np.asarray(value) * np.array([1, 1, 1, scale]))
-        else:
-            storage.write(name, value)
-    return str(storage.releaseAndGetString())
-
-
-def format_calibration(calibration: StereoCalibration, square_m: float) -> str:
-    """Return a file's text: size, intrinsics, distortion, pose, rectification, and the side of a square in metres."""
+def format_calibration(calibration: StereoCalibration) -> str:
+    """Return a file's text: size, intrinsics, distortion, pose, rectification; metres."""
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for name, value in zip(("image_width", "image_height"), calibration.size_px, strict=True):
         storage.write(name, value)
     for name in _MATRICES:
         storage.write(name, getattr(calibration, name))
-    storage.write(SQUARE, square_m)
     return str(storage.releaseAndGetString())
 
 
@@ -204,12 +170,9 @@ def preview_png(picture: Image) -> bytes:
     return data.tobytes()
 
 
-LINES = 16
-
-
 def rectified_preview(rectifier: Rectifier, left: Image, right: Image) -> Image:
-    """The rectified pair side by side (H, 2 W, 3) RGB, with evenly spaced green rows."""
+    """The rectified pair side by side (H, 2 W, 3) RGB, with 16 green rows."""
     picture = np.hstack(rectifier.rectify(left, right))
-    for row in np.linspace(0, picture.shape[0] - 1, LINES + 2)[1:-1].astype(int):
+    for row in np.linspace(0, picture.shape[0] - 1, 18)[1:-1].astype(int):
         cv2.line(picture, (0, int(row)), (picture.shape[1] - 1, int(row)), (0, 255, 0), 1)
     return picture

@@ -2,200 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.sources.stereo_views import Views
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float, Image
 
 FEWEST_CORNERS = 3
 """Fewest corners in each direction of a chessboard that OpenCV finds."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
-    """Corners found: indices (N,) among the board's points, ascending, and pixels (N, 2)."""
-
-    ids: NDArray[np.int64]
-    pixels: Float
-
-
-class Board(Protocol):
-    """A grid of corners in the plane z = 0, row by row."""
-
-    @property
-    def corner_columns(self) -> int:
-        """Corners in a row of the grid."""
-        ...
-
-    def points_m(self) -> Float:
-        """All its corners (N, 3) in its own frame, metres."""
-        ...
-
-    def find(self, image: Image) -> Seen | None:
-        """Find the corners in a picture (H, W, 3) RGB, to a fraction of a pixel; None if there are none."""
-        ...
+MIN_CORNERS = 8
+"""Twice as many as a homography needs, so that a wrong corner shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Chessboard:
-    """Columns and rows of inner corners, and the side of a square in metres. The whole board must be visible.
+class Board:
+    """A grid of corners in the plane z = 0, row by row: ``columns`` in a row, all of them ``points_m`` (N, 3), metres.
+
+    ``find`` returns the pixels (2,), to a fraction of a pixel, of the corners in a picture (H, W, 3) RGB by their index
+    among the points; none if there is no board.
+    """
+
+    columns: int
+    points_m: Float
+    find: Callable[[Image], dict[int, Float]]
+
+
+def chessboard(columns: int, rows: int, square_m: float) -> Board:
+    """A board of this many inner corners, whose squares have this side in metres. The whole board must be visible.
 
     Raises
     ------
     VfoaError
-        If there are fewer than three in either direction.
+        If there are fewer than three corners in either direction.
     """
+    if min(columns, rows) < FEWEST_CORNERS:
+        raise VfoaError(
+            f"chessboard: found {columns} x {rows} inner corners; expected at least {FEWEST_CORNERS} in each direction"
+        )
 
-    columns: int
-    rows: int
-    square_m: float
-
-    def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < FEWEST_CORNERS:
-            raise VfoaError(
-                f"chessboard: found {self.columns} x {self.rows} inner corners; expected at least {FEWEST_CORNERS} "
-                "in each direction"
-            )
-
-    @property
-    def corner_columns(self) -> int:
-        """The number of columns."""
-        return self.columns
-
-    def points_m(self) -> Float:
-        """The inner corners."""
-        grid = np.mgrid[: self.columns, : self.rows].T.reshape(-1, 2) * self.square_m
-        return np.hstack([grid, np.zeros((len(grid), 1))])
-
-    def find(self, image: Image) -> Seen | None:
-        """Find all corners or none."""
+    def find(image: Image) -> dict[int, Float]:
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         try:
-            found, corners = cv2.findChessboardCorners(gray, (self.columns, self.rows))
+            found, corners = cv2.findChessboardCorners(gray, (columns, rows))
         except cv2.error:  # a picture of only a few pixels
-            return None
+            return {}
         if not found:
-            return None
+            return {}
         stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-        corners = cv2.cornerSubPix(gray, corners, (5, 5), (-1, -1), stop).reshape(-1, 2)
-        return Seen(ids=np.arange(len(corners)), pixels=corners.astype(np.float64))
+        corners = cv2.cornerSubPix(gray, corners, (5, 5), (-1, -1), stop)
+        return dict(enumerate(corners.reshape(-1, 2).astype(np.float64)))
+
+    grid = np.mgrid[:columns, :rows].T.reshape(-1, 2) * square_m
+    return Board(columns=columns, points_m=np.hstack([grid, np.zeros((len(grid), 1))]), find=find)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CharucoBoard:
-    """Columns and rows of squares, sides of a square and of a marker in metres, and OpenCV's dictionary of the markers.
+def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dictionary: str) -> Board:
+    """A board of this many squares, sides of a square and of a marker in metres, with markers of OpenCV's dictionary.
 
-    It may be partly visible. ``is_legacy``: boards with an even number of rows as OpenCV printed them before 4.6.
+    It may be partly visible; the corners beside decoded markers are found.
 
     Raises
     ------
     VfoaError
         If the dictionary is unknown or too small, or the marker does not fit into its square.
     """
+    if not 0 < marker_m < square_m:
+        raise VfoaError(f"marker: found {marker_m * 1000:g} mm; expected less than the square's {square_m * 1000:g} mm")
+    known = {name for name in dir(cv2.aruco) if name.startswith("DICT_")}
+    if dictionary not in known:
+        raise VfoaError(f"dictionary {dictionary!r}; {did_you_mean(dictionary, known)}")
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    if (count := len(markers.bytesList)) < columns * rows // 2:
+        raise VfoaError(
+            f"{dictionary}: {count} markers; expected at least {columns * rows // 2} for {columns} x {rows} squares"
+        )
+    board = cv2.aruco.CharucoBoard((columns, rows), square_m, marker_m, markers)
+    detector = cv2.aruco.CharucoDetector(board)
 
-    columns: int
-    rows: int
-    square_m: float
-    marker_m: float
-    dictionary: str = "DICT_5X5_100"
-    is_legacy: bool = False
-    _detector: Any = field(init=False, repr=False, compare=False)
+    def find(image: Image) -> dict[int, Float]:
+        corners, ids, _, _ = detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+        if ids is None:
+            return {}
+        return dict(zip(ids.ravel().tolist(), np.asarray(corners, np.float64).reshape(-1, 2), strict=True))
 
-    def __post_init__(self) -> None:
-        if not 0 < self.marker_m < self.square_m:
-            marker_mm, square_mm = self.marker_m * 1000, self.square_m * 1000
-            raise VfoaError(f"marker: found {marker_mm:g} mm; expected less than the square's {square_mm:g} mm")
-        markers = self.columns * self.rows // 2
-        dictionary = _dictionary(self.dictionary)
-        if len(dictionary.bytesList) < markers:
-            raise VfoaError(
-                f"{self.dictionary}: {len(dictionary.bytesList)} markers; expected at least {markers} for "
-                f"{self.columns} x {self.rows} squares"
-            )
-        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
-        board.setLegacyPattern(self.is_legacy)
-        object.__setattr__(self, "_detector", cv2.aruco.CharucoDetector(board))
-
-    @property
-    def corner_columns(self) -> int:
-        """One less than the number of squares."""
-        return self.columns - 1
-
-    def points_m(self) -> Float:
-        """The corners at which four squares meet."""
-        return np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64)
-
-    def find(self, image: Image) -> Seen | None:
-        """Find the corners beside markers that were decoded."""
-        corners, ids, _, _ = self._detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
-        if ids is None or not len(ids):
-            return None
-        order = np.argsort(ids.ravel())
-        pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)[order]
-        return Seen(ids=ids.ravel()[order].astype(np.int64), pixels=pixels)
-
-
-def _dictionary(name: str) -> Any:
-    known = {each for each in dir(cv2.aruco) if each.startswith("DICT_")}
-    if name not in known:
-        raise VfoaError(f"dictionary {name!r}; {did_you_mean(name, known)}")
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-
-
-REACH = 0.4
-"""Length of a profile to each side, in sides of a square: long enough to reach plain black and plain white.
-
-A marker inside the white square adds edges that are as wide as the square's own.
-"""
-
-STEP_PX = 0.5
-
-
-def edge_width_px(image: Image, seen: Seen, corner_columns: int) -> float:
-    """Width of the edges between neighbouring corners, pixels: the step's height over its greatest slope.
-
-    The result is the greater of the medians along the two directions of the grid, since motion blurs only one. A sharp
-    edge is 1 to 2 pixels wide; under a Gaussian blur, sqrt(2 pi) sigmas. NaN if no two corners are neighbours.
-    """
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    places = {int(id_): pixel for id_, pixel in zip(seen.ids, seen.pixels, strict=True)}
-    along = [(i, i + 1) for i in places if i + 1 in places and (i + 1) % corner_columns]
-    across = [(i, i + corner_columns) for i in places if i + corner_columns in places]
-    widths = [
-        float(np.median(_widths(gray, np.array([[places[i], places[j]] for i, j in pairs]))))
-        for pairs in (along, across)
-        if pairs
-    ]
-    return max(widths, default=float("nan"))
-
-
-def _widths(gray: NDArray[np.float32], ends: Float) -> Float:
-    """Widths of the edges (N, 2, 2) between two corners each, at their middles."""
-    direction = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(direction, axis=1)
-    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1) / length[:, None]
-    reach = REACH * length
-    steps = int(np.ceil(2 * reach.max() / STEP_PX)) + 1
-    offsets = np.linspace(-1, 1, steps)[None, :, None] * reach[:, None, None]
-    at = (ends.mean(axis=1)[:, None] + offsets * normal[:, None]).astype(np.float32)
-    profiles = cv2.remap(gray, at[..., 0], at[..., 1], cv2.INTER_LINEAR).astype(np.float64)
-    slope = np.abs(np.diff(profiles, axis=1)).max(axis=1) / (2 * reach / (steps - 1))
-    height = profiles.max(axis=1) - profiles.min(axis=1)
-    return np.asarray(height / np.maximum(slope, 1e-6))
-
-
-MIN_CORNERS = 8
-"""Twice as many as a homography needs, so that a wrong corner shows."""
-
-MAX_EDGE_PX = 4.0
-"""Wider edges count as blurred: OpenCV's sample pictures have 2.1 to 3.0; under a Gaussian of 1.5 px, 4.4 to 4.8."""
+    return Board(columns=columns - 1, points_m=np.asarray(board.getChessboardCorners(), np.float64), find=find)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,79 +111,49 @@ class Dropped:
 
 
 def find_views(
-    pairs: Iterable[tuple[int, Image, Image]], board: Board, max_edge_px: float = MAX_EDGE_PX
-) -> tuple[list[View], list[Dropped]]:
-    """Find the board in every pair (frame number, left, right: (H, W, 3) RGB); also return the unusable pairs."""
-    views, dropped = [], []
-    for number, left, right in pairs:
-        found = _view(number, left, right, board, max_edge_px)
-        if isinstance(found, View):
-            views.append(found)
-        else:
-            dropped.append(Dropped(number=number, reason=found))
-    return views, dropped
+    numbers: Iterable[int], read: Callable[[int], tuple[Image, Image]], board: Board
+) -> tuple[list[View], list[Dropped], tuple[int, int]]:
+    """Find the board in pairs of pictures of one size, that of the first one that can be read.
 
+    Parameters
+    ----------
+    numbers
+        The frames.
+    read
+        Reads left and right (H, W, 3) RGB of a frame.
+    board
+        The board to find.
 
-def _view(number: int, left: Image, right: Image, board: Board, max_edge_px: float) -> View | str:
-    """Return the view, or the reason why there is none."""
-    seen_left, seen_right = board.find(left), board.find(right)
-    if seen_left is None or seen_right is None:
-        missing = [side for side, seen in (("left", seen_left), ("right", seen_right)) if seen is None]
-        return f"no board in the {' and the '.join(missing)} image"
-    shared, at_left, at_right = np.intersect1d(seen_left.ids, seen_right.ids, return_indices=True)
-    if len(shared) < MIN_CORNERS:
-        counts = f"{len(seen_left.ids)} left, {len(seen_right.ids)} right"
-        return f"{len(shared)} corners are in both images ({counts}); expected at least {MIN_CORNERS}"
-    if _are_in_line(shared, board.corner_columns):
-        return "the corners in both images lie in one line; expected two rows and two columns of the board"
-    for side, image, seen in (("left", left, seen_left), ("right", right, seen_right)):
-        if (width := edge_width_px(image, seen, board.corner_columns)) > max_edge_px:
-            return f"blurred in the {side} image: edges are {width:.1f} px wide; expected at most {max_edge_px:g}"
-    return View(
-        number=number,
-        points_m=board.points_m()[shared],
-        left_px=seen_left.pixels[at_left],
-        right_px=seen_right.pixels[at_right],
-    )
-
-
-def _are_in_line(ids: NDArray[np.int64], columns: int) -> bool:
-    """Whether the corners are collinear, so that they give no homography."""
-    grid = np.stack([ids // columns, ids % columns], axis=1).astype(np.float64)
-    return bool(np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2)
-
-
-class Pictures:
-    """Pairs (number, left, right) of one size, in order; unusable ones are added to :attr:`dropped` as they are met.
-
-    ``every``: use every Nth frame of a video. ``size_px`` is the (width, height) of the first pair that can be read.
-
-    Raises
-    ------
-    VfoaError
-        If no pair can be read.
+    Returns
+    -------
+    tuple
+        The views, the frames without one, and (width, height) of the pictures.
     """
+    views, dropped, size_px = [], [], (0, 0)
+    for number in numbers:
+        try:
+            left, right = read(number)
+            own_px = left.shape[1], left.shape[0]
+            size_px = size_px if any(size_px) else own_px
+            if own_px != size_px:
+                raise VfoaError(f"{own_px} pixels; expected {size_px} as in the first pair")
+            views.append(_view(number, left, right, board))
+        except VfoaError as error:
+            dropped.append(Dropped(number=number, reason=str(error)))
+    return views, dropped, size_px
 
-    def __init__(self, views: Views, every: int = 1) -> None:
-        self._views, self._numbers = views, views.frames[::every]
-        self.dropped: list[Dropped] = []
-        self.size_px = (0, 0)
-        if next(iter(self), None) is None:
-            reasons = "; ".join(each.reason for each in self.dropped[:1])
-            raise VfoaError(f"none of {len(self._numbers)} pairs of pictures can be read: {reasons}")
 
-    def __iter__(self) -> Iterator[tuple[int, Image, Image]]:
-        self.dropped.clear()
-        for number in self._numbers:
-            try:
-                left, right = self._views.read(number)
-            except VfoaError as error:
-                self.dropped.append(Dropped(number=number, reason=str(error)))
-                continue
-            size_px = left.shape[1], left.shape[0]
-            self.size_px = self.size_px if any(self.size_px) else size_px
-            if size_px == self.size_px:
-                yield number, left, right
-            else:
-                reason = f"{size_px} pixels; expected {self.size_px} as in the first pair"
-                self.dropped.append(Dropped(number=number, reason=reason))
+def _view(number: int, left: Image, right: Image, board: Board) -> View:
+    corners = {"left": board.find(left), "right": board.find(right)}
+    if missing := [side for side, found in corners.items() if not found]:
+        raise VfoaError(f"no board in the {' and the '.join(missing)} image")
+    shared = sorted(corners["left"].keys() & corners["right"].keys())
+    if len(shared) < MIN_CORNERS:
+        counts = ", ".join(f"{len(found)} {side}" for side, found in corners.items())
+        raise VfoaError(f"{len(shared)} corners are in both images ({counts}); expected at least {MIN_CORNERS}")
+    points_m = board.points_m[shared]
+    grid = np.stack(np.divmod(shared, board.columns), axis=1)
+    if np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2:
+        raise VfoaError("the corners in both images lie in one line; expected two rows and two columns of the board")
+    left_px, right_px = (np.array([found[corner] for corner in shared]) for found in corners.values())
+    return View(number=number, points_m=points_m, left_px=left_px, right_px=right_px)

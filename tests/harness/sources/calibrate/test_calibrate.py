@@ -9,9 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app, main
-from harness.sources.calibrate.solve import format_calibration, rescaled, solve
-from harness.sources.calibrate.views import Chessboard, Pictures, View, find_views
-from harness.sources.calibration import Calibration
+from harness.sources.calibrate.solve import format_calibration, solve
+from harness.sources.calibrate.views import Dropped, View, chessboard, find_views
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.media.images import read_rgb
 from harness.sources.rectification import RawCalibration
@@ -21,8 +20,9 @@ from tests.calibrations import rectified_rows_px, write_opencv
 from tests.command import vfoa
 from tests.disk import write_bytes, write_image, write_text
 from vfoa.errors import VfoaError
+from vfoa.types import Image, StereoFrame
 
-BOARD = Chessboard(columns=9, rows=6, square_m=0.025)
+BOARD = chessboard(9, 6, 0.025)
 SIZE = (640, 480)
 K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
 RIGHT_FROM_LEFT, T = np.array([0.01, 0.02, -0.01]), np.array([-0.12, 0.002, 0.001])
@@ -35,21 +35,32 @@ def _views(count: int = 8) -> list[View]:
     views = []
     for number in range(count):
         tilt = cv2.Rodrigues(random.uniform(-0.5, 0.5, 3))[0]
-        left = (BOARD.points_m() - [0.1, 0.06, 0]) @ tilt.T + [0.05, 0, random.uniform(0.5, 0.9)]
+        left = (BOARD.points_m - [0.1, 0.06, 0]) @ tilt.T + [0.05, 0, random.uniform(0.5, 0.9)]
         pixels = [points[:, :2] / points[:, 2:] * 600 + K[:2, 2] for points in (left, left @ rotation.T + T)]
-        views.append(View(number=number, points_m=BOARD.points_m(), left_px=pixels[0], right_px=pixels[1]))
+        views.append(View(number=number, points_m=BOARD.points_m, left_px=pixels[0], right_px=pixels[1]))
     return views
 
 
-def _pictures(folder: Path) -> Pictures:
-    return Pictures(ViewFiles(left="left*.jpg", right="right*.jpg").views(folder))
+def _found(folder: Path) -> tuple[list[View], list[Dropped], tuple[int, int]]:
+    pictures = ViewFiles(left="left*.jpg", right="right*.jpg").views(folder)
+    return find_views(pictures.frames, pictures.read, BOARD)
+
+
+def _found_in(clip: StereoFolderClip) -> list[View]:
+    frames = {number: clip.frame(number) for number in clip.frames}
+    return find_views(frames, lambda number: (frames[number].left, _right(frames[number])), BOARD)[0]
+
+
+def _right(frame: StereoFrame) -> Image:
+    assert frame.right is not None
+    return frame.right
 
 
 def test_known_cameras_are_found_and_the_file_brings_them_back(tmp_path: Path) -> None:
     found = solve(_views(), SIZE)
     assert np.allclose(found.K1, K, rtol=1e-2)
     assert np.allclose(found.T.ravel(), T, atol=1e-3)
-    write_text(tmp_path / "stereo.yml", format_calibration(found, BOARD.square_m))
+    write_text(tmp_path / "stereo.yml", format_calibration(found))
     cameras = read_cameras([tmp_path / "stereo.yml"], lambda: (1, 1))
     assert isinstance(cameras, RawCalibration)
     calibration = cameras.rectified()
@@ -67,27 +78,26 @@ def test_a_view_that_does_not_fit_is_dropped_and_named() -> None:
 
 def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
     blank = np.zeros((48, 64, 3), np.uint8)
-    views, dropped = find_views([(7, blank, blank)], BOARD)
+    views, dropped, _ = find_views([7], lambda _: (blank, blank), BOARD)
     assert (views, [each.number for each in dropped]) == ([], [7])
-    with pytest.raises(VfoaError, match=r"0 usable views .*; expected at least 3 \(are --columns and --rows"):
+    with pytest.raises(VfoaError, match=r"0 usable views .*; expected at least 3 \(--columns, --rows"):
         solve(views, SIZE)
 
 
 def test_a_board_that_opencv_cannot_find_is_refused() -> None:
     with pytest.raises(VfoaError, match="chessboard: found 2 x 6 inner corners; expected at least 3 in each direction"):
-        Chessboard(columns=2, rows=6, square_m=0.03)
+        chessboard(2, 6, 0.03)
 
 
 @pytest.mark.parametrize("side", [1, 2, 9])
 def test_a_picture_of_a_few_pixels_has_no_board(side: int) -> None:
-    assert Chessboard(columns=3, rows=3, square_m=0.03).find(np.zeros((side, side, 3), np.uint8)) is None
+    assert chessboard(3, 3, 0.03).find(np.zeros((side, side, 3), np.uint8)) == {}
 
 
 def test_real_cameras_are_calibrated(shared_data: Path) -> None:
-    pictures = _pictures(shared_data / "chessboard")
-    views, dropped = find_views(pictures, BOARD)
-    found = solve(views, pictures.size_px)
-    assert (len(found.errors), dropped, pictures.dropped, found.dropped) == (13, [], [], ())
+    views, dropped, size_px = _found(shared_data / "chessboard")
+    found = solve(views, size_px)
+    assert (len(found.errors), dropped, found.dropped) == (13, [], ())
     assert found.rms_px <= 0.5
     assert found.epipolar_px <= 0.25
     assert np.median(np.abs(np.concatenate([rectified_rows_px(found, view) for view in views]))) <= 0.15
@@ -95,36 +105,35 @@ def test_real_cameras_are_calibrated(shared_data: Path) -> None:
 
 def test_the_result_drives_a_clip_whose_corners_lie_on_the_same_rows(shared_data: Path, tmp_path: Path) -> None:
     (tmp_path / "pictures").symlink_to(shared_data / "chessboard")
-    pictures = _pictures(shared_data / "chessboard")
-    found = solve(find_views(pictures, BOARD)[0], pictures.size_px)
-    write_text(tmp_path / "stereo.yml", format_calibration(found, BOARD.square_m))
+    views, _, size_px = _found(shared_data / "chessboard")
+    found = solve(views, size_px)
+    write_text(tmp_path / "stereo.yml", format_calibration(found))
     settings = {"left": "pictures/left*.jpg", "right": "pictures/right*.jpg", "calibration": "stereo.yml"}
     clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
-    frames = [clip.frame(number) for number in clip.frames]
-    views, _ = find_views(((frame.index, frame.left, frame.right) for frame in frames), BOARD)
+    views = _found_in(clip)
     assert len(views) >= 10  # rectification may cut a corner off
     rows_apart = np.abs(np.concatenate([view.left_px[:, 1] - view.right_px[:, 1] for view in views]))
     assert np.median(rows_apart) <= 0.15
-    assert frames[0].rig.baseline_m > 0
+    assert clip.frame(clip.frames[0]).rig.baseline_m > 0
     assert clip.digest() != StereoFolderClip(clip.Settings(**settings, rectified=True), tmp_path).digest()
 
 
 def test_opencv_s_two_files_rectify_real_pairs_in_one_picture(shared_data: Path, tmp_path: Path) -> None:
     """intrinsics.yml and extrinsics.yml without R1 to P2: the rectification is computed."""
-    pictures = _pictures(shared_data / "chessboard")
-    found = solve(find_views(pictures, BOARD)[0], pictures.size_px)
+    views, _, size_px = _found(shared_data / "chessboard")
+    found = solve(views, size_px)
     write_opencv(tmp_path / "intrinsics.yml", {"M1": found.K1, "D1": found.D1, "M2": found.K2, "D2": found.D2})
     write_opencv(tmp_path / "extrinsics.yml", {"R": found.R, "T": found.T})
-    for number, left, right in pictures:
-        write_image(tmp_path / f"{number}.png", np.hstack([left, right]))
+    pictures = ViewFiles(left="left*.jpg", right="right*.jpg").views(shared_data / "chessboard")
+    for number in pictures.frames:
+        write_image(tmp_path / f"{number}.png", np.hstack(pictures.read(number)))
     settings = {"layout": "images_side_by_side", "both": "*.png", "calibration": ["intrinsics.yml", "extrinsics.yml"]}
     clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
-    frames = [clip.frame(number) for number in clip.frames]
-    views, _ = find_views(((frame.index, frame.left, frame.right) for frame in frames), BOARD)
+    views = _found_in(clip)
     rows_apart = np.abs(np.concatenate([view.left_px[:, 1] - view.right_px[:, 1] for view in views]))
     assert len(views) >= 10
     assert np.median(rows_apart) <= 0.15
-    assert frames[0].rig.baseline_m == pytest.approx(np.linalg.norm(found.T))
+    assert clip.frame(clip.frames[0]).rig.baseline_m == pytest.approx(np.linalg.norm(found.T))
 
 
 def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Path) -> None:
@@ -168,34 +177,3 @@ def test_what_is_refused_leaves_no_file(
     assert (code, said.count("\n")) == (2, 1)
     assert "left and right swapped?" in said
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_wrong_square_is_told_and_rescaled_later(
-    shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    sides = ("--left", "left0[1-5].jpg", "--right", "right0[1-5].jpg")
-    code, out, _ = vfoa(monkeypatch, capsys, "calibrate", str(shared_data / "chessboard"), *BOARD_WORDS, *sides)
-    assert code == 0
-    assert "measure a square of the board" in out
-    before = _rectified(tmp_path / "stereo.yml")
-    told = ("calibrate", "stereo.yml", "--square-mm", "25")
-    assert "expected --replace" in vfoa(monkeypatch, capsys, *told)[2]
-    assert _rectified(tmp_path / "stereo.yml") == before
-    assert vfoa(monkeypatch, capsys, *told, "--replace")[0] == 0
-    after = _rectified(tmp_path / "stereo.yml")
-    assert after.baseline_m == pytest.approx(before.baseline_m * 0.025)
-    assert dataclasses.replace(after, baseline_m=before.baseline_m) == before
-    assert vfoa(monkeypatch, capsys, *told, "--out", "again.yml")[0] == 0
-    assert _rectified(tmp_path / "again.yml").baseline_m == pytest.approx(after.baseline_m)
-
-
-def _rectified(path: Path) -> Calibration:
-    cameras = read_cameras([path], lambda: (1, 1))
-    assert isinstance(cameras, RawCalibration)
-    return cameras.rectified()
-
-
-def test_a_calibration_of_another_program_has_no_square_to_rescale(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"c\.yml: no square_m; expected a file of vfoa calibrate"):
-        rescaled(write_opencv(tmp_path / "c.yml", {"K1": np.eye(3)}), 0.02)
