@@ -11,6 +11,6 @@ views          images as JPEG, outlines and heads
 session        all of it for one clip
 app            routes, server, and the same port and token after a restart
 correction     one label of a served report
-convert        labels, drawn shapes and a run's predictions in formats of other programs
+convert        labels and a run's predictions in formats of other programs
 page/          HTML, CSS and JavaScript, as they are
 """

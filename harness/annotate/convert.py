@@ -1,4 +1,4 @@
-"""Labels, drawn shapes and a run's predictions in the formats of other programs: import and export."""
+"""Labels and a run's predictions in the formats of other programs: import and export."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from harness.annotate.clip_stores import open_drawing, open_store, read_for_store
+from harness.annotate.clip_stores import open_store, read_for_store
 from harness.annotate.marks import from_labels, stretches
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
-from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
-from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import (
     IGNORED,
@@ -118,49 +116,6 @@ def import_labels(
     return replace_fields(imported, notes=tuple(notes))
 
 
-def import_drawn(
-    source: Path, name: str, exchange: Exchange, manifest: ClipManifest, *, replace: bool
-) -> tuple[Path, Drawn, tuple[str, ...]]:
-    """Import drawn shapes of another program; return the file, its content, and notes on what was left out.
-
-    Shapes of names that the file does not have are kept. The journal holds what is replaced.
-
-    Raises
-    ------
-    VfoaError
-        If the format has no boxes, the file cannot be read as this clip's, or existing shapes may not be replaced.
-    """
-    _check_draws(name)
-    place = manifest.annotations.place_drawn()
-    check_new(place, replace=True, inputs=[source])
-    drawn, notes = read_cvat_drawn(source, exchange)
-    if not place.is_file():
-        write_drawn(place, drawn)
-        return place, drawn, notes
-    with closing(open_drawing(manifest, exchange.frames)) as store:
-        taken = ", ".join(each for each in drawn.names if each in store.drawn.names)
-        if taken and not replace:
-            raise VfoaError(f"{place}: has shapes of {taken} already; expected --replace")
-        store.put(drawn)
-    said = (f"{place}: replaced the shapes of {taken}; undo in vfoa annotate brings them back.",) if taken else ()
-    return place, drawn, (*notes, *said)
-
-
-def export_drawn(manifest: ClipManifest, name: str, exchange: Exchange, to: Path, *, replace: bool) -> list[str]:
-    """Write what is drawn on a clip, in the format called ``name``. Returns and raises as :func:`export_labels`."""
-    _check_draws(name)
-    check_new(to, replace=replace, inputs=manifest.files)
-    drawn = manifest.drawn(exchange.frames)
-    if drawn is None or not drawn.tracks:
-        raise VfoaError(f"{manifest.name}: nothing is drawn; expected {manifest.annotations.place_drawn()}")
-    return [f"{to}: {each}" for each in write_cvat_drawn(to, drawn, exchange)]
-
-
-def _check_draws(name: str) -> None:
-    if name != "cvat":
-        raise VfoaError(f"--drawn: found --format {name}; expected --format cvat, the only one of drawn boxes")
-
-
 def export_labels(
     manifest: ClipManifest, annotator: str | None, name: str, exchange: Exchange, to: Path, *, replace: bool
 ) -> list[str]:
@@ -178,11 +133,6 @@ def export_labels(
     labels = manifest.read(path, exchange.timeline, allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
-
-
-def is_run(path: Path) -> bool:
-    """Whether a path is a run's directory."""
-    return RunDirectory(path).manifest.is_file()
 
 
 def export_predictions(

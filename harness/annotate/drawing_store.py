@@ -180,20 +180,6 @@ class DrawingStore(JournaledStore[Drawn]):
         if after != before:
             self.commit(self._history.change_to(draw.name, draw.kind, after))
 
-    def put(self, drawn: Drawn) -> None:
-        """Replace the shapes of the drawing's names; each track is a change that can be undone.
-
-        Raises
-        ------
-        VfoaError
-            If another process draws on the clip.
-        """
-        new = {(each.name, each.kind): each.keys for each in drawn.tracks}
-        gone = [key for key in self._history.tracks if key[0] in drawn.names and key not in new]
-        for (name, kind), keys in [*((key, ()) for key in gone), *new.items()]:
-            if keys != self._history.tracks.get((name, kind), ()):
-                self.commit(self._history.change_to(name, kind, keys))
-
     def tracks(self) -> list[list[Any]]:
         """The drawing as JSON: name, kind and key frames of each track."""
         return plain_tracks(self.drawn)

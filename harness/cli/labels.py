@@ -48,15 +48,12 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option("--format", help="elan, csv, boris and idiap_vfoa (import only), a package's; cvat: --drawn."),
+    typer.Option("--format", help="elan, csv, boris and idiap_vfoa (import only), or a package's."),
 ]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
 ]
-Offset = Annotated[
-    float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
-]
-Drawn = Annotated[bool, typer.Option("--drawn", help="Boxes and points of CLIP.drawn.csv, as CVAT's, not the labels.")]
+Offset = Annotated[float, typer.Option(help="Where the clip begins in the other program, seconds.")]
 
 
 @app.command(name="import", short_help="Read the labels of another program.")
@@ -81,11 +78,10 @@ def import_(
     confirm: Annotated[
         bool, typer.Option("--confirm", help="Confirm suggestions (a run's predictions), so that they are scored.")
     ] = False,
-    drawn: Drawn = False,
     replace: Annotated[bool, typer.Option("--replace", help="Replace labels of the subjects in the file.")] = False,
 ) -> None:
     """Read the labels of another program; print what is left out, and what is replaced."""
-    from harness.annotate.convert import import_drawn, import_labels, open_exchange
+    from harness.annotate.convert import import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
@@ -97,12 +93,6 @@ def import_(
         gaps=gaps.value,
         observation=observation,
     )
-    if drawn:
-        path, found, notes = import_drawn(file, format_, exchange, manifest, replace=replace)
-        for note in notes:
-            say(f"- {note}", err=True)
-        say(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
-        return
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
@@ -124,7 +114,6 @@ def export(
     clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
     fps: Fps = None,
     offset: Offset = 0.0,
-    drawn: Drawn = False,
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
 ) -> None:
@@ -132,15 +121,15 @@ def export(
 
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
-    from harness.annotate.convert import export_drawn, export_labels, export_predictions, is_run, open_exchange
+    from harness.annotate.convert import export_labels, export_predictions, open_exchange
     from harness.clips.manifest import load_manifest
+    from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
     folder = run_folder(source)
-    if is_run(folder):
-        given = {"--annotator": annotator, "--drawn": drawn}
-        for option in [name for name, value in given.items() if value]:
-            raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
+    if RunDirectory(folder).manifest.is_file():
+        if annotator:
+            raise VfoaError("--annotator: found it for the predictions of a run; expected it for a clip's labels")
         for written, left_out in export_predictions(
             folder, format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
         ):
@@ -150,10 +139,7 @@ def export(
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
     manifest = load_manifest(source)
     exchange = open_exchange(manifest, fps=fps, offset=offset)
-    if drawn:
-        notes = export_drawn(manifest, format_, exchange, to, replace=replace)
-    else:
-        notes = export_labels(manifest, annotator, format_, exchange, to, replace=replace)
+    notes = export_labels(manifest, annotator, format_, exchange, to, replace=replace)
     _print_export(to, notes)
 
 

@@ -34,7 +34,7 @@ MOST_LEVELS = 100
 MOST_VALUES = 1_000_000
 """Most values of a TOML or YAML document, including those that an alias repeats."""
 MOST_TAGS = 20_000_000
-"""Most tags of an XML document: an hour of ten people in CVAT has half of that."""
+"""Most tags of an XML document."""
 MOST_UNPACKED_BYTES = 2**30
 MOST_COMPRESSION = 250
 """Most unpacked bytes per packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
@@ -180,22 +180,6 @@ def parse_xml(data: bytes, path: Path) -> Element:
         raise VfoaError(f"{path}:1: not XML: {error}") from None
     _check_levels([root], list, path, most=2 * MOST_TAGS)
     return root
-
-
-def read_member(data: bytes, name: str, where: object, of: str) -> bytes:
-    """Return the content of a file in a ZIP archive; ``of`` says whose archives have one, for messages.
-
-    Raises
-    ------
-    VfoaError
-        If there is none, it is damaged or encrypted, or it unpacks to more than such a file can have.
-    """
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            check_unpacked([archive.getinfo(name)], where)
-            return archive.read(name)
-    except (KeyError, *_ZIP_DAMAGE) as error:
-        raise VfoaError(f"{where}: no {name} can be read in it, as {of} have one: {error}") from None
 
 
 def check_archive(data: bytes, where: object) -> None:

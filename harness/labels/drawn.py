@@ -10,7 +10,7 @@ frame,name,kind,u0_px,v0_px,u1_px,v1_px,outside
 
 A track holds the key frames of one name and one kind. Between two key frames each coordinate changes linearly with the
 frame number; after the last one it stays. From a key frame that is ``outside`` until the next one, and before the
-first, there is nothing, as in CVAT. Coordinates are pixels of the left image, whole numbers at pixels' centres.
+first, there is nothing. Coordinates are pixels of the left image, whole numbers at pixels' centres.
 ``annotations/README.md`` explains the file to people who draw.
 """
 

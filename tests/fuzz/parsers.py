@@ -17,7 +17,6 @@ from harness.clips.manifest import load_manifest
 from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
-from harness.labels.formats.cvat import read_cvat_drawn
 from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
 from harness.run.results import read_results, to_line
@@ -124,7 +123,6 @@ PARSERS: Sequence[Parser] = (
     # Labels
     Parser("labels", "mine.csv", whole.LABELS, _annotations),
     Parser("drawn", "mine.drawn.csv", whole.DRAWN, _drawn),
-    Parser("cvat tracks", "theirs.xml", whole.CVAT_TRACKS, lambda path: read_cvat_drawn(path, exchange())),
     *(
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
         for name, file_name in (("csv", "theirs.csv"), ("elan", "theirs.eaf"))

@@ -61,12 +61,6 @@ DRAWN = (
     "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
     "1,mug,box,1,2,30.5,40,\n9,mug,box,4,2,33,40,1\n2,book,point,7,8,,,\n1,anna,head,5,6,25,36,\n"
 )
-CVAT_TRACKS = (
-    '<annotations><version>1.1</version><track id="0" label="bird">'
-    '<box frame="0" keyframe="1" outside="0" xtl="1" ytl="2" xbr="9" ybr="8"/>'
-    '<box frame="5" keyframe="0" outside="1" xtl="3" ytl="2" xbr="11" ybr="8"/></track>'
-    '<track id="1" label="cup"><points frame="2" keyframe="1" outside="0" points="7.5,8.5"/></track></annotations>'
-)
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '
     '"1": {"code": "nod", "type": "Point event"}}, "observations": {"talk": {"media_info": {"offset": {"1": 0.5}}, '

@@ -100,8 +100,7 @@ class Exchange:
     fps
         The rate at which the other program shows the clip's frames; None: at the clip's own times.
     offset
-        Position of the clip's first frame in the other program: seconds in formats of times, frames in formats of
-        frames.
+        Time of the clip's first frame in the other program, seconds.
     renamed
         The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
     gaps
@@ -159,21 +158,6 @@ class Exchange:
         """Duration of the last frame, ms."""
         steps = np.diff(self.times_ms)
         return max(1, round(float(np.median(steps)))) if len(steps) else 1000
-
-    @cached_property
-    def first_number(self) -> int:
-        """The number of the clip's first frame in a format of frames that counts from 0.
-
-        Raises
-        ------
-        VfoaError
-            If ``fps`` is given, which has no meaning here, or the offset is no whole number.
-        """
-        if self.fps is not None:
-            raise VfoaError("--fps: this format holds frame numbers, not times; expected only --offset, in frames")
-        if self.offset != int(self.offset):
-            raise VfoaError(f"--offset: found {self.offset:g}; expected whole frames: this format holds frame numbers")
-        return int(self.offset)
 
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""

@@ -24,7 +24,6 @@ from harness.files.parsing import (
     parse_toml,
     parse_xml,
     parse_yaml,
-    read_member,
     toml_key,
     toml_value,
 )
@@ -137,15 +136,10 @@ def _archive(content: bytes, name: str = "annotations.xml") -> bytes:
 
 def test_archives_of_zeros_are_refused_before_they_are_unpacked() -> None:
     ordinary = _archive(b"<annotations/>")
-    assert read_member(ordinary, "annotations.xml", PATH, "CVAT's exports") == b"<annotations/>"
     check_archive(ordinary, PATH)
     bomb = _archive(bytes(50_000_000))
     with pytest.raises(VfoaError, match=r"^it: [0-9]+ bytes unpack to 50000000"):
-        read_member(bomb, "annotations.xml", PATH, "CVAT's exports")
-    with pytest.raises(VfoaError, match=r"^it: [0-9]+ bytes unpack to 50000000"):
         check_archive(bomb, PATH)
-    with pytest.raises(VfoaError, match=r"^it: no annotations\.xml"):
-        read_member(_archive(b"", "other"), "annotations.xml", PATH, "CVAT's exports")
     check_archive(ordinary[:40], PATH)  # what unpacks it says that it is damaged
 
 
