@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -13,6 +12,7 @@ from pathlib import Path
 import httpx
 
 from harness.files.digests import file_digest
+from harness.files.io import take_lock
 from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 
@@ -63,16 +63,9 @@ def download(
 @contextmanager
 def _alone(partial: Path) -> Iterator[None]:
     """Lock a partial file for this process; two that append to one file would mix their bytes."""
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
     with partial.open("ab") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise VfoaError(f"{partial}: another process downloads this file; wait for it, and try again") from None
+        if not take_lock(file):
+            raise VfoaError(f"{partial}: another process downloads this file; wait for it, and try again")
         try:
             yield
         finally:

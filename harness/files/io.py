@@ -10,11 +10,12 @@ import errno
 import os
 import re
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, Any, TypeVar
 
 from vfoa.errors import VfoaError
 
@@ -187,6 +188,22 @@ def replacing(path: Path) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def take_lock(file: IO[Any]) -> bool:
+    """Lock an open file for this process, until it is closed or the process ends; False if another process holds it.
+
+    Windows has no such lock: there, every process gets it.
+    """
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 Frame = TypeVar("Frame")

@@ -23,7 +23,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, model_validator
 
 from harness.clips.manifest import load_manifest
-from harness.files.io import atomic_write, read_bytes, unreadable
+from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
 from harness.files.parsing import parse_json
 from harness.remote import local_folder
 from vfoa.errors import StageError, VfoaError, did_you_mean
@@ -357,30 +357,24 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
-    import fcntl
-
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / LOCK
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        holder = os.read(handle, 200).decode(errors="replace").strip()
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
+    with path.open("a+", errors="replace") as file:
+        file.seek(0)
+        holder = file.read(200).strip()
+        if not take_lock(file):
             raise VfoaError(
                 f"{folder}: {holder or 'another process'} runs here; expected one run in a directory: wait for it, or "
                 "choose another --out"
-            ) from None
-        if path.exists() and os.fstat(handle).st_ino == path.stat().st_ino:
-            break
-        os.close(handle)  # the holder has just removed the file
-    try:
-        if holder:
-            tell(f"{folder}: took over the lock of {holder}, which has ended")
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"process {os.getpid()} on {platform.node()}".encode(), 0)
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        os.close(handle)
+            )
+        if not path.exists() or os.fstat(file.fileno()).st_ino != path.stat().st_ino:
+            raise VfoaError(f"{folder}: another run has just ended here; run again")
+        try:
+            if holder:
+                tell(f"{folder}: took over the lock of {holder}, which has ended")
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {platform.node()}")
+            file.flush()
+            yield
+        finally:
+            path.unlink(missing_ok=True)

@@ -53,16 +53,6 @@ class AttentionRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DirectionFitRecord:
-    """Fit of a subject's directions to the posterior, as in :class:`vfoa.types.DirectionFit`."""
-
-    tail: float
-    claimed_error_rad: float | None
-    implied_error_rad: float | None
-    implied_share: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SubjectRecord:
     """One tracked person of a frame.
 
@@ -84,7 +74,7 @@ class SubjectRecord:
     attention: tuple[AttentionRecord, ...]
     focus: int | None
     tied: tuple[int, ...]
-    fit: DirectionFitRecord | None = None
+    fit: DirectionFit | None = None
     no_gaze: str | None = None
 
 
@@ -190,7 +180,7 @@ def _subject(attention: Attention, name: str | None) -> SubjectRecord:
         attention=attention_records(attention),
         focus=attention.focus,
         tied=attention.tied,
-        fit=None if attention.fit is None else _fit(attention.fit),
+        fit=attention.fit,
     )
 
 
@@ -204,15 +194,6 @@ def attention_records(attention: Attention) -> tuple[AttentionRecord, ...]:
             total=float(value.total),
         )
         for value in attention.values
-    )
-
-
-def _fit(fit: DirectionFit) -> DirectionFitRecord:
-    return DirectionFitRecord(
-        tail=float(fit.tail),
-        claimed_error_rad=None if fit.claimed_error_rad is None else float(fit.claimed_error_rad),
-        implied_error_rad=None if fit.implied_error_rad is None else float(fit.implied_error_rad),
-        implied_share=None if fit.implied_share is None else float(fit.implied_share),
     )
 
 

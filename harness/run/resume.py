@@ -13,7 +13,6 @@ a reason; then every frame is attended to again.
 
 from __future__ import annotations
 
-import sys
 import time
 import zlib
 from collections.abc import Collection, Mapping
@@ -26,7 +25,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from harness.clips.naming import SubjectNames
-from harness.files.io import atomic_write
+from harness.files.io import atomic_write, take_lock
 from harness.pipeline.cache_store import Codec
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkState
@@ -178,74 +177,6 @@ LOCK_SECONDS = 10.0
 """Seconds that the last writer of a file may take to end before it counts as another run."""
 
 
-class PartialResults:
-    """Results and timings of one (clip, configuration): two files that are open in a ``with`` block.
-
-    Parameters
-    ----------
-    results, timings
-        The files; those of an interrupted run are continued.
-    frames
-        Frames of that run that are not computed again. The others are compared with what it has written.
-    results_bytes, timings_bytes
-        The extent of these frames in the files.
-    """
-
-    def __init__(
-        self, results: Path, timings: Path, *, frames: int = 0, results_bytes: int = 0, timings_bytes: int = 0
-    ) -> None:
-        self._paths, self._frames, self._kept = (results, timings), frames, frames
-        self._starts = results_bytes, timings_bytes
-        self._files = ExitStack()
-
-    def __enter__(self) -> Self:
-        """Open the files; a :class:`VfoaError` says that another process is writing them."""
-        self._paths[0].parent.mkdir(parents=True, exist_ok=True)
-        self._results = self._files.enter_context(open(self._paths[0], "a+b"))
-        self._timings = self._files.enter_context(open(self._paths[1], "a+b"))
-        try:
-            _lock(self._results, self._paths[0])
-        except VfoaError:
-            self._files.close()
-            raise
-        more = _cut_results(self._results, self._starts[0])
-        _cut_timings(self._timings, more, self._starts[1])
-        self._kept += more
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._files.close()
-
-    def reached(self) -> tuple[int, int, int] | None:
-        """The frames so far, and the bytes of results and timings; None while kept frames are being compared."""
-        return (self._frames, self._results.tell(), self._timings.tell()) if self.goes_on else None
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether the next frame is a new one."""
-        return self._frames >= self._kept
-
-    def write(self, line: str, timings: Mapping[str, float], prefix: str) -> None:
-        """Write the next frame: its line of results, and its ms per stage, each on a line that starts with ``prefix``.
-
-        Raises
-        ------
-        VfoaError
-            If an earlier run has written another result for the frame.
-        """
-        if self.goes_on:
-            rows = "".join(f"{prefix},{stage},{ms:.3f}\n" for stage, ms in timings.items())
-            for file, text in ((self._timings, rows), (self._results, line)):
-                file.write(text.encode())
-                file.flush()
-        elif self._results.readline() != line.encode():
-            raise VfoaError(
-                f"{self._results.name}, line {self._frames + 1}: expected what this program computes for the frame, "
-                "found another result; remove the file to begin anew"
-            )
-        self._frames += 1
-
-
 def _cut_results(file: BinaryIO, start: int) -> int:
     """Drop an unfinished last line, go to ``start``, and return the number of lines from there on."""
     file.seek(start)
@@ -276,57 +207,75 @@ def _cut_timings(file: BinaryIO, frames: int, start: int) -> None:
     file.seek(end)
 
 
-def _lock(file: BinaryIO, path: Path) -> None:
-    """Lock the file for this process until it is closed or the process ends."""
-    if sys.platform == "win32":
-        return None
-    import fcntl
-
-    deadline = time.monotonic() + LOCK_SECONDS
-    while True:
-        try:
-            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise VfoaError(f"{path}: another process is writing it; expected one run in a directory") from None
-            time.sleep(0.1)
-
-
 class ResultsSink:
-    """Writes records and timings into the partial results of one (clip, configuration), and marks them finished."""
+    """Results and timings of one (clip, configuration): two files, open in a ``with`` block and marked finished by it.
+
+    Frames that an interrupted run has written beyond ``resumed`` are compared with its lines, not written again.
+    """
 
     def __init__(self, directory: RunDirectory, pair: Pair, resumed: SinkState | None = None) -> None:
-        self._drafts = directory.partial(pair, "jsonl.partial"), directory.partial(pair, "csv.partial")
-        self._names = [path.relative_to(directory.path).as_posix() for path in self._drafts]
-        results, timings = (resumed.files[name] if resumed else 0 for name in self._names)
-        frames = resumed.values["frames"] if resumed else 0
-        self._partial = PartialResults(*self._drafts, frames=frames, results_bytes=results, timings_bytes=timings)
+        self._paths = directory.partial(pair, "jsonl.partial"), directory.partial(pair, "csv.partial")
+        self._names = [path.relative_to(directory.path).as_posix() for path in self._paths]
+        self._starts = [resumed.files[name] if resumed else 0 for name in self._names]
+        self._frames = self._kept = resumed.values["frames"] if resumed else 0
+        self._files = ExitStack()
 
     def __enter__(self) -> Self:
-        self._partial.__enter__()
+        """Open the files; a :class:`VfoaError` says that another process is writing them."""
+        self._paths[0].parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as files:
+            self._results, self._timings = (files.enter_context(open(path, "a+b")) for path in self._paths)
+            deadline = time.monotonic() + LOCK_SECONDS
+            while not take_lock(self._results):
+                if time.monotonic() > deadline:
+                    raise VfoaError(f"{self._paths[0]}: another process is writing it; expected one run in a directory")
+                time.sleep(0.1)
+            more = _cut_results(self._results, self._starts[0])
+            _cut_timings(self._timings, more, self._starts[1])
+            self._kept += more
+            self._files = files.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            for draft in reversed(self._drafts) if kind is None else ():  # the results' file marks the end: it is last
+        with self._files:
+            for draft in reversed(self._paths) if kind is None else ():  # the results' file marks the end: it is last
                 draft.replace(draft.with_suffix(""))
-        finally:
-            self._partial.__exit__()
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the next frame is a new one."""
+        return self._frames >= self._kept
 
     def state(self) -> SinkState | None:
         """The extent of the files; None while kept frames are being compared."""
-        if (reached := self._partial.reached()) is None:
+        if not self.goes_on:
             return None
-        frames, *sizes = reached
-        return SinkState(files=dict(zip(self._names, sizes, strict=True)), values={"frames": frames})
+        sizes = self._results.tell(), self._timings.tell()
+        return SinkState(files=dict(zip(self._names, sizes, strict=True)), values={"frames": self._frames})
 
     def write(self, frame: FinishedFrame) -> None:
-        """Write one frame. Raises the errors of :meth:`PartialResults.write`."""
-        record = frame.record
-        milliseconds = {stage: 1e3 * seconds for stage, seconds in frame.timings.items()}
-        self._partial.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
+        """Write one frame: its line of results, and its ms per stage.
+
+        Raises
+        ------
+        VfoaError
+            If an earlier run has written another result for the frame.
+        """
+        record, line = frame.record, to_line(frame.record).encode()
+        if self.goes_on:
+            prefix = f"{record.clip},{record.configuration},{record.frame}"
+            rows = "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in frame.timings.items())
+            for file, content in ((self._timings, rows.encode()), (self._results, line)):
+                file.write(content)
+                file.flush()
+        elif self._results.readline() != line:
+            raise VfoaError(
+                f"{self._results.name}, line {self._frames + 1}: expected what this program computes for the frame, "
+                "found another result; remove the file to begin anew"
+            )
+        self._frames += 1
 
 
 class ResultsSinks:

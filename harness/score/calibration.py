@@ -26,12 +26,12 @@ import numpy as np
 
 from harness.labels.labels import IGNORED, Label, Labels
 from harness.run.grid import base_of
-from harness.run.records import DirectionFitRecord, FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from harness.score.verdicts import find_subject, right_answers
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
-from vfoa.types import Float
+from vfoa.types import DirectionFit, Float
 
 BINS = 10
 
@@ -148,7 +148,7 @@ class CalibrationData:
 
     sureness: dict[str, list[Sureness]] = field(default_factory=dict)
     sets: list[tuple[bool, int]] = field(default_factory=list)
-    fits: list[DirectionFitRecord] = field(default_factory=list)
+    fits: list[DirectionFit] = field(default_factory=list)
 
 
 class CalibrationLog:

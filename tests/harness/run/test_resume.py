@@ -10,7 +10,10 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,10 +23,12 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.resume import PartialResults
+from harness.run.frame_sink import FinishedFrame
+from harness.run.resume import ResultsSink
 from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
+from tests.records import frame_record
 from vfoa.errors import VfoaError
 
 KILLS = int(os.environ.get("VFOA_KILLS", "2"))
@@ -121,50 +126,57 @@ def test_a_killed_run_goes_on_to_the_same_tables(
     assert directory.timings.read_text().count(",attention,") == 2 * FRAMES
 
 
+PAIR = ("clip", "conf")
+
+
+def _frame(number: int, track_s: float = 0.0, **seconds: float) -> FinishedFrame:
+    record = replace(frame_record(frame=number, clip=PAIR[0], configuration=PAIR[1]), masks_age_s=track_s)
+    return FinishedFrame(frame=None, percepts=None, result=cast("Any", None), record=record, timings=seconds)
+
+
 def test_what_a_kill_cut_off_is_dropped_and_the_rest_is_kept(tmp_path: Path) -> None:
-    results, timings = tmp_path / "a.jsonl", tmp_path / "a.csv"
-    with PartialResults(results, timings) as part:
-        for frame in (1, 2, 3):
-            part.write(f"line {frame}\n", {"stereo": frame, "gaze": frame}, f"clip,conf,{frame}")
-    kept = timings.read_text()
-    results.write_text("line 1\nline 2\nli")
-    with PartialResults(results, timings) as part:
-        assert not part.goes_on
-        part.write("line 1\n", {"stereo": 9.0}, "clip,conf,1")
-        part.write("line 2\n", {"stereo": 9.0}, "clip,conf,2")
-        assert part.goes_on
-        part.write("line 3\n", {"stereo": 3.0, "gaze": 3.0}, "clip,conf,3")
-    assert results.read_text() == "line 1\nline 2\nline 3\n"
-    assert timings.read_text() == kept
-
-
-def test_a_frame_survives_its_process_as_soon_as_it_is_done(tmp_path: Path) -> None:
-    results, timings = tmp_path / "runs" / "partial" / "a.jsonl", tmp_path / "runs" / "partial" / "a.csv"
-    with PartialResults(results, timings) as part:
-        for frame in (1, 2):
-            part.write(f"line {frame}\n", {"stereo": frame}, f"clip,conf,{frame}")
-            assert results.read_text().endswith(f"line {frame}\n")
-            assert timings.read_text().endswith(f"clip,conf,{frame},stereo,{frame}.000\n")
+    directory = RunDirectory(tmp_path)
+    drafts = [directory.partial(PAIR, suffix) for suffix in ("jsonl.partial", "csv.partial")]
+    with suppress(KeyboardInterrupt), ResultsSink(directory, PAIR) as sink:
+        for number in (1, 2, 3):
+            sink.write(_frame(number, stereo=number, gaze=number))
+            lines = drafts[0].read_text()  # a frame survives its process as soon as it is done
+            assert lines.count("\n") == number
+            assert (
+                drafts[1]
+                .read_text()
+                .endswith(f"clip,conf,{number},stereo,{number}000.000\nclip,conf,{number},gaze,{number}000.000\n")
+            )
+        raise KeyboardInterrupt
+    timings = drafts[1].read_text()
+    drafts[0].write_text(lines[:-40])
+    with ResultsSink(directory, PAIR) as sink:
+        assert not sink.goes_on
+        assert sink.state() is None
+        sink.write(_frame(1, stereo=9.0))
+        sink.write(_frame(2, stereo=9.0))
+        assert sink.goes_on
+        sink.write(_frame(3, stereo=3.0, gaze=3.0))
+    assert directory.partial(PAIR, "jsonl").read_text() == lines
+    assert directory.partial(PAIR, "csv").read_text() == timings
 
 
 def test_a_kept_frame_that_comes_out_differently_is_refused(tmp_path: Path) -> None:
-    paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
-    with PartialResults(*paths) as part:
-        part.write("line 1\n", {}, "clip,conf,1")
-    with (
-        PartialResults(*paths) as part,
-        pytest.raises(VfoaError, match=r"a\.jsonl, line 1: expected what this program"),
-    ):
-        part.write("another line\n", {}, "clip,conf,1")
+    directory = RunDirectory(tmp_path)
+    with suppress(KeyboardInterrupt), ResultsSink(directory, PAIR) as sink:
+        sink.write(_frame(1))
+        raise KeyboardInterrupt
+    with pytest.raises(VfoaError, match=r"clip__conf\.jsonl\.partial, line 1:"), ResultsSink(directory, PAIR) as sink:
+        sink.write(_frame(1, track_s=1.0))
 
 
 def test_a_part_has_one_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.run.resume.LOCK_SECONDS", 0.0)
-    paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
+    directory = RunDirectory(tmp_path)
     with (
-        PartialResults(*paths),
+        ResultsSink(directory, PAIR),
         pytest.raises(VfoaError, match="another process is writing it"),
-        PartialResults(*paths),
+        ResultsSink(directory, PAIR),
     ):
         pass
 

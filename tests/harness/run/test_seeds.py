@@ -13,13 +13,14 @@ from harness.report.record_logs import RecordLogs
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
-from harness.run.records import DirectionFitRecord, FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from tests.disk import write_text
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
+from vfoa.types import DirectionFit
 
 EXPERIMENT = """
 clips = ["studio_table"]
@@ -103,7 +104,7 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
 
 def fitted_and_measured(record: FrameRecord) -> FrameRecord:
     """The record with a fit of every subject and with empty measures."""
-    fit = DirectionFitRecord(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
+    fit = DirectionFit(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
     subjects = tuple(replace(each, fit=fit) for each in record.subjects)
     return replace(record, subjects=subjects, measures=FrameMeasures(disparity=None, targets=(), people=()))
 

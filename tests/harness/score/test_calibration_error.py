@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.reliability import reliability_table
-from harness.run.records import AttentionRecord, DirectionFitRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.calibration import CalibrationLog, adaptive_error, misfit_notes, prediction_set, reliability
 from tests.records import frame_record, subject_record, target_record
+from vfoa.types import DirectionFit
 
 
 def frame(number, totals, focus, configuration="bayes", missing=None):
@@ -124,10 +125,10 @@ def test_the_interval_of_the_error_needs_six_clips_and_holds_it() -> None:
     assert np.isnan(reliability("bayes", frames, clips % 5).interval.low)
 
 
-FIT = DirectionFitRecord(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
+FIT = DirectionFit(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
 
 
-def _subject(*totals: float, fit: DirectionFitRecord | None = FIT) -> SubjectRecord:
+def _subject(*totals: float, fit: DirectionFit | None = FIT) -> SubjectRecord:
     """Ann, who looks at instances 1, 2, ... with these probabilities, and elsewhere with the rest."""
     return SubjectRecord(
         track_id=1, name="ann", instance_id=9, head_box_px=None, eye_origin_m=(0.0, 0.0, 0.0), gaze=None,
@@ -180,7 +181,7 @@ def test_coverage_and_size_are_over_the_scored_frames() -> None:
 
 def test_surprising_directions_are_said_in_one_line() -> None:
     log = CalibrationLog([], {})
-    wrong = DirectionFitRecord(tail=0.01, claimed_error_rad=0.2, implied_error_rad=0.6)
+    wrong = DirectionFit(tail=0.01, claimed_error_rad=0.2, implied_error_rad=0.6)
     list(log.watch([_record(frame, _subject(1.0, 0.0, fit=wrong if frame % 2 else FIT)) for frame in range(40)]))
     (check,) = log.direction_checks()
     assert (check.n, check.surprises, check.fits) == (40, 0.5, False)
