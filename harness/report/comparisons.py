@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, takewhile
 
 import numpy as np
 
 from harness.columns import COMPARISON_COLUMNS
-from harness.report.formats import UNKNOWN, Table, csv_share, p_value, percent
+from harness.report.formats import (
+    UNKNOWN,
+    Table,
+    csv_share,
+    p_value,
+    percent,
+    percent_range,
+    points,
+    points_range,
+)
 from harness.run.directory import PublishedCount
 from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
-from harness.score.intervals import LEAST_CLIPS, Units
+from harness.score.intervals import LEAST_CLIPS
 from harness.score.oracle_ablation import steps, without_oracles
-from harness.score.score import Scores
+from harness.score.score import ScoreRow, Scores
 from harness.score.scored_frames import pair
 from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
 
@@ -39,59 +48,46 @@ def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
 
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
     """One line for each pair. A common beginning of all names, such as the folder of the only run, is left out."""
-    names = [name for each in comparisons for name in (each.configuration, each.reference)]
-    shared = _shared_folder(names)
-    return Table(
-        title=_TITLE,
-        columns=("Configuration", "Against", "Verdict", "Points", "95 %", "Units", "p", "Corrected", "Detectable"),
-        words=3,
-        rows=tuple(
-            (
-                *(name.removeprefix(shared) for name in (each.configuration, each.reference)),
-                "not told apart" if not each.is_significant else each.verdict,
-                *_points(each),
-                _units(each),
-                *(p_value(each.p), p_value(each.p_holm), _detectable(each.detectable)),
-            )
-            for each in comparisons
-        ),
-        notes=_NOTES,
-    )
+    table = comparison_table(comparisons)
+    return table.only(table.columns[:-3])
 
 
 def comparison_table(comparisons: Sequence[Comparison]) -> Table:
     """Pairs of configurations on their common frames, for people."""
-    table = terminal_comparisons(comparisons)
-    return replace(
-        table,
-        columns=(*table.columns, "n", "Better", "Worse"),
-        rows=tuple(
-            (*row, str(each.n), str(each.better), str(each.worse))
-            for row, each in zip(table.rows, comparisons, strict=True)
+    shared = _shared_folder([name for each in comparisons for name in (each.configuration, each.reference)])
+    return Table.of(
+        _TITLE,
+        "Configuration | Against | Verdict | Points | 95 % | Units | p | Corrected | Detectable | n | Better | Worse",
+        (
+            (
+                *(each.configuration.removeprefix(shared), each.reference.removeprefix(shared)),
+                each.verdict if each.is_significant else "not told apart",
+                *(points(each.difference), points_range(each.interval), _units(each)),
+                *(p_value(each.p), p_value(each.p_holm), _detectable(each.detectable)),
+                *(each.n, each.better, each.worse),
+            )
+            for each in comparisons
         ),
+        words=3,
+        notes=_NOTES,
     )
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
     """The same table for programs: differences as shares."""
-    return Table(
-        title="Comparisons",
-        columns=tuple(COMPARISON_COLUMNS),
-        words=2,
-        rows=tuple(
+    return Table.of(
+        "Comparisons",
+        "|".join(COMPARISON_COLUMNS),
+        (
             (
-                *(each.reference, each.configuration),
-                *map(str, (each.n, each.looks, each.clips, each.better, each.worse)),
+                *(each.reference, each.configuration, each.n, each.looks, each.clips, each.better, each.worse),
                 *map(csv_share, (each.difference, each.interval.low, each.interval.high)),
                 *(each.unit, f"{each.p:.6g}", f"{each.p_holm:.6g}", csv_share(each.detectable), each.sentence),
             )
             for each in comparisons
         ),
+        words=2,
     )
-
-
-def _points(each: Comparison) -> tuple[str, str]:
-    return (UNKNOWN if math.isnan(each.difference) else f"{100 * each.difference:+.1f}"), _range(each.interval)
 
 
 def _units(each: Comparison) -> str:
@@ -110,21 +106,18 @@ def _shared_folder(names: Sequence[str]) -> str:
 
 def ablation_table(scores: Scores) -> Table:
     """Points of FRR that each stage costs, over all clips; no rows for a run without ``--oracle``."""
-    return Table(
-        title="Oracle ablation: what each stage costs",
-        columns=("Step", "Against the row above", "n", "FRR %", "Points", "95 %"),
-        words=2,
-        rows=tuple(
+    return Table.of(
+        "Oracle ablation: what each stage costs",
+        "Step | Against the row above | n | FRR % | Points | 95 %",
+        (
             (
                 step.configuration if step.replaced is None else f"+ true {step.replaced.replace('_', ' ')}",
-                step.reads,
-                str(step.row.n),
-                percent(step.row.frr),
-                "" if step.gained is None else f"{100 * step.gained:+.1f}",
-                _range(step.interval),
+                *(step.reads, step.row.n, percent(step.row.frr)),
+                *("" if step.gained is None else points(step.gained), points_range(step.interval)),
             )
             for step in steps(scores)
         ),
+        words=2,
         notes=(
             "Each row replaces one stage more by the truth. Points: FRR gained by that, given the rows above: errors "
             "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off). "
@@ -148,30 +141,23 @@ def terminal_ablation(scores: Scores) -> Table:
 
 def ablation_csv(scores: Scores) -> Table:
     """The same table for programs: shares with six decimals, empty for the first step."""
-    return Table(
-        title="Oracle ablation",
-        columns=("configuration", "replaced", "n", "frr", "gained", "gained_low", "gained_high", "reads"),
-        words=2,
-        rows=tuple(
+    return Table.of(
+        "Oracle ablation",
+        "configuration | replaced | n | frr | gained | gained_low | gained_high | reads",
+        (
             (
-                *(step.configuration, step.replaced or "", str(step.row.n), f"{step.row.frr:.6f}"),
-                "" if step.gained is None else csv_share(step.gained),
-                *_ends(step.interval),
+                *(step.configuration, step.replaced or "", step.row.n),
+                *map(csv_share, (step.row.frr, step.gained, *(_ends(step.interval)))),
                 step.reads,
             )
             for step in steps(scores)
         ),
+        words=2,
     )
 
 
-def _range(interval: Interval | None) -> str:
-    if interval is None:
-        return ""
-    return UNKNOWN if math.isnan(interval.low) else f"{100 * interval.low:+.1f} to {100 * interval.high:+.1f}"
-
-
-def _ends(interval: Interval | None) -> tuple[str, str]:
-    return ("", "") if interval is None else (csv_share(interval.low), csv_share(interval.high))
+def _ends(interval: Interval | None) -> tuple[float | None, float | None]:
+    return (None, None) if interval is None else (interval.low, interval.high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,52 +178,45 @@ class Plan:
     clips_longer: Clips | None
 
 
-def plans(scores: Scores, points: float, power: float = POWER) -> list[Plan]:
-    """Plan for every two configurations how to detect a difference of ``points`` points of FRR."""
-    pairs = list(_pairs(scores))
-    return [_plan(one, two, units, points / 100, power, len(pairs)) for one, two, units in pairs]
+def plans(scores: Scores, difference: float, power: float = POWER) -> list[Plan]:
+    """Plan for every two configurations how to detect a difference of so many points of FRR."""
+    compared = combinations(without_oracles(scores.scored_configurations), 2)
+    pairs = [(one, two, pair(scores.frames_of(one), scores.frames_of(two)).units) for one, two in compared]
+    known = [(one, two, units) for one, two, units in pairs if units is not None]
+    family, share = len(known), difference / 100
+    return [
+        Plan(
+            reference=reference,
+            configuration=configuration,
+            difference=units.rate,
+            detectable=detectable_difference(units, family, power),
+            spread=spread,
+            family=family,
+            clips=clips_needed(spread, share, power=power, family=family),
+            clips_longer=clips_needed(spread, share, looks=2 * spread.looks, power=power, family=family),
+        )
+        for reference, configuration, units in known
+        for spread in [Spread.of(units)]
+    ]
 
 
-def _pairs(scores: Scores) -> Iterator[tuple[str, str, Units]]:
-    for one, two in combinations(without_oracles(scores.scored_configurations), 2):
-        units = pair(scores.frames_of(one), scores.frames_of(two)).units
-        if units is not None:
-            yield one, two, units
-
-
-def _plan(reference: str, configuration: str, units: Units, difference: float, power: float, family: int) -> Plan:
-    spread = Spread.of(units)
-    return Plan(
-        reference=reference,
-        configuration=configuration,
-        difference=units.rate,
-        detectable=detectable_difference(units, family, power),
-        spread=spread,
-        family=family,
-        clips=clips_needed(spread, difference, power=power, family=family),
-        clips_longer=clips_needed(spread, difference, looks=2 * spread.looks, power=power, family=family),
-    )
-
-
-def plan_table(found: list[Plan], points: float, power: float = POWER) -> Table:
-    """The clips and looks that every two configurations need."""
+def plan_table(found: list[Plan], difference: float, power: float = POWER) -> Table:
+    """The clips and looks that every two configurations need to see a difference in points."""
     family = found[0].family if found else 1
-    return Table(
-        title=f"Clips needed to see a difference of {points:g} points",
-        columns=(
-            *("Configuration", "Against", "Points now", "Detectable now", "Spread of clips", "Spread of looks"),
-            *("Clips", "Range", "Power %", "Twice the looks"),
-        ),
-        words=2,
-        rows=tuple(
+    return Table.of(
+        f"Clips needed to see a difference of {difference:g} points",
+        "Configuration | Against | Points now | Detectable now | Spread of clips | Spread of looks | Clips | Range | "
+        "Power % | Twice the looks",
+        (
             (
-                *(each.configuration, each.reference, f"{100 * each.difference:+.1f}", _detectable(each.detectable)),
-                *(_deviation(each.spread.between), _deviation(each.spread.within)),
+                *(each.configuration, each.reference, points(each.difference), _detectable(each.detectable)),
+                *(percent(math.sqrt(each.spread.between)), percent(math.sqrt(each.spread.within))),
                 *_clips(each.clips),
-                UNKNOWN if each.clips_longer is None else str(each.clips_longer.needed),
+                UNKNOWN if each.clips_longer is None else each.clips_longer.needed,
             )
             for each in found
         ),
+        words=2,
         notes=(
             f"Clips: as many as find a true difference of this size significant at 5 %, corrected for {family} "
             f"comparison{'s' if family > 1 else ''}, with a probability of {100 * power:.0f} %; at least "
@@ -255,67 +234,28 @@ def plan_table(found: list[Plan], points: float, power: float = POWER) -> Table:
 def _clips(clips: Clips | None) -> tuple[str, str, str]:
     if clips is None:
         return UNKNOWN, UNKNOWN, UNKNOWN
-    most = "more than 100000" if clips.most is None else str(clips.most)
-    return str(clips.needed), f"{clips.fewest} to {most}", f"{100 * clips.power:.0f}"
-
-
-def _deviation(variance: float) -> str:
-    return percent(math.sqrt(variance))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reproduction:
-    """One configuration's rates here and as published; ``p`` is of Fisher's exact two-sided test of equality."""
-
-    configuration: str
-    published: PublishedCount
-    correct: int
-    n: int
-    p: float
-
-
-def reproductions(scores: Scores) -> list[Reproduction]:
-    """The configurations that were scored here and have a published count, in the order of the scores.
-
-    The publication's frames are not known one by one, so the two samples are treated as independent.
-    """
-    if scores.published is None:
-        return []
-    from scipy.stats import fisher_exact
-
-    found = []
-    for row in scores.overall():
-        if count := scores.published.counts.get(row.configuration):
-            table = np.array([[row.correct, row.n - row.correct], [count.correct, count.n - count.correct]])
-            found.append(
-                Reproduction(
-                    configuration=row.configuration,
-                    published=count,
-                    correct=row.correct,
-                    n=row.n,
-                    p=float(fisher_exact(table).pvalue),
-                )
-            )
-    return found
+    return str(clips.needed), f"{clips.fewest} to {clips.most or 'more than 100000'}", f"{100 * clips.power:.0f}"
 
 
 def published_table(scores: Scores) -> Table:
-    """Published rates beside those of this run; no rows if none was published."""
-    source = scores.published.source if scores.published else ""
-    return Table(
-        title="Beside the published figures",
-        columns=("Configuration", "Published FRR %", "Wilson", "Here FRR %", "Wilson here", "Points", "p"),
-        words=1,
-        rows=tuple(
+    """Published rates beside those of this run; no rows if none was published.
+
+    p is of Fisher's exact two-sided test of equality. The publication's frames are not known one by one, so the two
+    samples are treated as independent.
+    """
+    source, counts = (scores.published.source, scores.published.counts) if scores.published else ("", {})
+    return Table.of(
+        "Beside the published figures",
+        "Configuration | Published FRR % | Wilson | Here FRR % | Wilson here | Points | p",
+        (
             (
-                each.configuration,
-                *_rate(each.published.correct, each.published.n),
-                *_rate(each.correct, each.n),
-                f"{100 * (each.correct / each.n - each.published.correct / each.published.n):+.1f}",
-                p_value(each.p),
+                *(row.configuration, *_rate(count.correct, count.n), *_rate(row.correct, row.n)),
+                *(points(row.frr - count.correct / count.n), p_value(_fisher_p(count, row))),
             )
-            for each in reproductions(scores)
+            for row in scores.overall()
+            if (count := counts.get(row.configuration))
         ),
+        words=1,
         notes=(
             f"Published: {source}. p: Fisher's exact test that both rates are the same, two-sided; it takes "
             "frames as independent.",
@@ -323,6 +263,12 @@ def published_table(scores: Scores) -> Table:
     )
 
 
+def _fisher_p(published: PublishedCount, row: ScoreRow) -> float:
+    from scipy.stats import fisher_exact
+
+    table = np.array([[count.correct, count.n - count.correct] for count in (row, published)])
+    return float(fisher_exact(table).pvalue)
+
+
 def _rate(correct: int, n: int) -> tuple[str, str]:
-    interval = wilson_interval(correct, n)
-    return percent(correct / n), f"{100 * interval.low:.0f}–{100 * interval.high:.0f}"
+    return percent(correct / n), percent_range(wilson_interval(correct, n))

@@ -10,8 +10,6 @@ from harness.report.formats import Table, number, percent
 from harness.run.experiment import FittedWeights, MethodScore
 from vfoa.logit import shipped_fit
 
-_COLUMNS = ("n", "Log loss", "ECE", "Balanced %", "FRR %", "Targets %")
-
 
 def fit_tables(fitted: FittedWeights) -> list[Table]:
     """The scores of every method on what was left out, and those of the fit with fewer labels."""
@@ -36,16 +34,19 @@ def fit_tables(fitted: FittedWeights) -> list[Table]:
 
 
 def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Table:
-    cells = (
+    return Table.of(
+        title,
+        "Method | n | Log loss | ECE | Balanced % | FRR % | Targets %",
         (
-            row.method,
-            str(row.n),
-            *(number(each, 3) for each in (row.log_loss, row.calibration_error)),
-            *map(percent, (row.balanced_frr, row.frr, row.recall_on_targets)),
-        )
-        for row in rows
+            (
+                *(row.method, row.n, number(row.log_loss, 3), number(row.calibration_error, 3)),
+                *map(percent, (row.balanced_frr, row.frr, row.recall_on_targets)),
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=notes,
     )
-    return Table(title=title, columns=("Method", *_COLUMNS), words=1, rows=tuple(cells), notes=tuple(notes))
 
 
 def fitted_text(fitted: FittedWeights) -> str:

@@ -13,6 +13,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from harness.files.io import plain_cell
+from harness.score.statistics import Interval
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -43,6 +44,21 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"Table {self.title!r}: expected {len(self.columns)} cells, found {row}")
+
+    @classmethod
+    def of(
+        cls, title: str, columns: str, rows: Iterable[Iterable[object]], *, words: int, notes: Sequence[str] = ()
+    ) -> Table:
+        """A table of values that are printed as they are. The names of the columns are separated by ``|``."""
+        names = tuple(column.strip() for column in columns.split("|"))
+        cells = tuple(tuple(map(str, row)) for row in rows)
+        return cls(title=title, columns=names, rows=cells, words=words, notes=tuple(notes))
+
+    def only(self, columns: Sequence[str]) -> Table:
+        """The table with these columns alone, in this order."""
+        places = [self.columns.index(column) for column in columns]
+        rows = tuple(tuple(row[place] for place in places) for row in self.rows)
+        return replace(self, columns=tuple(columns), rows=rows)
 
 
 def to_csv(table: Table) -> str:
@@ -145,14 +161,36 @@ def percent(share: float | None) -> str:
     return number(share, 1, 100)
 
 
+def percent_range(interval: Interval) -> str:
+    """The ends of an interval of a share in whole percent, for people."""
+    return interval_range(interval, ".0f", 100, "–")
+
+
 def p_value(p: float) -> str:
     """A p value in two significant digits, for people."""
     return "<0.001" if p < 0.001 else f"{p:.2g}"
 
 
-def csv_share(value: float) -> str:
+def points(share: float) -> str:
+    """A difference of shares in points, for people."""
+    return UNKNOWN if math.isnan(share) else f"{100 * share:+.1f}"
+
+
+def points_range(interval: Interval | None) -> str:
+    """The ends of an interval of a difference in points; empty for no interval."""
+    return "" if interval is None else interval_range(interval, "+.1f", 100)
+
+
+def interval_range(interval: Interval, form: str, scale: float = 1, between: str = " to ") -> str:
+    """The ends of an interval, for people; :data:`UNKNOWN` if they are not known."""
+    if math.isnan(interval.low):
+        return UNKNOWN
+    return f"{scale * interval.low:{form}}{between}{scale * interval.high:{form}}"
+
+
+def csv_share(value: float | None) -> str:
     """A share for programs: six decimals, empty without a value."""
-    return "" if math.isnan(value) else f"{value:.6f}"
+    return "" if value is None or math.isnan(value) else f"{value:.6f}"
 
 
 def _aligned(cells: Sequence[str], widths: Iterable[int], words: int) -> list[str]:

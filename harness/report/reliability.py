@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from harness.report.formats import UNKNOWN, Table, number
+from harness.report.formats import Table, interval_range, number, percent
 from harness.score.calibration import (
     BINS,
     MOST_SHARE,
@@ -18,16 +17,15 @@ from harness.score.calibration import (
     SetCoverage,
 )
 from harness.score.intervals import LEAST_CLIPS
-from harness.score.statistics import Interval
 
 
 def reliability_table(found: Sequence[Reliability]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
-    return Table(
-        title="Calibration of the probabilities",
-        columns=("Configuration", "n", "Right %", "Mean confidence %", "ECE", "95 %", "ECE, adaptive", "Brier"),
+    return Table.of(
+        "Calibration of the probabilities",
+        "Configuration | n | Right % | Mean confidence % | ECE | 95 % | ECE, adaptive | Brier",
+        ((each.configuration, *_means(each), interval_range(each.interval, ".3f"), *_errors(each)) for each in found),
         words=1,
-        rows=tuple((each.configuration, *_means(each), _range(each.interval), *_last(each)) for each in found),
         notes=(
             f"Over the scored frames with a prediction. ECE: expected calibration error, {BINS} equal bins of the "
             f"probability of what was predicted; 95 %: clips resampled, from {LEAST_CLIPS} clips on. Adaptive: bins "
@@ -38,49 +36,29 @@ def reliability_table(found: Sequence[Reliability]) -> Table:
 
 def subject_reliability_table(found: Sequence[Reliability]) -> Table:
     """One row for each subject and configuration that gives probabilities."""
-    return Table(
-        title="Calibration by subject",
-        columns=(
-            "Clip",
-            "Subject",
-            "Configuration",
-            "n",
-            "Right %",
-            "Mean confidence %",
-            "ECE",
-            "ECE, adaptive",
-            "Brier",
-        ),
+    return Table.of(
+        "Calibration by subject",
+        "Clip | Subject | Configuration | n | Right % | Mean confidence % | ECE | ECE, adaptive | Brier",
+        ((each.clip, each.subject, each.configuration, *_means(each), *_errors(each)) for each in found),
         words=3,
-        rows=tuple(
-            (str(each.clip), str(each.subject), each.configuration, *_means(each), *_last(each)) for each in found
-        ),
     )
 
 
-def _means(each: Reliability) -> tuple[str, ...]:
-    shares = (f"{100 * each.share_right:.1f}", f"{100 * each.mean_confidence:.1f}")
-    return (str(each.n), *shares, f"{each.calibration_error:.3f}")
+def _means(each: Reliability) -> tuple[object, ...]:
+    return each.n, percent(each.share_right), percent(each.mean_confidence), number(each.calibration_error, 3)
 
 
-def _last(each: Reliability) -> tuple[str, str]:
-    return f"{each.adaptive_error:.3f}", f"{each.brier:.3f}"
-
-
-def _range(interval: Interval) -> str:
-    return UNKNOWN if math.isnan(interval.low) else f"{interval.low:.3f} to {interval.high:.3f}"
+def _errors(each: Reliability) -> tuple[str, str]:
+    return number(each.adaptive_error, 3), number(each.brier, 3)
 
 
 def prediction_set_table(found: Sequence[SetCoverage]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
-    return Table(
-        title=f"Answers in sets of {100 * SET_LEVEL:.0f} % probability",
-        columns=("Configuration", "n", "Coverage %", "Mean size"),
+    return Table.of(
+        f"Answers in sets of {100 * SET_LEVEL:.0f} % probability",
+        "Configuration | n | Coverage % | Mean size",
+        ((each.configuration, each.n, percent(each.covered / each.n), number(each.mean_size, 2)) for each in found),
         words=1,
-        rows=tuple(
-            (each.configuration, str(each.n), f"{100 * each.covered / each.n:.1f}", f"{each.mean_size:.2f}")
-            for each in found
-        ),
         notes=(
             f"The fewest objects, nowhere among them, with {100 * SET_LEVEL:.0f} % of the probability together. "
             "Coverage: share of the scored frames in which the set holds the truth; size: how many it holds.",
@@ -90,23 +68,17 @@ def prediction_set_table(found: Sequence[SetCoverage]) -> Table:
 
 def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
     """One row for each clip and configuration with a posterior."""
-    return Table(
-        title="Do the measured directions fit the posterior?",
-        columns=("Clip", "Configuration", "n", "Surprising %", "Claimed deg", "Implied deg", "Head share", "Fit"),
-        words=2,
-        rows=tuple(
+    return Table.of(
+        "Do the measured directions fit the posterior?",
+        "Clip | Configuration | n | Surprising % | Claimed deg | Implied deg | Head share | Fit",
+        (
             (
-                each.clip,
-                each.configuration,
-                str(each.n),
-                f"{100 * each.surprises:.1f}",
-                number(each.claimed_deg, 1),
-                number(each.implied_deg, 1),
-                number(each.share, 2),
-                "yes" if each.fits else "no",
+                *(each.clip, each.configuration, each.n, percent(each.surprises), number(each.claimed_deg, 1)),
+                *(number(each.implied_deg, 1), number(each.share, 2), "yes" if each.fits else "no"),
             )
             for each in found
         ),
+        words=2,
         notes=(
             f"Surprising: frames whose directions fit worse than all but {100 * SMALL_TAIL:.0f} % of those that the "
             "posterior expected. Claimed: the median of the gaze error that its source states; implied: what the "

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from harness.files.io import read_text
-from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.report.csv_tables import ALL
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import UNKNOWN, Table, number
 from harness.run.results import MeasureLog
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -36,28 +38,14 @@ _NOTES = (
 
 def stage_measures_table(scores: Scores) -> Table:
     """One row per clip and configuration, and one over all clips; no rows without ground truth."""
-    return Table(
-        title="Stages against the truth",
-        columns=(
-            *("Clip", "Configuration", "Disparity px", "Over 2 px %", "Known %", "Mask IoU", "Box IoU", "Centre cm"),
-            *("Head box IoU", "Eyes cm", "Eyes 95 %", "Head deg", "Head 95 %", "Gaze deg", "Gaze 95 %"),
-        ),
+    return Table.of(
+        "Stages against the truth",
+        "Clip | Configuration | Disparity px | Over 2 px % | Known % | Mask IoU | Box IoU | Centre cm | Head box IoU | "
+        "Eyes cm | Eyes 95 % | Head deg | Head 95 % | Gaze deg | Gaze 95 %",
+        _configuration_rows(scores.measures),
         words=2,
-        rows=_configuration_rows(scores.measures),
         notes=_NOTES,
     )
-
-
-_TERMINAL = {
-    "Disparity px": "Disp. px",
-    "Over 2 px %": "> 2 px %",
-    "Known %": "Known %",
-    "Box IoU": "IoU",
-    "Eyes cm": "Eyes cm",
-    "Head deg": "Head °",
-    "Gaze deg": "Gaze °",
-}
-"""The columns for a terminal, and their names there: they leave room for a name within 80 characters."""
 
 
 def terminal_measures(scores: Scores) -> Table:
@@ -65,11 +53,13 @@ def terminal_measures(scores: Scores) -> Table:
     table = stage_measures_table(scores)
     shown = without_oracles(scores.configurations)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
-    places = [table.columns.index(name) for name in ("Configuration", *_TERMINAL)]
-    return Table(
-        title=table.title,
-        columns=("Configuration", *_TERMINAL.values()),
-        rows=tuple(tuple(row[i] for i in places) for row in rows if row[1] in shown),
+    chosen = replace(table, rows=tuple(row for row in rows if row[1] in shown)).only(
+        ("Configuration", "Disparity px", "Over 2 px %", "Known %", "Box IoU", "Eyes cm", "Head deg", "Gaze deg")
+    )
+    return Table.of(
+        table.title,
+        "Configuration | Disp. px | > 2 px % | Known % | IoU | Eyes cm | Head ° | Gaze °",  # fits 80 characters
+        chosen.rows,
         words=1,
         notes=(
             "Medians: errors of disparity, eye origin, head and gaze direction. > 2 px: share of disparities that far "
@@ -80,11 +70,11 @@ def terminal_measures(scores: Scores) -> Table:
 
 def object_measures_table(scores: Scores) -> Table:
     """One row per clip, object and configuration: the quality of its mask and its box."""
-    return Table(
-        title="Objects against the ground truth",
-        columns=("Clip", "Object", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
+    return Table.of(
+        "Objects against the ground truth",
+        "Clip | Object | Configuration | Frames | Mask IoU | Box IoU | Centre cm",
+        _object_rows(scores.measures),
         words=3,
-        rows=_object_rows(scores.measures),
         notes=_NOTES[1:2],
     )
 
@@ -102,24 +92,18 @@ def _object_rows(measures: MeasureLog) -> _Rows:
     return tuple((*key, str(len(found)), *_object_cells(found)) for key, found in measures.by_thing().items())
 
 
-def _cells(frames: Sequence[FrameMeasures]) -> tuple[str, ...]:
+def _cells(frames: Sequence[FrameMeasures]) -> Iterator[str]:
     disparities = [each.disparity for each in frames if each.disparity is not None]
     people = [each for frame in frames for each in frame.people]
-
-    def angles(of: Callable[[PersonMeasure], _Value], scale: float = 1) -> tuple[str, str]:
-        values = [of(each) for each in people]
-        return _printed(values, np.median, scale, 1), _printed(values, _percentile_95, scale, 1)
-
-    return (
-        _printed([each.error_px for each in disparities], np.median, 1, 2),
-        _printed([each.over_2_px for each in disparities], np.mean, 100, 1),
-        _printed([each.known for each in disparities], np.mean, 100, 1),
-        *_object_cells([each for frame in frames for each in frame.targets]),
-        _printed([each.head_box_iou for each in people], np.mean, 1, 2),
-        *angles(lambda each: each.eye_error_m, 100),
-        *angles(lambda each: each.head_error_deg),
-        *angles(lambda each: each.gaze_error_deg),
-    )
+    yield _printed((each.error_px for each in disparities), np.median, digits=2)
+    yield _printed((each.over_2_px for each in disparities), np.mean, 100)
+    yield _printed((each.known for each in disparities), np.mean, 100)
+    yield from _object_cells([each for frame in frames for each in frame.targets])
+    yield _printed((each.head_box_iou for each in people), np.mean, digits=2)
+    for name, scale in (("eye_error_m", 100), ("head_error_deg", 1), ("gaze_error_deg", 1)):
+        values = [getattr(each, name) for each in people]
+        yield _printed(values, np.median, scale)
+        yield _printed(values, _percentile_95, scale)
 
 
 def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
@@ -127,16 +111,16 @@ def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
     if any(iou is not None for iou in boxes):
         boxes = [iou or 0.0 for iou in boxes]
     return (
-        _printed([each.mask_iou for each in measures], np.mean, 1, 2),
-        _printed(boxes, np.mean, 1, 2),
-        _printed([each.center_error_m for each in measures], np.median, 100, 1),
+        _printed((each.mask_iou for each in measures), np.mean, digits=2),
+        _printed(boxes, np.mean, digits=2),
+        _printed((each.center_error_m for each in measures), np.median, 100),
     )
 
 
-def _printed(values: Iterable[_Value], of: Callable[[Sequence[float]], object], scale: float, digits: int) -> str:
+def _printed(values: Iterable[_Value], statistic: Any, scale: float = 1, digits: int = 1) -> str:
     """A statistic of the known values, as text."""
     known = [value for value in values if value is not None]
-    return f"{scale * float(of(known)):.{digits}f}" if known else UNKNOWN  # type: ignore[arg-type]
+    return number(float(statistic(known)), digits, scale) if known else UNKNOWN
 
 
 def _percentile_95(values: Sequence[float]) -> float:
@@ -156,10 +140,7 @@ class StageTimes:
             title="Stage times, median ms a frame",
             columns=("Stage", *self.configurations),
             words=1,
-            rows=tuple(
-                (stage.replace("_", " "), *(UNKNOWN if each is None else f"{each:.1f}" for each in of_stage))
-                for stage, of_stage in self.ms.items()
-            ),
+            rows=tuple((stage.replace("_", " "), *(number(ms, 1) for ms in row)) for stage, row in self.ms.items()),
             notes=(
                 "On the machine of the run, with all its other work going on; a stage that configurations share "
                 "was computed once.",
@@ -175,18 +156,14 @@ def stage_times(timings: Path) -> StageTimes:
     VfoaError
         If the file is not a run's timings. A missing file gives no stages: scores need none.
     """
-    times: dict[tuple[str, str], list[float]] = {}
+    times: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     if timings.is_file():
         rows = csv.reader(io.StringIO(read_text(timings), newline=""))
         if (header := next(rows, [])) != _TIMINGS:
             raise VfoaError(f"{timings}:1: expected the columns {','.join(_TIMINGS)}, found {','.join(header)}")
         try:
             for _, configuration, _, stage, ms in rows:
-                key = stage, configuration
-                if key in times:
-                    times[key].append(float(ms))
-                else:
-                    times[key] = [float(ms)]
+                times[stage, configuration].append(float(ms))
         except ValueError as error:
             raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
     configurations = tuple(dict.fromkeys(configuration for _, configuration in times))

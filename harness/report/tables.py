@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 from harness.report.csv_tables import ALL
-from harness.report.formats import UNKNOWN, Table, number, percent
+from harness.report.formats import Table, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import LEAST_PROBABILITY, load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import Interval
 from harness.score.verdicts import ERROR_TYPES
 
 FRR_NOTES = (
@@ -43,31 +43,70 @@ TERMINAL_NOTE = (
 )
 
 
-BALANCED = ("Balanced %", "Targets %", "Nowhere %", "Log loss", "Brier")
-"""The columns beside the FRR, which alone would reward the answer "nowhere"."""
 SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_loss", "brier")
-"""The metrics in these columns."""
-TERMINAL_COLUMNS = (
-    *("Clip", "Configuration", "n", "FRR %", "95 %", "Balanced %", "Log loss", "Baseline %", "Beaten", "No hit %"),
-)
+"""The metrics of the main table, beside the FRR, which alone would reward the answer "nowhere"."""
+MOST_ROWS = 12
+"""Most configurations that the terminal shows unasked."""
+
+_Cell = Callable[[ScoreRow], str]
+_CELLS: Mapping[str, _Cell] = {
+    "Clip": lambda row: row.clip or ALL,
+    "Subject": lambda row: str(row.subject),
+    "Configuration": lambda row: row.configuration,
+    "n": lambda row: str(row.n),
+    "Units": lambda row: str(row.looks),
+    "Correct": lambda row: str(row.correct),
+    "Wrong": lambda row: str(row.n - row.correct),
+    "FRR %": lambda row: percent(row.frr),
+    "FRR": lambda row: percent(row.frr),
+    "95 %": lambda row: percent_range(row.interval),
+    "Balanced %": lambda row: percent(row.metrics["balanced_frr"]),
+    "Targets %": lambda row: percent(row.metrics["recall_targets"]),
+    "Nowhere %": lambda row: percent(row.metrics["recall_nowhere"]),
+    "Log loss": lambda row: number(row.metrics["log_loss"], 3),
+    "Brier": lambda row: number(row.metrics["brier"], 3),
+    "Baseline %": lambda row: percent(row.baselines[row.best_baseline]),
+    "Best": lambda row: _words(row.best_baseline).lower(),
+    "Beaten": lambda row: row.beats,
+    "Coverage %": lambda row: percent(row.coverage),
+    "No hit %": lambda row: percent(row.no_hit / row.n),
+    "FRR given answer %": lambda row: percent(row.frr_predicted),
+    "Wilson": lambda row: percent_range(row.wilson),
+    "Seeds": lambda row: str(len(row.seed_rates)),
+    "Mean FRR %": lambda row: percent(row.frr),
+    "SD over seeds": lambda row: percent(statistics.stdev(row.seed_rates)),
+    "Lowest %": lambda row: percent(min(row.seed_rates)),
+    "Highest %": lambda row: percent(max(row.seed_rates)),
+    "Blocked": lambda row: str(row.n - row.visible),
+    "FRR % without blocked": lambda row: percent(row.frr_visible),
+    "FRR % of blocked": lambda row: percent((row.correct - row.visible_correct) / (row.n - row.visible)),
+}
+"""The columns of the tables of rates, by heading."""
+
+
+def _rates(
+    title: str,
+    columns: str,
+    rows: Iterable[ScoreRow],
+    notes: Sequence[str] = (),
+    *,
+    words: int = 2,
+    more: Mapping[str, _Cell] = _CELLS,
+) -> Table:
+    """A table of rates; ``columns`` are keys of :data:`_CELLS`, separated by ``|``, or of ``more``."""
+    cells = [
+        more[column.strip()] if column.strip() in more else _CELLS[column.strip()] for column in columns.split("|")
+    ]
+    return Table.of(title, columns, ([cell(row) for cell in cells] for row in rows), words=words, notes=notes)
 
 
 def frr_table(scores: Scores) -> Table:
     """The main table: FRR of every configuration on every clip, with its interval, its best baseline and coverage."""
-    return _table(
+    return _rates(
         "Focus recognition rate (FRR) by clip and configuration",
-        (
-            *("n", "Units", "FRR %", "95 %", *BALANCED),
-            *("Baseline %", "Beaten", "Coverage %", "No hit %", "FRR given answer %", "Wilson"),
-        ),
+        "Clip | Configuration | n | Units | FRR % | 95 % | Balanced % | Targets % | Nowhere % | Log loss | Brier | "
+        "Baseline % | Beaten | Coverage % | No hit % | FRR given answer % | Wilson",
         scores.by_clip(),
-        lambda row: (
-            *(str(row.n), str(row.looks), percent(row.frr), _range(row.interval)),
-            *(percent(row.metrics[name]) for name in SHARES),
-            *(number(row.metrics[name], 3) for name in LOSSES),
-            *(percent(row.baselines[row.best_baseline]), row.beats),
-            *(percent(row.coverage), percent(row.no_hit / row.n), percent(row.frr_predicted), _range(row.wilson)),
-        ),
         (*remarks(scores), *FRR_NOTES),
     )
 
@@ -75,115 +114,85 @@ def frr_table(scores: Scores) -> Table:
 def summary_table(scores: Scores) -> tuple[Table, int | None]:
     """A row for each configuration over all clips, at most :data:`MOST_ROWS`, and the place of the best one in it."""
     rows = compared_rows(scores)
-    kept = set(map(id, sorted(rows, key=lambda row: -row.frr)[:MOST_ROWS]))
-    places = [row for row in rows if id(row) in kept]
+    kept = sorted(sorted(range(len(rows)), key=lambda place: -rows[place].frr)[:MOST_ROWS])
+    shown = [rows[place] for place in kept]
     left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
-    columns: dict[str, list[str]] = {
-        "Configuration": [row.configuration for row in places],
-        "n": [str(row.n) for row in places],
-        "FRR %": [percent(row.frr) for row in places],
-        "95 %": [_range(row.interval) for row in places],
-        "Balanced %": [percent(row.metrics["balanced_frr"]) for row in places],
-        "Log loss": [number(row.metrics["log_loss"], 3) for row in places],
-        "Baseline %": [percent(row.baselines[row.best_baseline]) for row in places],
-        "Beaten": [row.beats for row in places],
-        "No hit %": [percent(row.no_hit / row.n) for row in places],
-    }
-    has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in places)
-    columns.pop("No hit %" if has_losses else "Log loss")  # both do not fit
-    table = Table(
-        title="FRR of each configuration over all clips",
-        columns=tuple(columns),
+    has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in shown)
+    columns = "Log loss | Baseline % | Beaten" if has_losses else "Baseline % | Beaten | No hit %"  # all do not fit
+    table = _rates(
+        "FRR of each configuration over all clips",
+        f"Configuration | n | FRR % | 95 % | Balanced % | {columns}",
+        shown,
+        (TERMINAL_NOTE + left_out,) if rows else (),
         words=1,
-        rows=tuple(zip(*columns.values(), strict=True)),
-        notes=(TERMINAL_NOTE + left_out,) if rows else (),
     )
-    return table, places.index(max(places, key=lambda row: row.frr)) if places else None
-
-
-MOST_ROWS = 12
-"""Most configurations that the terminal shows unasked."""
+    return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None
 
 
 def terminal_table(scores: Scores) -> Table:
     """The columns that fit a terminal of 100 characters, without the oracle ablation, and with short notes."""
-    table, shown = frr_table(scores), without_oracles(scores.scored_configurations)
-    chosen = [table.columns.index(name) for name in TERMINAL_COLUMNS]
-    if all(row[table.columns.index("Log loss")] == UNKNOWN for row in table.rows):
-        chosen.remove(table.columns.index("Log loss"))
-    return Table(
-        title=table.title,
-        columns=tuple(table.columns[place] for place in chosen),
-        rows=tuple(tuple(row[place] for place in chosen) for row in table.rows if row[1] in shown),
-        words=table.words,
-        notes=(
+    compared, rows = without_oracles(scores.scored_configurations), scores.by_clip()
+    losses = "" if all(math.isnan(row.metrics["log_loss"]) for row in rows) else " | Log loss"
+    return _rates(
+        "Focus recognition rate (FRR) by clip and configuration",
+        f"Clip | Configuration | n | FRR % | 95 % | Balanced %{losses} | Baseline % | Beaten | No hit %",
+        [row for row in rows if row.configuration in compared],
+        (
             *([TERMINAL_NOTE] if scores.rows else []),
             *remarks(scores),
-            *next_steps(each for each in scores.verdicts if each.configuration in shown),
+            *next_steps(each for each in scores.verdicts if each.configuration in compared),
         ),
     )
 
 
 def paper_table(scores: Scores) -> Table:
     """Numbers of correct and wrong frames by configuration, over all clips, as papers on the subject print them."""
-    return Table(
-        title="Correct and wrong frames by configuration",
-        columns=("Configuration", "Correct", "Wrong", "FRR %"),
-        words=1,
-        rows=tuple(
-            (row.configuration, str(row.correct), str(row.n - row.correct), percent(row.frr))
-            for row in compared_rows(scores)
-        ),
-    )
+    columns = "Configuration | Correct | Wrong | FRR %"
+    return _rates("Correct and wrong frames by configuration", columns, compared_rows(scores), words=1)
 
 
 def measures_table(scores: Scores) -> Table:
     """Agreement beyond the share of correct frames: every metric that the main table has not, then events."""
     metrics = {name: metric for name, metric in load_metrics().items() if name not in (*SHARES, *LOSSES)}
-    return _table(
-        "Agreement and events",
-        (*(metric.title for metric in metrics.values()), "Event recall", "Event precision", "Event F"),
-        scores.by_clip(),
-        lambda row: (
-            number(value + 0.0, 2)  # no minus before a zero
-            for value in (*(row.metrics[name] for name in metrics), *row.events.rates)
-        ),
-        (
-            " ".join(metric.meaning for metric in metrics.values()) + " Events: longest runs of one label; a true and "
-            "a found one match if they have the same label and overlap, each used once.",
-        ),
+    titles = (*(metric.title for metric in metrics.values()), "Event recall", "Event precision", "Event F")
+    rows = (
+        (row.clip or ALL, row.configuration, *(number(value + 0.0, 2) for value in values))  # no minus before a zero
+        for row in scores.by_clip()
+        for values in [(*(row.metrics[name] for name in metrics), *row.events.rates)]
     )
+    note = (
+        " ".join(metric.meaning for metric in metrics.values()) + " Events: longest runs of one label; a true and a "
+        "found one match if they have the same label and overlap, each used once."
+    )
+    columns = ("Clip", "Configuration", *titles)
+    return Table(title="Agreement and events", columns=columns, rows=tuple(rows), words=2, notes=(note,))
 
 
 def baselines_table(scores: Scores) -> Table:
     """Rates of the baselines on the same frames."""
-    return _table(
+    cells: dict[str, _Cell] = {
+        _words(name): partial(lambda name, row: percent(row.baselines[name]), name) for name in BASELINES
+    }
+    return _rates(
         "Baselines on the same frames, FRR %",
-        ("FRR", *(_words(name) for name in BASELINES), "Best", "Beaten"),
+        " | ".join(["Clip | Configuration | FRR", *cells, "Best | Beaten"]),
         scores.by_clip(),
-        lambda row: (
-            *(percent(share) for share in (row.frr, *(row.baselines[name] for name in BASELINES))),
-            *(_words(row.best_baseline).lower(), row.beats),
-        ),
         (
             "Commonest: always the subject's commonest label in the clip. Nearest: the box nearest to the eyes. "
             "Largest: in the image. Central: the box nearest to the camera's axis. Nearest in angle: the box nearest "
             "in angle to the measured gaze, or nothing beyond a limit that is best on the other clips (one clip: no "
             "limit). All but the first choose among what the configuration segmented. Beaten: see the first table.",
         ),
+        more=cells,
     )
 
 
 def seeds_table(scores: Scores) -> Table:
     """Variation of rates between the seeds of the simulated errors; no rows for a run under one seed."""
-    return _table(
+    return _rates(
         "Over seeds",
-        ("Seeds", "Mean FRR %", "95 %", "SD over seeds", "Lowest %", "Highest %"),
+        "Clip | Configuration | Seeds | Mean FRR % | 95 % | SD over seeds | Lowest % | Highest %",
         [row for row in scores.by_clip() if row.seed_rates],
-        lambda row: (
-            *(str(len(row.seed_rates)), percent(row.frr), _range(row.interval)),
-            *map(percent, (statistics.stdev(row.seed_rates), min(row.seed_rates), max(row.seed_rates))),
-        ),
         (
             "Each configuration ran under several seeds of its simulated errors. Rates are means over them, and n "
             "counts all. 95 %: over seeds and clips (below 6 clips, looks); each clip has errors of its own under "
@@ -194,29 +203,25 @@ def seeds_table(scores: Scores) -> Table:
 
 def nowhere_table(scores: Scores) -> Table:
     """Precision and recall of "looks at nothing"; no rows if no method can say it, or nobody looks at nothing."""
-    found = [(row, row.nowhere) for row in scores.by_clip() if row.nowhere and (row.nowhere.true or row.nowhere.said)]
-    return Table(
-        title="Looking at nothing",
-        columns=("Clip", "Configuration", "True", "Said", "Both", "Precision %", "Recall %"),
-        words=2,
-        rows=tuple(
-            (*_names(row), *map(str, (of.true, of.said, of.right)), *map(percent, (of.precision, of.recall)))
-            for row, of in found
+    return Table.of(
+        "Looking at nothing",
+        "Clip | Configuration | True | Said | Both | Precision % | Recall %",
+        (
+            (row.clip or ALL, row.configuration, of.true, of.said, of.right, percent(of.precision), percent(of.recall))
+            for row in scores.by_clip()
+            if (of := row.nowhere) and (of.true or of.said)
         ),
+        words=2,
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),
     )
 
 
 def visible_table(scores: Scores) -> Table:
     """FRR with and without the frames in which something blocks the line of sight; no rows without such labels."""
-    return _table(
+    return _rates(
         "FRR with and without blocked lines of sight",
-        ("n", "Blocked", "FRR %", "FRR % without blocked", "FRR % of blocked"),
+        "Clip | Configuration | n | Blocked | FRR % | FRR % without blocked | FRR % of blocked",
         [row for row in scores.by_clip() if row.visible < row.n],
-        lambda row: (
-            *(str(row.n), str(row.n - row.visible), percent(row.frr), percent(row.frr_visible)),
-            percent((row.correct - row.visible_correct) / (row.n - row.visible)),
-        ),
         (
             "Blocked: the label's note says that something stands between the eyes and the target. The label says "
             "where the subject's gaze was aimed, which is then not what the subject sees.",
@@ -228,29 +233,22 @@ def error_types_table(scores: Scores) -> Table:
     """Numbers of wrong frames by error type; error types that never occur are left out."""
     rows = scores.by_clip()
     seen = [error_type for error_type in ERROR_TYPES if any(row.error_types[error_type] for row in rows)]
-    return _table(
+    return Table.of(
         "Error types",
-        ("Wrong", *(error_type.replace("_", " ") for error_type in seen)),
-        rows,
-        lambda row: (str(row.n - row.correct), *(str(row.error_types[error_type]) for error_type in seen)),
-        tuple(f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen),
+        " | ".join(["Clip | Configuration | Wrong", *(error_type.replace("_", " ") for error_type in seen)]),
+        (
+            (row.clip or ALL, row.configuration, row.n - row.correct, *(row.error_types[name] for name in seen))
+            for row in rows
+        ),
+        words=2,
+        notes=[f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen],
     )
 
 
 def subjects_table(scores: Scores) -> Table:
     """FRR of every subject."""
-    return Table(
-        title="FRR by subject",
-        columns=("Clip", "Subject", "Configuration", "n", "Units", "FRR %", "95 %", "Coverage %", "No hit %"),
-        words=3,
-        rows=tuple(
-            (
-                *(str(row.clip), str(row.subject), row.configuration, str(row.n), str(row.looks), percent(row.frr)),
-                *(_range(row.interval), percent(row.coverage), percent(row.no_hit / row.n)),
-            )
-            for row in scores.by_subject()
-        ),
-    )
+    columns = "Clip | Subject | Configuration | n | Units | FRR % | 95 % | Coverage % | No hit %"
+    return _rates("FRR by subject", columns, scores.by_subject(), words=3)
 
 
 def remarks(scores: Scores) -> list[str]:
@@ -274,30 +272,5 @@ def remarks(scores: Scores) -> list[str]:
     return found
 
 
-def _table(
-    title: str,
-    columns: tuple[str, ...],
-    rows: Iterable[ScoreRow],
-    cells: Callable[[ScoreRow], Iterable[str]],
-    notes: tuple[str, ...],
-) -> Table:
-    """A table of rates: every row begins with its clip and its configuration."""
-    return Table(
-        title=title,
-        columns=("Clip", "Configuration", *columns),
-        words=2,
-        rows=tuple((*_names(row), *cells(row)) for row in rows),
-        notes=notes,
-    )
-
-
-def _names(row: ScoreRow) -> tuple[str, str]:
-    return row.clip or ALL, row.configuration
-
-
 def _words(name: str) -> str:
     return name.replace("_", " ").capitalize()
-
-
-def _range(interval: Interval) -> str:
-    return UNKNOWN if math.isnan(interval.low) else f"{100 * interval.low:.0f}–{100 * interval.high:.0f}"

@@ -209,24 +209,25 @@ def plain_table(table: Table) -> dict[str, Any]:
 
 
 def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
-    return Table(
-        title="Clips, licences",
-        columns=("Clip", "Licence", "To be cited", "Frames", "Hz"),
-        words=3,
-        rows=tuple(
+    return Table.of(
+        "Clips, licences",
+        "Clip | Licence | To be cited | Frames | Hz",
+        (
             (
                 each["name"],
-                *map(_text, (each["licence"], each.get("citation"))),
-                str(len(each["frames"])),
+                _text(each["licence"]),
+                _text(each.get("citation")),
+                len(each["frames"]),
                 _text(each["rate_hz"]),
             )
             for each in clips
         ),
+        words=3,
     )
 
 
-def _text(value: object) -> str:
-    return UNKNOWN if value is None else str(value)
+def _text(value: object) -> object:
+    return UNKNOWN if value is None else value
 
 
 def _printed(manifest: Mapping[str, Any]) -> str:
