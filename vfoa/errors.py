@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class VfoaError(Exception):
@@ -16,6 +17,15 @@ class VfoaError(Exception):
 
     def __init__(self, line: str = "") -> None:
         super().__init__(_one_line(line))
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Begin the messages of errors in the block with a place: a file, a frame."""
+    try:
+        yield
+    except VfoaError as error:
+        raise VfoaError(f"{where}: {error}") from None
 
 
 _LONGEST = 2000

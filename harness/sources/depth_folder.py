@@ -8,18 +8,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.depth_layouts import DepthFrame, find_depth_frames
-from harness.sources.depth_optics import DepthOptics, Intrinsics
+from harness.sources.depth_layouts import find_depth_frames
+from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
+from harness.sources.media.frame_files import rate_of
 from harness.sources.media.images import read_rgb
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame
 
@@ -46,9 +46,7 @@ class DepthFolderSettings(Settings):
 
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
-        if (self.calibration is None) == (self.camera is None):
-            found = "neither" if self.camera is None else "both"
-            raise ValueError(f"found {found}; expected either calibration (a file) or camera (numbers)")
+        check_one_calibration(self.calibration, self.camera)
         if self.camera is not None and self.camera.baseline_m is not None:
             raise ValueError("found camera.baseline_m; expected none for a camera that measures depth")
         return self
@@ -74,12 +72,11 @@ class DepthFolderClip:
         self._folder = folder = root if root is not None else Path.cwd()
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
-        found = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
-        self._frames, self._notes = found.by_number, found.notes
+        self._files = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
 
     @classmethod
     def recognise(cls, path: Path) -> Sequence[Recognised]:
-        """Recognise folders or names of colour and of depth, TUM RGB-D, a scene of GFIE."""
+        """Recognise folders or names of colour and of depth, TUM RGB-D."""
         from harness.sources.depth_layouts import recognise_depth
 
         return recognise_depth(path)
@@ -87,42 +84,41 @@ class DepthFolderClip:
     @property
     def frames(self) -> tuple[int, ...]:
         """The numbers in the files' names, or numbers from 1 for lists."""
-        return tuple(self._frames)
+        return tuple(self._files.colours)
 
     @cached_property
     def rate_hz(self) -> float | None:
         """The manifest's rate, else from the median step of the times, to 0.001 Hz."""
-        if self._settings.rate_hz is not None:
-            return self._settings.rate_hz
-        steps = np.diff([frame.time_ns for frame in self._frames.values() if frame.time_ns is not None])
-        return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+        return self._settings.rate_hz or (rate_of(self._files.times_ns.values()) if self._files.times_ns else None)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on images that belong to no frame."""
-        return self._notes
+        return self._files.notes
 
     def time_ns(self, number: int) -> int:
         """Time from the lists, or the number over the rate (without lists, or if the manifest gives a rate)."""
-        time_ns = None if self._settings.rate_hz else self._files(number).time_ns
-        return round(number * 1e9 / (self._settings.rate_hz or 1.0)) if time_ns is None else time_ns
+        if number not in self._files.colours:
+            raise VfoaError(f"{self._folder}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        if self._files.times_ns is None or self._settings.rate_hz:
+            return round(number * 1e9 / (self._settings.rate_hz or 1.0))
+        return self._files.times_ns[number]
 
     def frame(self, number: int) -> StereoFrame:
         """Read one frame."""
-        files = self._files(number)
-        left, depth_m = read_rgb(files.colour), read_depth_file(files.depth, self._settings.depth_scale)
-        if left.shape[:2] != depth_m.shape:
-            sizes = " and depth ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (left, depth_m))
-            raise VfoaError(
-                f"{self._folder}: frame {number}: colour is {sizes} pixels; expected depth that the camera's software "
-                "aligned with colour (a recording with extrinsics, MCAP or a bag, is registered here)"
-            )
-        try:
-            optics = self._optics
-            image, depth = optics.image(left), optics.depth(depth_m)
-        except VfoaError as error:
-            raise VfoaError(f"{self._folder}: frame {number}: {error}") from None
-        return StereoFrame(index=number, time_ns=self.time_ns(number), left=image, depth_m=depth, rig=optics.rig)
+        time_ns, files = self.time_ns(number), self._files
+        left, depth_m = (
+            read_rgb(files.colours[number]),
+            read_depth_file(files.depths[number], self._settings.depth_scale),
+        )
+        with located(f"{self._folder}: frame {number}"):
+            if left.shape[:2] != depth_m.shape:
+                sizes = " and depth ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (left, depth_m))
+                raise VfoaError(
+                    f"colour is {sizes} pixels; expected depth that the camera's software aligned with colour"
+                )
+            image, depth = self._optics.image(left), self._optics.depth(depth_m)
+        return StereoFrame(index=number, time_ns=time_ns, left=image, depth_m=depth, rig=self._optics.rig)
 
     def truth(self, number: int) -> Truth:
         """The source has no ground truth."""
@@ -130,26 +126,20 @@ class DepthFolderClip:
 
     def digest(self) -> str:
         """Digest of the files' bytes, the frames' numbers and the settings, but not of the files' names."""
+        files = self._files
         paths = [
-            (f"{kind} {number}", path)
-            for number, files in self._frames.items()
-            for kind, path in (("colour", files.colour), ("depth", files.depth))
+            part
+            for number in self.frames
+            for part in ((f"colour {number}", files.colours[number]), (f"depth {number}", files.depths[number]))
         ]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
-        times = [files.time_ns for files in self._frames.values()]
         settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration"})
-        return hashlib.sha256(f"{digest_files(paths)} {times} {settings}".encode()).hexdigest()
-
-    def _files(self, number: int) -> DepthFrame:
-        if number not in self._frames:
-            first, last = self.frames[0], self.frames[-1]
-            raise VfoaError(f"{self._folder}: no frame {number}; expected {first} to {last}")
-        return self._frames[number]
+        return hashlib.sha256(f"{digest_files(paths)} {files.times_ns} {settings}".encode()).hexdigest()
 
     @cached_property
     def _optics(self) -> DepthOptics:
-        height, width = read_rgb(next(iter(self._frames.values())).colour).shape[:2]
+        height, width = read_rgb(self._files.colours[self.frames[0]]).shape[:2]
         settings = self._settings
         if settings.camera is not None:
             return DepthOptics(settings.camera.camera((width, height)), str(self._folder))

@@ -56,18 +56,12 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-class DepthFrame(NamedTuple):
-    """The files of one frame; ``time_ns`` is None if there are only numbers."""
-
-    colour: Path
-    depth: Path
-    time_ns: int | None
-
-
 class DepthFrames(NamedTuple):
-    """Frames by number, ascending, and a note for each kind of file that belongs to no frame."""
+    """The files of each frame, ascending by number; its time in ns if lists have it; notes on files without a frame."""
 
-    by_number: dict[int, DepthFrame]
+    colours: dict[int, Path]
+    depths: dict[int, Path]
+    times_ns: dict[int, int] | None
     notes: tuple[str, ...]
 
 
@@ -85,31 +79,29 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
         raise VfoaError(f"{folder}: colour {colour!r} and depth {depth!r}: expected two lists (.txt), or none")
     colours: Mapping[int, Path]
     depths: Mapping[int, Path]
-    if colour.endswith(".txt"):
+    if has_times := colour.endswith(".txt"):
         words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
-        colours, depths = (
-            read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)
-        )
-        times_ns, others_ns = list(colours), list(depths)
-        pairs = join_times(times_ns, others_ns, round(tolerance_ms * 1e6))
-        frames = {
-            number: DepthFrame(colours[times_ns[one]], depths[others_ns[other]], times_ns[one])
-            for number, (one, other) in enumerate(pairs, start=1)
-        }
+        colours, depths = map(read_stamped_list, (folder / colour, folder / depth), words)
+        times, others = list(colours), list(depths)
+        pairs = [(times[one], others[other]) for one, other in join_times(times, others, round(tolerance_ms * 1e6))]
         rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
     else:
         colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
-        common = sorted(colours.keys() & depths.keys())
-        frames = {number: DepthFrame(colours[number], depths[number], None) for number in common}
+        pairs = [(number, number) for number in sorted(colours.keys() & depths.keys())]
         rule = "of the same number"
-    if not frames:
+    if not pairs:
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
-    notes = [
-        f"{name}: {len(found) - len(frames)} of {len(found)} images have no partner {rule}"
-        for name, found in ((colour, colours), (depth, depths))
-        if len(found) > len(frames)
-    ]
-    return DepthFrames(frames, tuple(notes))
+    numbered = dict(enumerate(pairs, start=1)) if has_times else {pair[0]: pair for pair in pairs}
+    return DepthFrames(
+        {number: colours[one] for number, (one, _) in numbered.items()},
+        {number: depths[other] for number, (_, other) in numbered.items()},
+        {number: time for number, (time, _) in numbered.items()} if has_times else None,
+        tuple(
+            f"{name}: {len(files) - len(pairs)} of {len(files)} images have no partner {rule}"
+            for name, files in ((colour, colours), (depth, depths))
+            if len(files) > len(pairs)
+        ),
+    )
 
 
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
@@ -132,12 +124,10 @@ _TUM_CAMERAS = {
 }
 """fx, fy, cx, cy as TUM publishes them with the data set; the small lens distortion of the first two is left out."""
 
-_GFIE_CAMERA = "CameraKinect.npy"
-
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
     """Return every way to read a folder as colour with depth; none for anything else."""
-    return tuple(_tum(path) or _gfie(path) or _folders(path)) if path.is_dir() else ()
+    return tuple(_tum(path) or _folders(path)) if path.is_dir() else ()
 
 
 def _tum(path: Path) -> list[Recognised]:
@@ -153,26 +143,6 @@ def _tum(path: Path) -> list[Recognised]:
         calibration = f"as published for {known}, without its lens distortion"
     layout = f"TUM RGB-D: {' and '.join(dict.fromkeys(lists))}, 5000 counts a metre"
     return [Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)]
-
-
-def _gfie(path: Path) -> list[Recognised]:
-    """Scenes below the root of GFIE: rgb/SPLIT/sceneN/0001.jpg, depth/SPLIT/sceneN/0001.npy, CameraKinect.npy."""
-    root = next((each for each in (path, *path.parents[:3]) if (each / _GFIE_CAMERA).is_file()), None)
-    if root is None:
-        return []
-    found = []
-    for colour in sorted(root.glob("rgb/*/scene*")):
-        depth = root / "depth" / colour.relative_to(root / "rgb")
-        if depth.is_dir() and (path == root or path in (colour, depth, *colour.parents, *depth.parents)):
-            source = {
-                "colour": colour.relative_to(root).as_posix(),
-                "depth": f"{depth.relative_to(root).as_posix()}/*.npy",
-                "calibration": _GFIE_CAMERA,
-            }
-            name = f"gfie_{colour.parent.name}_{colour.name}"
-            layout = f"GFIE, {colour.parent.name}/{colour.name}"
-            found.append(Recognised(root=root, source=source, layout=layout, name=name, calibration=_GFIE_CAMERA))
-    return found
 
 
 def _folders(path: Path) -> Iterator[Recognised]:
@@ -192,7 +162,7 @@ def _folders(path: Path) -> Iterator[Recognised]:
                 continue  # no common number
             source: dict[str, Any] = {"colour": colour, "depth": depth}
             calibration = _calibration_file(path, source)
-            layout = f"colour {colour!r} and depth {depth!r}: {len(frames.by_number)} frames"
+            layout = f"colour {colour!r} and depth {depth!r}: {len(frames.colours)} frames"
             yield Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
 
 
@@ -225,8 +195,8 @@ def _calibration_file(path: Path, source: dict[str, Any]) -> str | None:
     files = {each.name.lower(): each for each in path.iterdir() if each.is_file()}
     for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
         with suppress(VfoaError):
-            frames = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).by_number
-            height, width = read_rgb(next(iter(frames.values())).colour).shape[:2]
+            frames = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS)
+            height, width = read_rgb(next(iter(frames.colours.values()))).shape[:2]
             read_one_camera(file, (width, height))
             source["calibration"] = file.name
             return file.name

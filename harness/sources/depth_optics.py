@@ -10,7 +10,7 @@ from pydantic import Field
 
 from harness.sources.calibration import Calibration, check_camera
 from harness.sources.rectification import RawCamera, undistortion_maps
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import Float, Image, Map, StereoRig
 
@@ -46,6 +46,13 @@ class Intrinsics(Settings):
         return lens(np.array([[self.fx_px, 0, self.cx_px], [0, fy, self.cy_px], [0, 0, 1.0]]), size_px)
 
 
+def check_one_calibration(calibration: object, camera: Intrinsics | None) -> None:
+    """Reject settings with neither or both of a calibration's file and numbers."""
+    if (calibration is None) == (camera is None):
+        found = "neither" if camera is None else "both"
+        raise ValueError(f"found {found}; expected either calibration (a file) or camera (numbers)")
+
+
 def lens(k: Float, size_px: tuple[int, int]) -> RawCamera:
     """Return a camera with this matrix (3, 3) and no distortion."""
     return RawCamera(size_px=size_px, k=k, d=np.zeros(0), r=np.eye(3), p=np.column_stack([k, np.zeros(3)]))
@@ -65,19 +72,13 @@ class DepthOptics:
     Raises
     ------
     VfoaError
-        If the camera has no positive focal lengths; ``where`` opens the message, here and below.
+        If the camera is not calibrated; ``where`` opens the message, here and below.
     """
 
     def __init__(self, camera: RawCamera, where: str) -> None:
-        if not (np.isfinite(camera.k).all() and camera.k[0, 0] > 0 and camera.k[1, 1] > 0):
-            raise VfoaError(
-                f"{where}: found focal lengths {camera.k[0, 0]:g}, {camera.k[1, 1]:g}; expected a calibrated camera"
-            )
         k = camera.k
-        try:
+        with located(where):
             check_camera(camera.size_px, (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2])))
-        except VfoaError as error:
-            raise VfoaError(f"{where}: {error}") from None
         self._camera, self._where = camera, where
         without = replace(camera, r=np.eye(3), p=np.column_stack([camera.k, np.zeros(3)]))
         self._maps = undistortion_maps(without) if camera.d.any() else None

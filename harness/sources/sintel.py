@@ -15,9 +15,9 @@ from harness.files.digests import digest_files
 from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
-from harness.sources.media.images import png_size_px, read_raw
+from harness.sources.media.images import png_size_px, read_raw, read_rgb
 from harness.sources.media.maps import read_sintel_disparity, relabel, small_ids
-from harness.sources.stereo_views import read_pair
+from harness.sources.stereo_views import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Instance, Instances, StereoFrame
@@ -147,7 +147,9 @@ class SintelClip:
     def frame(self, number: int) -> StereoFrame:
         """Read one pair and its camera."""
         self._check_number(number)
-        left, right = read_pair(self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number))
+        paths = self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number)
+        left, right = map(read_rgb, paths)
+        check_sizes(left, right, *paths)
         camera = read_camera(self._path("camdata_left", number, "cam"))
         fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
         calibration = Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=BASELINE_M)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,23 +12,11 @@ from pydantic import Field, model_validator
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, Unit, read_cameras
-from harness.sources.depth_optics import Intrinsics
+from harness.sources.depth_optics import Intrinsics, check_one_calibration
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note
 from harness.sources.stereo_views import ViewFiles
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located
 from vfoa.types import Image, StereoFrame
-
-
-class CameraNumbers(Intrinsics):
-    """A rectified pair in four numbers; by default fy is fx and both views share cx."""
-
-    baseline_m: float = Field(gt=0)
-    cx_right_px: float | None = None
-
-    def pair(self, where: str) -> Calibration:
-        """Return the rectified pair."""
-        pair = super().pair(where)
-        return pair if self.cx_right_px is None else replace(pair, cx_right_px=self.cx_right_px)
 
 
 class StereoFolderSettings(ViewFiles):
@@ -49,19 +35,15 @@ class StereoFolderSettings(ViewFiles):
     baseline_m: float | None = Field(default=None, gt=0)
     fisheye: bool = False
     rectified: bool = False
-    camera: CameraNumbers | None = None
+    camera: Intrinsics | None = None
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
 
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
-        if (self.calibration is None) == (self.camera is None):
-            found = "neither" if self.camera is None else "both"
-            raise ValueError(f"found {found}; expected either calibration (a file) or camera (four numbers)")
-        if self.camera is not None and self.baseline_m is not None:
-            raise ValueError("baseline_m: found it beside camera; expected camera.baseline_m alone")
-        if self.camera is not None and self.calibration_unit != "m":
+        check_one_calibration(self.calibration, self.camera)
+        if self.camera is not None and (self.baseline_m is not None or self.calibration_unit != "m"):
             raise ValueError(
-                f"calibration_unit: found {self.calibration_unit!r}; expected 'm', as camera.baseline_m has"
+                "baseline_m, calibration_unit: found beside camera; expected camera.baseline_m alone, in m"
             )
         return self
 
@@ -140,10 +122,8 @@ class StereoFolderClip:
 
     def time_ns(self, number: int) -> int:
         """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
-        place = bisect_left(self.frames, number)
-        if self.frames[place : place + 1] != (number,):
-            expected = f"{self.frames[0]} to {self.frames[-1]}"
-            raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
+        if number not in self._views:
+            raise VfoaError(f"{self._folder}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
         stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
         return round(number * 1e9 / (self.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
 
@@ -151,22 +131,18 @@ class StereoFolderClip:
         """Read one pair."""
         time_ns = self.time_ns(number)
         left, right = self._views.read(number)
-        try:
-            rectifier = self._rectifier_of((left.shape[1], left.shape[0]))
+        with located(self._views.where(number)):
+            rectifier = self._rectifier_of(left)
             left, right = rectifier.rectify(left, right)
             rig = rectifier.calibration.rig(left.shape[1], left.shape[0])
-        except VfoaError as error:
-            raise VfoaError(f"{self._views.where(number)}: {error}") from None
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
     def left(self, number: int) -> Image:
-        """The rectified left image of a frame; of two videos, only one is decoded."""
+        """The rectified left image of a frame, without the right one."""
         self.time_ns(number)
         left = self._views.read_left(number)
-        try:
-            return self._rectifier_of((left.shape[1], left.shape[0])).rectify_left(left)
-        except VfoaError as error:
-            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+        with located(self._views.where(number)):
+            return self._rectifier_of(left).rectify_left(left)
 
     def truth(self, number: int) -> Truth:
         """The source has no ground truth."""
@@ -181,10 +157,10 @@ class StereoFolderClip:
         )
         return digest.hexdigest()
 
-    def _rectifier_of(self, size_px: tuple[int, int]) -> Rectifier:
+    def _rectifier_of(self, left: Image) -> Rectifier:
         """The rectifier of images of this size, computed when the first one is read: a clip has one size."""
         if self._rectifier is None:
-            self._rectifier = Rectifier(scaled_to(self._cameras, size_px))
+            self._rectifier = Rectifier(scaled_to(self._cameras, (left.shape[1], left.shape[0])))
         return self._rectifier
 
     def _read_cameras(self, folder: Path) -> Cameras:

@@ -5,49 +5,41 @@ from __future__ import annotations
 import glob
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.sources import Recognised
 from harness.sources.calibration_files.read import Options, find_calibrations
 from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names, walk_files
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
-from harness.sources.stereo_views import (
-    TICKS_NS,
-    ImagePairs,
-    PackedImages,
-    PackedVideo,
-    Packing,
-    StampUnit,
-    VideoPair,
-    ViewFiles,
-    Views,
-    find_sides,
-)
+from harness.sources.stereo_views import PACKINGS, StampUnit, ViewFiles, Views, find_sides
 from vfoa.errors import VfoaError
-from vfoa.types import Float, Image
+from vfoa.types import Image
 from vfoa.validation import parse
 
 ALIKE = 0.25
 """Least correlation of two halves that are taken for two views of one scene.
 
-Over nine real pairs (KITTI, chessboards close by, Sintel) the two views reach 0.28 to 0.89, halves of single views at
-most 0.21.
+Over ten real pairs (KITTI, chessboards close by, Sintel) the two views reach 0.29 to 0.88 (one board: 0.24), halves of
+single views at most 0.23.
 """
 
 _WIDTH = 96
+_LEAST_CONTRAST = 1e-3
 _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
 _TIMES = "timestamps.txt"
 _DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundLayout:
     """One way to read a path as a stereo clip: ``root`` and ``source`` are a manifest's, ``views`` what they give.
 
@@ -88,18 +80,18 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
             read_rgb(path)
         return tuple(_packed(path.parent, path.name, path))
     images, videos = _files_by_folder(path, IMAGE_SUFFIXES), _files_by_folder(path, VIDEO_SUFFIXES)
+    lone_videos = [file for files in videos.values() for file in files]
     pairs = list(_image_pairs(path, images))
     try:
-        for left, right in pair_names([file for files in videos.values() for file in files], numbered=False):
-            source = {"layout": "videos", "left": left, "right": right}
-            pairs.append(_found(path, source, VideoPair(path / left, path / right)))
+        for left, right in pair_names(lone_videos, numbered=False):
+            pairs.append(_open(path, ViewFiles(layout="videos", left=left, right=right)))
     except VfoaError:
         if not pairs:
             raise
-    found = pairs or [each for name, files in images.items() for each in _packed(path, name, path / files[0])]
-    lonely = [] if pairs else [file for files in videos.values() for file in files]
-    found += [each for file in lonely for each in _packed(path, file, path / file)]
-    return tuple(sorted(found, key=lambda each: (-len(each.views.frames), len(each.source.get("left", "")))))
+    if not pairs:
+        packed = [*((name, files[0]) for name, files in images.items()), *((file, file) for file in lone_videos)]
+        pairs = [layout for name, first in packed for layout in _packed(path, name, path / first)]
+    return tuple(sorted(pairs, key=lambda each: (-len(each.views.frames), len(each.source.get("left", "")))))
 
 
 def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:
@@ -121,36 +113,34 @@ def _image_pairs(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayo
 
 
 def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
-    stamps: StampUnit | None = None
     try:
         try:
             lefts, rights = find_sides(root, left, right)
         except VfoaError:  # two numbers in each name
             left, right = f"{left}/{_KITTI_2015}", f"{right}/{_KITTI_2015}"
             lefts, rights = find_sides(root, left, right)
-        stamps = _stamps((*lefts, *rights))
-        views = ImagePairs(lefts, rights, TICKS_NS[stamps] if stamps else None)
+    except VfoaError:
+        return  # names that say a side but share no numbering are no pair
+    stamps = _stamps((*lefts, *rights))
+    if stamps is None and not lefts.keys() & rights.keys():
+        return
+    times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
+    has_times = stamps is None and (root / left).is_dir() and (root / times).is_file()
+    files = ViewFiles(left=left, right=right, stamps=stamps, times=times.as_posix() if has_times else None)
+    try:
+        yield _open(root, files)
     except VfoaError as error:
         if stamps is None:
-            return  # names that say a side but share no numbering are no pair
+            raise
         told = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
         raise VfoaError(f"{root}: {error} ({told})") from None
-    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {})
-    times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
-    if (root / left).is_dir() and (root / times).is_file():
-        source["times"] = times.as_posix()
-    yield _found(root, source, views)
 
 
 def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
     """Return the layout of files that the user names; raises the errors of their :meth:`ViewFiles.views`."""
-    source = files.model_dump(mode="json", exclude_defaults=True, exclude={"stamps", "swap"})
-    views = files.views(root)
-    stamps = files.stamps
-    if files.layout == "images" and stamps is None and (stamps := _stamps(views.frames)):
-        source["stamps"] = stamps
-        views = files.model_copy(update={"stamps": stamps}).views(root)
-    return _found(root, {"layout": files.layout, **source}, views)
+    if files.layout == "images" and files.stamps is None:
+        files = files.model_copy(update={"stamps": _stamps(find_frames(root, str(files.left), "source.left"))})
+    return _open(root, files)
 
 
 def _stamps(frames: Iterable[int]) -> StampUnit | None:
@@ -162,21 +152,16 @@ def _stamps(frames: Iterable[int]) -> StampUnit | None:
 
 def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
     """``name`` (a file, or a folder of images) as both views in one picture, the likelier packing first."""
-    packings: tuple[Packing, ...] = ("side_by_side", "top_bottom")
     is_video = first.suffix.lower() in VIDEO_SUFFIXES
     if not is_video and (_DEPTH_WORD.search((root / name).name) or _is_map(first)):
         return  # one view's depth or disparity: its halves are alike where the floor or a wall is
-    found = []
-    for packing in packings:
-        try:
-            views = PackedVideo(first, packing) if is_video else PackedImages(find_frames(root, name, name), packing)
-            likeness = _likeness(*views.read(views.frames[0]))
-        except VfoaError:
-            continue  # an odd width, or names without a number
-        if likeness >= ALIKE:
-            layout = f"{'video' if is_video else 'images'}_{packing}"
-            found.append((likeness, _found(root, {"layout": layout, "both": name}, views)))
-    yield from (layout for _, layout in sorted(found, key=lambda each: -each[0]))
+    kind = "video" if is_video else "images"
+    found: dict[FoundLayout, float] = {}
+    for packing in PACKINGS:
+        with suppress(VfoaError):  # an odd width, or names without a number
+            layout = _open(root, ViewFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
+            found[layout] = _likeness(*layout.views.read(layout.views.frames[0]))
+    yield from sorted((layout for layout in found if found[layout] >= ALIKE), key=lambda each: -found[each])
 
 
 def _is_map(image: Path) -> bool:
@@ -185,35 +170,30 @@ def _is_map(image: Path) -> bool:
     return pixels.ndim == 2 and pixels.dtype != np.uint8
 
 
-def _found(root: Path, source: dict[str, str], views: Views) -> FoundLayout:
+def _open(root: Path, files: ViewFiles) -> FoundLayout:
+    views = files.views(root)
     left, _ = views.read(views.frames[0])
+    source = {"layout": files.layout, **files.model_dump(mode="json", exclude_defaults=True, exclude={"swap"})}
     return FoundLayout(root=root, source=source, views=views, size_px=(left.shape[1], left.shape[0]))
 
 
 def _likeness(left: Image, right: Image) -> float:
     """Greatest correlation of the two over horizontal shifts up to a quarter of the width; 0 without contrast."""
-    views = [_small(view) for view in (left, right)]
-    width = views[0].shape[1]
-    shifts = range(width // 4 + 1)
-    return max(_correlation(views[0][:, shift:], views[1][:, : width - shift]) for shift in shifts)
+    first, second = _small(left), _small(right)[:, : _WIDTH - _WIDTH // 4]
+    return (
+        float(cv2.matchTemplate(first, second, cv2.TM_CCOEFF_NORMED).max()) if second.std() > _LEAST_CONTRAST else 0.0
+    )
 
 
-def _small(view: Image) -> Float:
+def _small(view: Image) -> NDArray[np.float32]:
     height = max(1, round(view.shape[0] * _WIDTH / view.shape[1]))
     gray = cv2.resize(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), (_WIDTH, height), interpolation=cv2.INTER_AREA)
-    small = gray.astype(np.float64)
+    small = gray.astype(np.float32)
     # A bright sky over dark ground makes any two halves alike: remove what is the same along rows and columns.
     return small - small.mean(axis=1, keepdims=True) - small.mean(axis=0, keepdims=True)
 
 
-def _correlation(first: Float, second: Float) -> float:
-    first, second = first - first.mean(), second - second.mean()
-    scale = float(np.sqrt((first**2).sum() * (second**2).sum()))
-    return float((first * second).sum()) / scale if scale > 0 else 0.0
-
-
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
-_CALIBRATIONS = ("calibration", "camera")
 _SHOWN = 4
 
 
@@ -272,7 +252,7 @@ def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> li
     )
     calibrations: list[tuple[str, ...]] = []
     incomplete: list[str] = []
-    if not any(key in given for key in _CALIBRATIONS):
+    if "calibration" not in given and "camera" not in given:
         calibrations, incomplete = find_calibrations(layout.root, lambda: layout.size_px, options)
         if not calibrations:  # KITTI's raw recordings: one file for all drives of a day
             of_the_day = [("../calib_cam_to_cam.txt",)]

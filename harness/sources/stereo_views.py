@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from harness.files.digests import digest_files, file_digest
+from harness.files.digests import digest_files
 from harness.files.io import read_text
-from harness.sources.media.frame_files import find_frames, join_times, nearest_apart
+from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
 from harness.sources.media.images import read_rgb
 from harness.sources.media.video import Video
 from vfoa.errors import VfoaError
@@ -23,6 +22,7 @@ from vfoa.settings import Settings
 from vfoa.types import Image
 
 Packing = Literal["side_by_side", "top_bottom"]
+PACKINGS: tuple[Packing, ...] = ("side_by_side", "top_bottom")
 Layout = Literal[
     "images", "images_side_by_side", "images_top_bottom", "videos", "video_side_by_side", "video_top_bottom"
 ]
@@ -34,192 +34,108 @@ _RATES_DIFFER = 5e-4  # half of the difference between 30 and 29.97 frames per s
 _TIME = re.compile(r"(?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?")
 
 
-class Views(ABC):
+class ImageFiles:
+    """Pictures in files, one per frame; ``times_ns`` are their times, if these are known."""
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, files: Mapping[int, Path], times_ns: Mapping[int, int] | None = None) -> None:
+        self._files, self.times_ns = files, times_ns
+        self.rate_hz = None if times_ns is None else rate_of(times_ns.values())
+
+    @property
+    def frames(self) -> Collection[int]:
+        """The numbers."""
+        return self._files.keys()
+
+    def file(self, number: int) -> Path:
+        """The file of a frame."""
+        return self._files[number]
+
+    def read(self, number: int) -> Image:
+        """Read one file."""
+        return read_rgb(self._files[number])
+
+    def parts(self, role: str, frames: Iterable[int]) -> Iterator[tuple[str, Path]]:
+        """Each file with its number."""
+        return ((f"{number} {role}", self._files[number]) for number in frames)
+
+
+Pictures = ImageFiles | Video
+"""Images by number, with their times and rate if they are known."""
+
+
+class Views:
     """Pairs of images by number. Can be pickled; reads on demand and in any order.
 
-    ``frames`` are the numbers of frames with both views, ascending. ``rate_hz`` is the frame rate if the files give it.
-    ``notes`` are on frames that were left out. ``swapped`` exchanges left and right, for cameras that were named the
-    wrong way round.
-    """
+    ``frames`` are the numbers of frames with both views, ascending; times and rate are those of the left side.
+    ``notes`` are on frames that were left out.
 
-    frames: tuple[int, ...]
-    rate_hz: float | None
-    notes: tuple[str, ...] = ()
-    swapped = False
-    _times_ns: Mapping[int, int] | Sequence[int] | None = None
-
-    def read(self, number: int) -> tuple[Image, Image]:
-        """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""
-        first, second = self._read(number)
-        return (second, first) if self.swapped else (first, second)
-
-    def read_left(self, number: int) -> Image:
-        """Read the left image alone, if that is cheaper."""
-        return self.read(number)[0]
-
-    def time_ns(self, number: int) -> int | None:
-        """Time of a frame, if the files give it."""
-        return None if self._times_ns is None else self._times_ns[number]
-
-    def digest(self) -> str:
-        """Hexadecimal sha256 of the files' contents and of how they are split into views."""
-        digest = self._digest()
-        return hashlib.sha256(f"swapped {digest}".encode()).hexdigest() if self.swapped else digest
-
-    @abstractmethod
-    def where(self, number: int) -> str:
-        """The file (and frame) that messages name."""
-
-    @abstractmethod
-    def _read(self, number: int) -> tuple[Image, Image]: ...
-
-    @abstractmethod
-    def _digest(self) -> str: ...
-
-
-class _NumberedImages(Views):
-    """Frames numbered by their names; with ``tick_ns`` the numbers are times in this unit.
-
-    ``times_ns`` are the times by number, if a file has them.
-    """
-
-    def __init__(self, frames: tuple[int, ...], tick_ns: int | None, times_ns: Mapping[int, int] | None = None) -> None:
-        self.frames = frames
-        if times_ns is None and tick_ns is not None:
-            times_ns = {number: number * tick_ns for number in frames}
-        self._times_ns = times_ns
-        self.rate_hz = None
-        if times_ns is not None and len(frames) > 1:
-            self.rate_hz = round(1e9 / float(np.median(np.diff([times_ns[number] for number in frames]))), 3)
-
-
-class ImagePairs(_NumberedImages):
-    """Two image files per frame, joined by number.
+    Parameters
+    ----------
+    left, right
+        The two sides, joined by number; or pictures that hold both views, and None.
+    packing
+        How one picture holds both views.
+    swapped
+        Exchange left and right, for cameras that were named the wrong way round.
 
     Raises
     ------
     VfoaError
-        If no number is on both sides.
+        If no number is on both sides, or their rates differ.
     """
 
     def __init__(
-        self,
-        left: Mapping[int, Path],
-        right: Mapping[int, Path],
-        tick_ns: int | None = None,
-        times_ns: Mapping[int, int] | None = None,
+        self, left: Pictures, right: Pictures | None, packing: Packing = "side_by_side", *, swapped: bool = False
     ) -> None:
-        frames = tuple(sorted(left.keys() & right.keys()))
-        if not frames:
-            side = next(iter(left.values())), next(iter(right.values()))
-            hint = ""
-            if tick_ns is not None:
-                apart_ms = nearest_apart(sorted(left), sorted(right)) * tick_ns / 1e6
-                hint = f"; the nearest stamps are {apart_ms:.3g} ms apart (median): set tolerance_ms in [source]"
-            raise VfoaError(f"no frame number is on both sides: left starts with {side[0]}, right with {side[1]}{hint}")
-        super().__init__(frames, tick_ns, times_ns)
-        self._left, self._right, self._listed_ns = left, right, times_ns
-        self.notes = tuple(
-            _unpaired(side, other, alone)
-            for side, other, alone in (
-                ("left", "right", sorted(left.keys() - right.keys())),
-                ("right", "left", sorted(right.keys() - left.keys())),
-            )
-            if alone
-        )
+        self._left, self._right, self._packing, self._swapped = left, right, packing, swapped
+        self.frames = tuple(left.frames)
+        self.rate_hz, self.notes = left.rate_hz, left.notes
+        if right is not None:
+            self.frames = tuple(sorted(set(left.frames) & set(right.frames)))
+            if not self.frames:
+                first, other = (side.file(next(iter(side.frames))) for side in (left, right))
+                raise VfoaError(f"no frame number is on both sides: left starts with {first}, right with {other}")
+            self.notes += (*right.notes, *_unpaired(left, right), *_out_of_step(left, right, self.frames))
+            self.rate_hz = _common_rate(left, right)
 
-    def where(self, number: int) -> str:
-        """The left file."""
-        return str(self._left[number])
+    def __contains__(self, number: int) -> bool:
+        return number in self._left.frames and (self._right is None or number in self._right.frames)
 
-    def _read(self, number: int) -> tuple[Image, Image]:
-        return read_pair(self._left[number], self._right[number])
-
-    def _digest(self) -> str:
-        sides = (("left", self._left), ("right", self._right))
-        files = digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
-        return files if self._listed_ns is None else hashlib.sha256(f"{files} {self._listed_ns}".encode()).hexdigest()
-
-
-class PackedImages(_NumberedImages):
-    """One image file per frame, which holds both views."""
-
-    def __init__(self, files: Mapping[int, Path], packing: Packing, tick_ns: int | None = None) -> None:
-        super().__init__(tuple(files), tick_ns)
-        self._files, self._packing = files, packing
-
-    def where(self, number: int) -> str:
-        """The file."""
-        return str(self._files[number])
-
-    def _read(self, number: int) -> tuple[Image, Image]:
-        return _split(read_rgb(self._files[number]), self._packing, self.where(number))
-
-    def _digest(self) -> str:
-        return digest_files((f"{number} {self._packing}", path) for number, path in self._files.items())
-
-
-class VideoPair(Views):
-    """Two videos, joined by the frames' positions from 0; times are the left one's.
-
-    Raises
-    ------
-    VfoaError
-        If the rates differ.
-    """
-
-    def __init__(self, left: Path, right: Path) -> None:
-        self._left, self._right = Video(left), Video(right)
-        rates = self._left.index.rate_hz, self._right.index.rate_hz
-        if None not in rates and not math.isclose(*rates, rel_tol=_RATES_DIFFER):  # type: ignore[arg-type]
-            raise VfoaError(f"{right}: {rates[1]:g} frames per second, {left} has {rates[0]:g}; expected the same rate")
-        counts = len(self._left.index.stamps_ns), len(self._right.index.stamps_ns)
-        self.frames, self.rate_hz = tuple(range(min(counts))), rates[0] or rates[1]
-        self._times_ns = self._left.times_ns
-        longer = (left, right)[counts[1] > counts[0]]
-        rest = (f"{longer.name}: {abs(counts[0] - counts[1])} frames after the other video's end are left out",)
-        self.notes = (
-            *self._left.notes,
-            *self._right.notes,
-            *(rest if counts[0] != counts[1] else ()),
-            *_out_of_step(self._left, self._right, len(self.frames)),
-        )
-
-    def where(self, number: int) -> str:
-        """The left file and the frame."""
-        return f"{self._left.path}: frame {number}"
-
-    def _read(self, number: int) -> tuple[Image, Image]:
-        left, right = self._left.read(number), self._right.read(number)
-        _check_sizes(left, right, str(self._left.path), self._right.path)
-        return left, right
+    def read(self, number: int) -> tuple[Image, Image]:
+        """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""
+        if self._right is None:
+            first, second = _split(self._left.read(number), self._packing, self.where(number))
+        else:
+            first, second = self._left.read(number), self._right.read(number)
+            check_sizes(first, second, self._left.file(number), self._right.file(number))
+        return (second, first) if self._swapped else (first, second)
 
     def read_left(self, number: int) -> Image:
-        """Decode one of the two videos."""
-        return (self._right if self.swapped else self._left).read(number)
+        """Read the left image alone."""
+        if self._right is None:
+            return self.read(number)[0]
+        return (self._right if self._swapped else self._left).read(number)
 
-    def _digest(self) -> str:
-        return digest_files((("left", self._left.path), ("right", self._right.path)))
-
-
-class PackedVideo(Views):
-    """One video whose frames hold both views, by their positions from 0."""
-
-    def __init__(self, path: Path, packing: Packing) -> None:
-        self._video, self._packing = Video(path), packing
-        self.frames = tuple(range(len(self._video.index.stamps_ns)))
-        self.rate_hz, self.notes = self._video.index.rate_hz, self._video.notes
-        self._times_ns = self._video.times_ns
+    def time_ns(self, number: int) -> int | None:
+        """Time of a frame, if the files give it."""
+        return None if self._left.times_ns is None else self._left.times_ns[number]
 
     def where(self, number: int) -> str:
-        """The file and the frame."""
-        return f"{self._video.path}: frame {number}"
+        """The (left) file and the frame that messages name."""
+        path = self._left.file(number)
+        return f"{path}: frame {number}" if isinstance(self._left, Video) else str(path)
 
-    def _read(self, number: int) -> tuple[Image, Image]:
-        return _split(self._video.read(number), self._packing, self.where(number))
-
-    def _digest(self) -> str:
-        return hashlib.sha256(f"{self._packing} {file_digest(self._video.path)}".encode()).hexdigest()
+    def digest(self) -> str:
+        """Hexadecimal sha256 of the files' contents, their times, and how they are split into views."""
+        if self._right is None:
+            parts = list(self._left.parts(self._packing, self.frames))
+        else:
+            sides = self._left.parts("left", self.frames), self._right.parts("right", self.frames)
+            parts = [part for pair in zip(*sides, strict=True) for part in pair]
+        times = None if isinstance(self._left, Video) else self._left.times_ns
+        return hashlib.sha256(f"{digest_files(parts)} {times} {self._swapped}".encode()).hexdigest()
 
 
 class ViewFiles(Settings):
@@ -264,27 +180,27 @@ class ViewFiles(Settings):
         VfoaError
             If nothing is found, it cannot be numbered, or (videos) not read.
         """
-        views = self._views(folder)
-        views.swapped = self.swap
-        return views
+        right: Pictures | None = None
+        if "video" in self.layout:
+            left: Pictures = Video(folder / (self.left or str(self.both)))
+            right = None if self.right is None else Video(folder / self.right)
+        elif self.both is not None:
+            left = self._images(find_frames(folder, self.both, "source.both"), folder)
+        else:
+            lefts, rights = find_sides(folder, str(self.left), str(self.right))
+            if self.stamps is not None:
+                rights = _joined_by_time(lefts, rights, self.tolerance_ms, TICKS_NS[self.stamps])
+            left, right = self._images(lefts, folder), ImageFiles(rights)
+        packing = next((each for each in PACKINGS if self.layout.endswith(each)), PACKINGS[0])
+        return Views(left, right, packing, swapped=self.swap)
 
-    def _views(self, folder: Path) -> Views:
-        left, right, both = (str(name) for name in (self.left, self.right, self.both))
-        packing: Packing = "top_bottom" if self.layout.endswith("top_bottom") else "side_by_side"
-        tick = None if self.stamps is None else TICKS_NS[self.stamps]
-        match self.layout:
-            case "images":
-                lefts, rights = find_sides(folder, left, right)
-                if tick is not None and self.tolerance_ms is not None:
-                    rights = _joined_by_time(lefts, rights, round(self.tolerance_ms * 1e6 / tick))
-                times_ns = None if self.times is None else _read_times(folder / self.times, lefts)
-                return ImagePairs(lefts, rights, tick, times_ns)
-            case "videos":
-                return VideoPair(folder / left, folder / right)
-            case "images_side_by_side" | "images_top_bottom":
-                return PackedImages(find_frames(folder, both, "source.both"), packing, tick)
-            case "video_side_by_side" | "video_top_bottom":
-                return PackedVideo(folder / both, packing)
+    def _images(self, files: Mapping[int, Path], folder: Path) -> ImageFiles:
+        """Images with the times of their names, or of a file."""
+        if self.times is not None:
+            return ImageFiles(files, _read_times(folder / self.times, files))
+        if self.stamps is not None:
+            return ImageFiles(files, {number: number * TICKS_NS[self.stamps] for number in files})
+        return ImageFiles(files)
 
 
 def find_sides(folder: Path, left: str, right: str) -> tuple[Mapping[int, Path], Mapping[int, Path]]:
@@ -301,17 +217,13 @@ def find_sides(folder: Path, left: str, right: str) -> tuple[Mapping[int, Path],
     return lefts, rights
 
 
-def read_pair(left_path: Path, right_path: Path) -> tuple[Image, Image]:
-    """Read two images (H, W, 3) uint8 RGB of the same size.
-
-    Raises
-    ------
-    VfoaError
-        If one cannot be read, or the sizes differ.
-    """
-    left, right = read_rgb(left_path), read_rgb(right_path)
-    _check_sizes(left, right, left_path.name, right_path)
-    return left, right
+def check_sizes(left: Image, right: Image, left_path: Path, right_path: Path) -> None:
+    """Reject two images of different sizes."""
+    if left.shape != right.shape:
+        raise VfoaError(
+            f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
+            f"the left one ({left_path.name}) {left.shape[1]} x {left.shape[0]}"
+        )
 
 
 def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
@@ -338,11 +250,23 @@ def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
     return dict(zip(lefts, found, strict=True))
 
 
-def _joined_by_time(left: Iterable[int], right: Mapping[int, Path], tolerance: int) -> dict[int, Path]:
-    """The right files by left numbers, if the two are at most ``tolerance`` ticks apart, else by their own."""
+def _joined_by_time(
+    left: Mapping[int, Path], right: Mapping[int, Path], tolerance_ms: float | None, tick_ns: int
+) -> Mapping[int, Path]:
+    """The right files by left numbers, if the two are at most the tolerance apart, else by their own.
+
+    Raises
+    ------
+    VfoaError
+        If no number is on both sides.
+    """
     lefts, rights, found = sorted(left), sorted(right), dict(right)
-    for place, other in join_times(lefts, rights, tolerance):
-        found[lefts[place]] = found.pop(rights[other])
+    if tolerance_ms is not None:
+        for place, other in join_times(lefts, rights, round(tolerance_ms * 1e6 / tick_ns)):
+            found[lefts[place]] = found.pop(rights[other])
+    if not left.keys() & found.keys():
+        apart_ms = nearest_apart(lefts, rights) * tick_ns / 1e6
+        raise VfoaError(f"the nearest stamps are {apart_ms:.3g} ms apart (median): set tolerance_ms in [source]")
     return found
 
 
@@ -356,28 +280,33 @@ def _split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
-def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:
-    if left.shape != right.shape:
+def _unpaired(left: Pictures, right: Pictures) -> Iterator[str]:
+    for side, of_side, other, of_other in (("left", left, "right", right), ("right", right, "left", left)):
+        if alone := sorted(set(of_side.frames) - set(of_other.frames)):
+            shown = ", ".join(map(str, alone[:_SHOWN])) + (" ..." if len(alone) > _SHOWN else "")
+            images = f"1 {side} image has" if len(alone) == 1 else f"{len(alone)} {side} images have"
+            yield f"{images} no {other} one, left out: frame {shown}"
+
+
+def _common_rate(left: Pictures, right: Pictures) -> float | None:
+    rate_hz, other_hz = left.rate_hz, right.rate_hz
+    if rate_hz is not None and other_hz is not None and not math.isclose(rate_hz, other_hz, rel_tol=_RATES_DIFFER):
         raise VfoaError(
-            f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
-            f"the left one ({left_name}) {left.shape[1]} x {left.shape[0]}"
+            f"{right.file(0)}: {other_hz:g} frames per second, {left.file(0)} has {rate_hz:g}; expected the same rate"
         )
+    return rate_hz or other_hz
 
 
-def _unpaired(side: str, other: str, numbers: list[int]) -> str:
-    shown = ", ".join(map(str, numbers[:_SHOWN])) + (" ..." if len(numbers) > _SHOWN else "")
-    images = f"1 {side} image has" if len(numbers) == 1 else f"{len(numbers)} {side} images have"
-    return f"{images} no {other} one, left out: frame {shown}"
-
-
-def _out_of_step(left: Video, right: Video, count: int) -> list[str]:
+def _out_of_step(left: Pictures, right: Pictures, frames: Sequence[int]) -> list[str]:
     """A note if frames at one position were taken at different times: one video has lost some."""
-    times_ns = [np.array(video.times_ns[:count]) for video in (left, right)]
+    if left.times_ns is None or right.times_ns is None:
+        return []
+    times_ns = [np.array([times[number] for number in frames]) for times in (left.times_ns, right.times_ns)]
     apart_ns = np.abs(times_ns[0] - times_ns[1])
-    if count < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:
+    if len(frames) < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:
         return []
     first, most_ms = int(np.argmax(apart_ns > 0)), apart_ns.max() / 1e6
     return [
-        f"{right.path.name}: from frame {first} on not in step with {left.path.name}, by up to {most_ms:.0f} ms; "
-        "frames are paired by their places"
+        f"{right.file(first).name}: from frame {first} on not in step with {left.file(first).name}, by up to "
+        f"{most_ms:.0f} ms; frames are paired by their places"
     ]

@@ -103,7 +103,7 @@ def _signals(path: Path) -> Any:
 
 def _video(path: Path) -> Any:
     video = Video(path)
-    return [video.read(place) for place in range(min(len(video.index.stamps_ns), 9))]
+    return [video.read(place) for place in video.frames[:9]]
 
 
 def _labels(name: str) -> Read:
@@ -176,8 +176,8 @@ PARSERS: Sequence[Parser] = (
         lambda path: read_cameras([path], lambda: whole.SIZE, Options(baseline_m=0.1)),
     ),
     Parser("one camera, ROS", "camera.yaml", whole.ros(0), _camera),
-    Parser("one camera, JSON", "camera.json", (whole.OPEN3D, whole.REALSENSE), _camera),
-    Parser("one camera, numbers", "camera.txt", (whole.MATRIX, whole.FOUR_NUMBERS), _camera),
+    Parser("one camera, JSON", "camera.json", (whole.OPEN3D,), _camera),
+    Parser("one camera, numbers", "camera.txt", (whole.MATRIX,), _camera),
     Parser("one camera, npy", "camera.npy", whole.array(np.array([600.0, 610, 320, 240])), _camera),
     Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
     # Images and maps

@@ -76,10 +76,8 @@ MIDDLEBURY = (
 )
 MATRIX = "600 0 320\n0 610 240\n0 0 1\n"
 FOUNDATION = "754.6 0.0 489.3 0.0 754.6 265.2 0.0 0.0 1.0\n0.063\n"
-FOUR_NUMBERS = "# fx fy cx cy\n600, 610, 320, 240\n"
 RIG, SIZE = calibrations.RIG, calibrations.SIZE
 OPEN3D = json.dumps({"width": SIZE[0], "height": SIZE[1], "intrinsic_matrix": [600, 0, 0, 0, 610, 0, 320, 240, 1]})
-REALSENSE = json.dumps({"width": SIZE[0], "height": SIZE[1], "fx": 600, "fy": 610, "ppx": 320, "ppy": 240})
 
 
 # Labels and tables

@@ -292,6 +292,12 @@ def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> lis
     return pairs
 
 
+def rate_of(times_ns: Iterable[int]) -> float | None:
+    """Frames per second from the median step of ascending times, to 0.001 Hz; None for a single frame."""
+    steps = np.diff(np.fromiter(times_ns, np.int64))
+    return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+
+
 def nearest_apart(left: Sequence[int], right: Sequence[int]) -> float:
     """How far the first times are from the nearest one of the other side: the median."""
     others = np.array(right, dtype=np.int64)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,23 +26,13 @@ RATE_TOLERANCE = 0.01
 """A stated rate is used if it is this near to the mean of the times, which some containers round to ms."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VideoIndex:
-    """The real content of a file: the time of each frame in display order, as stored.
-
-    ``claimed`` is the number of frames that the container states, 0 if it states none (FFmpeg's estimate from a
-    duration that the frames fill does not count). ``rate_hz`` is the stated rate if the times agree, else their mean
-    rate: phones film with varying steps.
-    """
-
-    stamps_ns: tuple[int, ...]
-    claimed: int
-    rate_hz: float | None
-    size_px: tuple[int, int]
-
-
 class Video:
     """A video's frames by their position, from 0. Reading in order decodes each once. It can be pickled.
+
+    Frames are counted by the packets, or by decoding if these are not conclusive. ``times_ns`` is each frame's time
+    since the first one. ``rate_hz`` is the stated rate if the times agree, else their mean rate: phones film with
+    varying steps. ``notes``: whether the container states another number of frames (FFmpeg's estimate from a duration
+    that the frames fill does not count).
 
     Raises
     ------
@@ -53,25 +42,40 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.index = index_video(path)
+        capture = _open(path)
+        size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if size_px[0] * size_px[1] > MOST_PIXELS:
+            raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
+        stamps = sorted(_grabbed(_open(path, packets=True)))
+        if not _are_frames(path, stamps):
+            stamps = list(_grabbed(_open(path)))
+        if not stamps:
+            raise VfoaError(f"{path}: no frame can be read; expected a video")
+        self.frames = range(len(stamps))
+        self.times_ns = tuple(stamp - stamps[0] for stamp in stamps)
+        stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        span_s = self.times_ns[-1] / 1e9
+        mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
+        agrees = mean is None or abs(stated / mean - 1) < RATE_TOLERANCE
+        self.rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
+        is_estimate = not agrees and mean and abs(claimed / stated * mean / len(stamps) - 1) < RATE_TOLERANCE
+        self.notes: tuple[str, ...] = ()
+        if claimed > 0 and claimed != len(stamps) and not is_estimate:
+            self.notes = (f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read",)
+        self._stamps_ns = stamps
         self._capture: Any = None
         self._position = -1
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_capture": None}
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note if the container's number of frames is wrong."""
-        found, claimed = len(self.index.stamps_ns), self.index.claimed
-        if found == claimed or claimed <= 0:
-            return ()
-        return (f"{self.path.name}: the container says {claimed} frames, {found} can be read",)
+    def file(self, number: int) -> Path:
+        """The file."""
+        return self.path
 
-    @property
-    def times_ns(self) -> tuple[int, ...]:
-        """Time of each frame since the first one, nanoseconds."""
-        return tuple(stamp - self.index.stamps_ns[0] for stamp in self.index.stamps_ns)
+    def parts(self, role: str, frames: Iterable[int]) -> Iterator[tuple[str, Path]]:
+        """The file with its role in a digest."""
+        yield role, self.path
 
     def read(self, place: int) -> Image:
         """Return the frame (H, W, 3) uint8 RGB at this position.
@@ -81,8 +85,8 @@ class Video:
         VfoaError
             If there is no such frame, or it cannot be decoded.
         """
-        if not 0 <= place < len(self.index.stamps_ns):
-            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {len(self.index.stamps_ns) - 1}")
+        if place not in self.frames:
+            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {self.frames[-1]}")
         self._go(place)
         found, image = self._capture.retrieve()
         if not found:
@@ -98,7 +102,7 @@ class Video:
                 self._capture = None
                 raise self._undecodable(place)
             self._position += 1
-        if _stamp(self._capture) != self.index.stamps_ns[place]:
+        if _stamp(self._capture) != self._stamps_ns[place]:
             self._capture = None
             raise self._undecodable(place)
 
@@ -107,8 +111,8 @@ class Video:
         if place > STEP:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
-            places = {stamp: each for each, stamp in enumerate(self.index.stamps_ns)}
-            if len(places) == len(self.index.stamps_ns) and self._capture.grab():
+            places = {stamp: each for each, stamp in enumerate(self._stamps_ns)}
+            if len(places) == len(self._stamps_ns) and self._capture.grab():
                 self._position = places.get(_stamp(self._capture), place + 1)
                 if self._position <= place:
                     return
@@ -118,43 +122,7 @@ class Video:
         return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
 
 
-def index_video(path: Path) -> VideoIndex:
-    """Count a video's frames by its packets, or by decoding it if the packets are not conclusive.
-
-    Raises
-    ------
-    VfoaError
-        As :class:`Video`.
-    """
-    capture = _open(path)
-    size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-    if size_px[0] * size_px[1] > MOST_PIXELS:
-        raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
-    stamps = tuple(sorted(_grabbed(_open(path, packets=True))))
-    if not _are_frames(path, stamps):
-        stamps = tuple(_grabbed(_open(path)))
-    if not stamps:
-        raise VfoaError(f"{path}: no frame can be read; expected a video")
-    stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    measured = _mean_rate_hz(stamps)
-    agrees = measured is None or abs(stated / measured - 1) < RATE_TOLERANCE
-    rate = stated if agrees and np.isfinite(stated) and stated > 0 else measured
-    if not agrees and measured and abs(claimed / stated * measured / len(stamps) - 1) < RATE_TOLERANCE:
-        claimed = 0
-    return VideoIndex(
-        stamps_ns=stamps,
-        claimed=claimed,
-        rate_hz=rate,
-        size_px=size_px,
-    )
-
-
-def _mean_rate_hz(stamps: tuple[int, ...]) -> float | None:
-    span_s = (stamps[-1] - stamps[0]) / 1e9
-    return round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
-
-
-def _are_frames(path: Path, stamps: tuple[int, ...]) -> bool:
+def _are_frames(path: Path, stamps: Sequence[int]) -> bool:
     """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some packets."""
     if not stamps or len(set(stamps)) != len(stamps):
         return False

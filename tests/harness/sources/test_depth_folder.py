@@ -112,14 +112,6 @@ def tum(root: Path) -> Path:
     return root
 
 
-def gfie(root: Path) -> Path:
-    for n in NUMBERS:
-        write_image(root / "rgb" / "test" / "scene7" / f"{n:04d}.jpg", picture(n))
-        write_npy(root / "depth" / "test" / "scene7" / f"{n:04d}.npy", n)
-    np.save(root / "CameraKinect.npy", np.array([100.0, 100.0, 31.5, 23.5]))
-    return root / "rgb" / "test" / "scene7"
-
-
 LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "rgb and depth in PNG": (png, OPTIONS),
     "color and depth in npy": (npy, OPTIONS),
@@ -127,7 +119,6 @@ LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "7-Scenes names": (seven_scenes, OPTIONS),
     "with Open3D's intrinsics": (open3d, ()),
     "with K.txt": (k_text, ()),
-    "GFIE": (gfie, ()),
 }
 
 
@@ -147,8 +138,7 @@ def test_one_command_adds_a_layout(layout: str, tmp_path: Path, monkeypatch: pyt
         assert frame.right is None
         np.testing.assert_allclose(frame.depth_m, metres(n), rtol=1e-6)
         assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (100.0, 31.5, 23.5)
-        if layout != "GFIE":  # which is JPEG
-            assert np.array_equal(frame.left, picture(n))
+        assert np.array_equal(frame.left, picture(n))
     check_contract(clip)
     assert CliRunner().invoke(app, ["check", "mine"], catch_exceptions=False).exit_code == 0
 

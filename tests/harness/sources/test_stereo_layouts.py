@@ -163,7 +163,7 @@ def test_two_videos(tmp_path: Path) -> None:
     (found,) = find_layouts(tmp_path)
     assert found.source == {"layout": "videos", "left": "left.mkv", "right": "right.mkv"}
     clip = _open(found)
-    assert clip.notes == ("left.mkv: 2 frames after the other video's end are left out",)
+    assert clip.notes == ("2 left images have no right one, left out: frame 3, 4",)
     _assert_like(clip)
 
 
