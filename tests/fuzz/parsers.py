@@ -178,7 +178,6 @@ PARSERS: Sequence[Parser] = (
     Parser("one camera, ROS", "camera.yaml", whole.ros(0), _camera),
     Parser("one camera, JSON", "camera.json", (whole.OPEN3D,), _camera),
     Parser("one camera, numbers", "camera.txt", (whole.MATRIX,), _camera),
-    Parser("one camera, npy", "camera.npy", whole.array(np.array([600.0, 610, 320, 240])), _camera),
     Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
     # Images and maps
     Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_sintel_disparity),
