@@ -205,9 +205,7 @@ def run_experiment(
 
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
     experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)
-    plan = prepare(
-        experiment, limit=limit, sinks=composed_sinks(experiment.configurations, "light" if recordings else None)
-    )
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recordings))
     directory = run_plan(
         plan,
         out_folder(Path("runs") / experiment.name if out is None else out),

@@ -79,7 +79,7 @@ def measure_hours(frames: int, root: Path) -> Hours:
 def run_experiment(experiment: Path, out: Path) -> None:
     """Run an experiment without a cache, with light recordings and thumbnails, in this process."""
     loaded = load_experiment(str(experiment))
-    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations, "light"))
+    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations))
     run_plan(plan, out, workers=1, progress=lambda clip: None)
 
 

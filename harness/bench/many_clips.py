@@ -110,7 +110,7 @@ def used_cpu_seconds(scheduler: str | None) -> float:
 def _model_run(experiment: Experiment, out: Path, workers: int) -> tuple[float, tuple[float, float], RunDirectory]:
     """CPU seconds of plan and scores, seconds and CPU seconds of all, and the directory of a run."""
     cpu_before, started = used_cpu_seconds(None), time.perf_counter()
-    plan = prepare(experiment, limit=FRAMES, sinks=composed_sinks(experiment.configurations, "light"))
+    plan = prepare(experiment, limit=FRAMES, sinks=composed_sinks(experiment.configurations))
     planned = used_cpu_seconds(None)
     directory = run_plan(plan, out, workers=workers, progress=lambda clip: None)
     ran = used_cpu_seconds(None)

@@ -53,7 +53,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
     plan = prepare(four, limit=limit)
     (clip,) = plan.clips
     per = len(clip.frames) * len(configurations)
-    recorded = recordings(configurations, "light")
+    recorded = recordings(configurations)
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         store = Store(root / "cache", _PLENTY)
@@ -62,7 +62,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
             "reading, cached stages, attention": (),
             "records": (ResultsSinks(),),
             "thumbnails": (ThumbnailSinks(), ResultsSinks()),
-            "recordings": (*recorded, ThumbnailSinks(), ResultsSinks()),
+            "recordings": (recorded, ThumbnailSinks(), ResultsSinks()),
         }
         _run(plan, (), cache, root / "warm")
         seconds = [

@@ -18,7 +18,6 @@ from harness.clips.manifest import load_manifest
 from harness.files.folders import find
 from harness.labels.files import write_annotations
 from harness.labels.labels import IGNORED, Label, LabelRange, Labels
-from harness.record import Size
 from harness.report.formats import Table
 from harness.report.sinks import recordings
 from harness.report.write import rescore
@@ -27,7 +26,7 @@ from harness.run.runner import prepare, run_plan
 from harness.studio.scenario import SCENARIOS
 from harness.studio.stage import Stage
 
-_KINDS: Mapping[str, Size | None] = {"none": None, "light": "light"}
+_KINDS = ("none", "light")
 _SEED = 7
 
 
@@ -51,7 +50,7 @@ class RecordedRun:
 def measure_clips(experiment: Experiment) -> dict[str, dict[str, float]]:
     """Run and score an experiment with light recordings; return the bytes a frame of each clip by layer."""
     with tempfile.TemporaryDirectory() as folder:
-        plan = prepare(experiment, sinks=recordings(experiment.configurations, "light"))
+        plan = prepare(experiment, sinks=(recordings(experiment.configurations),))
         directory = run_plan(plan, Path(folder), workers=1, progress=lambda clip: None)
         rescore(directory)
         return {
@@ -117,8 +116,7 @@ def _write_clip(root: Path, frames: int) -> Experiment:
 
 def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedRun:
     started = time.perf_counter()
-    size = _KINDS[kind]
-    sinks = recordings(experiment.configurations, size)
+    sinks = () if kind == "none" else (recordings(experiment.configurations),)
     directory = run_plan(prepare(experiment, sinks=sinks), out, workers=1, progress=lambda clip: None)
     ran = time.perf_counter()
     rescore(directory)
@@ -130,7 +128,7 @@ def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedR
         seconds=ran - started,
         recording_s=recording_ms / 1e3,
         scoring_s=time.perf_counter() - ran,
-        bytes_by_layer=_bytes_by_layer(out, "studio_talk") if size else {},
+        bytes_by_layer=_bytes_by_layer(out, "studio_talk") if sinks else {},
     )
 
 

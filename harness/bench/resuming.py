@@ -93,7 +93,7 @@ def _run_until(experiment: Path, out: Path, frame: int) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
 
     loaded = load_experiment(str(experiment))
-    sinks = (*composed_sinks(loaded.configurations, "light"), Watch(kill_at_frame))
+    sinks = (*composed_sinks(loaded.configurations), Watch(kill_at_frame))
     run_plan(prepare(loaded, sinks=sinks), out, workers=1, progress=lambda clip: None)
 
 
@@ -110,7 +110,7 @@ def _resume(experiment: Path, out: Path, frames: int, killed_at: int, started: f
         if not first:
             first.append(reached())
 
-    sinks = (*composed_sinks(loaded.configurations, "light"), Watch(note_first))
+    sinks = (*composed_sinks(loaded.configurations), Watch(note_first))
     plan = prepare(loaded, sinks=sinks)
     opened = reached()
     run_plan(plan, out, workers=1, progress=lambda clip: None, tell=lambda line: described.append(reached()))

@@ -38,7 +38,7 @@ def _stages(bench: Bench) -> list[Table]:
     from harness.run.plan import drawn_on
 
     drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
-    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, "light", drawn)
+    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, drawn)
     return [stages_table(bench.manifest.name, costs)]
 
 

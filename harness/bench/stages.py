@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn import DrawnClip
-from harness.record import Size
 from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.clip_job import ClipJob
@@ -61,7 +60,6 @@ def measure_stages(
     manifest: ClipManifest,
     configurations: Sequence[Configuration],
     frames: Sequence[int],
-    recording: Size | None,
     drawn: DrawnClip | None,
 ) -> list[StageCosts]:
     """Run the frames under the configurations and read the costs from the run's timings.
@@ -76,7 +74,7 @@ def measure_stages(
             labels=None,
             configurations=tuple(configurations),
             directory=directory,
-            sinks=(*recordings(configurations, recording), ThumbnailSinks(), ResultsSinks()),
+            sinks=(recordings(configurations), ThumbnailSinks(), ResultsSinks()),
             drawn=drawn,
         )
         for outcome in work_through(run_clip, [job], 1, lambda clip: None):

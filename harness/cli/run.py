@@ -27,24 +27,16 @@ from harness.cli.options import (
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
-    from harness.record import Size
     from harness.run.directory import RunDirectory
     from harness.run.experiment import Experiment
     from harness.run.plan import Plan
 
 
 class Recording(StrEnum):
-    """Sizes of recordings."""
+    """Whether a run is recorded."""
 
     light = "light"
-    full = "full"
     none = "none"
-
-    @property
-    def size(self) -> Size | None:
-        """The size for the harness; None for no recording."""
-        sizes: dict[Recording, Size] = {Recording.light: "light", Recording.full: "full"}
-        return sizes.get(self)
 
 
 def run(
@@ -82,7 +74,7 @@ def run(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
-        Recording | None, typer.Option(help="Size of the Rerun recordings. Default: the experiment's, else light.")
+        Recording | None, typer.Option(help="Write Rerun recordings, or none. Default: the experiment's, else light.")
     ] = None,
     oracle: Annotated[
         bool, typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth.")
@@ -120,7 +112,9 @@ def run(
     beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
     experiment = with_left_out_weights(experiment, beside)
     recorded = recording or Recording(experiment.recording)
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded.size))
+    plan = prepare(
+        experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded is Recording.light)
+    )
     with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,

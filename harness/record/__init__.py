@@ -9,12 +9,8 @@ them. This file does not import Rerun, so that runs without recordings start fas
 from __future__ import annotations
 
 import os
-from typing import Literal
 
 # if the disk is full, Rerun and the AV1 encoder would print more beside our line; they read these variables when
 # imported
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
 os.environ.setdefault("SVT_LOG", "0")
-
-Size = Literal["light", "full"]
-"""Size of a recording: ``light`` is enough to understand a failure; ``full`` holds everything, without loss."""

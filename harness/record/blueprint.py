@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,10 +10,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from harness.record import Size, entities
+from harness.record import entities
 from harness.record.layers import LayerNames
 from vfoa.geometry import box_corners
-from vfoa.types import CUES, Float, Scene, StereoFrame
+from vfoa.types import CUES, Float, Scene
 
 FROM_MIDDLE = (0.46, -0.4, -0.55)
 """Position of the viewer's eye, in diagonals of the scene from its middle: right of the camera, above, and behind it.
@@ -26,14 +26,6 @@ EVERYONE = "Everyone"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Subjects:
-    """The subjects with tabs, and the one that is shown first (None: the first)."""
-
-    names: tuple[str, ...]
-    first: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
     """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
 
@@ -41,44 +33,19 @@ class Shown:
     first and the last frame, None if they are not known yet.
     """
 
-    has_images: bool = True
-    has_right: bool = True
-    has_measured_depth: bool = False
-    size: Size = "light"
+    has_images: bool
+    has_right: bool
+    has_measured_depth: bool
     eye: tuple[Float, Float]
-    rate_hz: float | None = None
+    rate_hz: float | None
     span: tuple[int, int] | None = None
 
-    @classmethod
-    def of(cls, frame: StereoFrame | None, scene: Scene | None, size: Size, rate_hz: float | None) -> Shown:
-        """The content of a clip that begins with this frame and scene; a frame of None means a clip without images."""
-        return cls(
-            has_images=frame is not None,
-            has_right=frame is not None and frame.right is not None,
-            has_measured_depth=frame is not None and frame.depth_m is not None,
-            size=size,
-            eye=eye_controls(scene),
-            rate_hz=rate_hz,
-        )
 
-    @classmethod
-    def of_paths(
-        cls, paths: Collection[str], *, eye: tuple[Float, Float], rate_hz: float | None, frames: Sequence[int]
-    ) -> Shown:
-        """The content of a recording with these entities in its images' layer."""
-        return cls(
-            has_images=entities.IMAGE in paths,
-            has_right=entities.RIGHT in paths,
-            has_measured_depth=entities.MEASURED_DEPTH in paths,
-            eye=eye,
-            rate_hz=rate_hz,
-            span=(min(frames), max(frames)) if frames else None,
-        )
-
-
-def clip_layout(layers: Sequence[LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
-    """One configuration of a clip, or several as tabs."""
-    parts = [_by_subject(subjects, partial(_wide, each, shown)) for each in layers]
+def clip_layout(
+    layers: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
+) -> rrb.Blueprint:
+    """One configuration of a clip, or several as tabs; the tab of the subject ``first`` is in front (None: any)."""
+    parts = [_by_subject(subjects, first, partial(_wide, each, shown)) for each in layers]
     if len(parts) == 1:
         return _blueprint(parts[0], shown)
     named = [rrb.Vertical(part, name=each.configuration) for part, each in zip(parts, layers, strict=True)]
@@ -93,9 +60,11 @@ def file_layout(layers: LayerNames, shown: Shown) -> rrb.Blueprint:
     return _blueprint(_wide(layers, shown, None, most=1), shown)
 
 
-def comparison_layout(pair: tuple[LayerNames, LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
+def comparison_layout(
+    pair: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
+) -> rrb.Blueprint:
     """Two configurations of a clip side by side, in columns of the same layout, so that rows can be compared."""
-    columns = _by_subject(subjects, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
+    columns = _by_subject(subjects, first, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
     return _blueprint(columns, shown)
 
 
@@ -110,17 +79,16 @@ def _blueprint(content: rrb.Container, shown: Shown) -> rrb.Blueprint:
     )
 
 
-def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]) -> rrb.Container:
+def _by_subject(names: Sequence[str], first: str | None, build: Callable[[str | None], rrb.Container]) -> rrb.Container:
     """A tab for each person, and one for all of them (None)."""
-    names = subjects.names
     if len(names) > MOST_TABS:
-        names = tuple(name for name in names if name == subjects.first)
+        names = [name for name in names if name == first]
     elif len(names) == 1:
         return build(names[0])
     if not names:
         return build(None)
     tabs = [rrb.Vertical(build(name), name=name) for name in names]
-    active = names.index(subjects.first) if subjects.first in names else 0
+    active = names.index(first) if first in names else 0
     return rrb.Tabs(*tabs, rrb.Vertical(build(None), name=EVERYONE), active_tab=active)
 
 
@@ -159,10 +127,6 @@ def _images(layers: LayerNames, shown: Shown, subject: str | None) -> list[rrb.S
         views.append(rrb.Spatial2DView(origin=entities.RIGHT, name="Right image"))
     if shown.has_measured_depth:
         views.append(_camera_view([entities.MEASURED_DEPTH], "Measured depth"))
-    if shown.has_right and shown.size == "full":
-        confidence = entities.confidence(layers.reconstruction)
-        views.append(rrb.Spatial2DView(origin=confidence, name="Confidence"))
-        views.append(_camera_view([entities.depth(layers.reconstruction)], "Depth"))
     return views
 
 

@@ -71,49 +71,46 @@ class RecordedClip:
 
     def compose(self) -> Composed:
         """Combine all layers into one recording: one configuration, or a tab for each."""
-        from harness.record.blueprint import Subjects, clip_layout
+        from harness.record.blueprint import clip_layout
 
         names = [each.configuration for each in self.layers]
-
-        def layout(subject: str | None) -> rrb.Blueprint:
-            return clip_layout(self.layers, self._shown(), Subjects(names=self.subjects, first=subject))
-
-        return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), layout)
+        return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), clip_layout)
 
     def compare(self, one: str, other: str) -> Composed:
         """Two configurations side by side."""
-        from harness.record.blueprint import Subjects, comparison_layout
+        from harness.record.blueprint import comparison_layout
 
-        pair = self.under(one).layers[0], self.under(other).layers[0]
-        both = self._with(pair)
-
-        def layout(subject: str | None) -> rrb.Blueprint:
-            return comparison_layout(pair, both._shown(), Subjects(names=self.subjects, first=subject))
-
-        return both._composed(f"{self.files.clip}__{one}__vs__{other}", layout)
+        both = self._with([self.under(one).layers[0], self.under(other).layers[0]])
+        return both._composed(f"{self.files.clip}__{one}__vs__{other}", comparison_layout)
 
     def _with(self, layers: Sequence[LayerNames]) -> RecordedClip:
         return replace(self, layers=tuple(layers))
 
-    def _composed(self, name: str, make_layout: Callable[[str | None], rrb.Blueprint]) -> Composed:
-        files = dict.fromkeys(file for each in self.layers for file in self.files.of(each))
+    def _composed(self, name: str, make_layout: Callable[..., rrb.Blueprint]) -> Composed:
         return Composed(
             name=name,
-            files=tuple(files),
+            files=tuple(dict.fromkeys(file for each in self.layers for file in self.files.of(each))),
             application_id=self.files.application_id,
             frames=self.frames,
-            make_layout=make_layout,
+            make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
         )
 
     def _shown(self) -> Shown:
         """The content of the files."""
+        from harness.record import entities
         from harness.record.blueprint import Shown, eye_for
         from harness.record.reading import entity_paths, first_points
 
         paths = entity_paths(self.files.images) if self.files.images.is_file() else set()
         files = [self.files.reconstruction(name) for name in dict.fromkeys(each.reconstruction for each in self.layers)]
-        seen = [points for file in files if file.is_file() for points in first_points(file)]
-        return Shown.of_paths(paths, eye=eye_for(seen), rate_hz=self.rate_hz, frames=self.frames)
+        return Shown(
+            has_images=entities.IMAGE in paths,
+            has_right=entities.RIGHT in paths,
+            has_measured_depth=entities.MEASURED_DEPTH in paths,
+            eye=eye_for([points for file in files if file.is_file() for points in first_points(file)]),
+            rate_hz=self.rate_hz,
+            span=(min(self.frames), max(self.frames)) if self.frames else None,
+        )
 
 
 def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:

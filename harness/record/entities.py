@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import rerun as rr
 
-from harness.record import Size
 from harness.record.frame_log import FrameLog
 from vfoa.registry import Registry
 from vfoa.types import Cue
@@ -25,7 +24,6 @@ WORLD = "/world"
 CAMERA = f"{WORLD}/camera/left"
 IMAGE = f"{CAMERA}/image"
 MASKS = f"{CAMERA}/masks"
-DEPTH = f"{CAMERA}/depth"
 MEASURED_DEPTH = f"{CAMERA}/measured_depth"
 ATTENTION_2D = f"{CAMERA}/attention"
 
@@ -37,7 +35,6 @@ VERDICTS_3D = f"{WORLD}/verdicts"
 STEREO = "/stereo"
 RIGHT = f"{STEREO}/right"
 DISPARITY = f"{STEREO}/disparity"
-CONFIDENCE = f"{STEREO}/confidence"
 
 ATTENTION = "/attention"
 VERDICTS = "/verdicts"
@@ -65,16 +62,6 @@ def masks(segmentation: str) -> str:
 def disparity(reconstruction: str) -> str:
     """The disparity, in pixels."""
     return _join(DISPARITY, reconstruction)
-
-
-def confidence(reconstruction: str) -> str:
-    """The confidence of the disparity, 0 to 255."""
-    return _join(CONFIDENCE, reconstruction)
-
-
-def depth(reconstruction: str) -> str:
-    """The depth in the left camera."""
-    return _join(DEPTH, reconstruction)
 
 
 def scene(reconstruction: str) -> str:
@@ -151,8 +138,8 @@ def log(configuration: str) -> str:
 class Entity(Protocol):
     """Logs data of each frame, after the recorder's own data."""
 
-    def __call__(self, log: FrameLog, frame: FinishedFrame, size: Size) -> None:
-        """Log one frame by ``log.log``, ``row``, ``number`` or ``keep``; entities not logged again are cleared."""
+    def __call__(self, log: FrameLog, frame: FinishedFrame) -> None:
+        """Log one frame by ``log.row``, ``number`` or ``keep``; entities not logged again are cleared."""
         ...
 
 

@@ -17,16 +17,22 @@ from numpy.typing import NDArray
 Batch = Sequence[Any] | NDArray[Any]
 """The values of one field in one frame: one for each instance of the entity."""
 
+Time = tuple[int, int]
+"""A frame's number and its time, ns."""
+
 
 class Columns(NamedTuple):
-    """The fields of an entity that rows have; no archetype: the entity was logged whole."""
+    """The archetype of an entity, and the fields that its rows have."""
 
-    archetype: Any = None
-    fields: tuple[str, ...] = ()
+    archetype: Any
+    fields: tuple[str, ...]
 
 
 Shown = list[tuple[str, str, list[str]]]
-"""The entities of a frame as plain values: path, name of the archetype ("" for none), and fields."""
+"""The entities of a frame as plain values: path, name of the archetype, and fields."""
+
+_ROW_BYTES = 500
+"""About what the objects of one row take, beside its values."""
 
 
 class FrameLog:
@@ -35,14 +41,16 @@ class FrameLog:
     Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen. A row
     without instances clears, in the same chunk as the other rows of the entity.
 
-    Rows wait for :meth:`send`. ``before`` are the entities that the frame before the first one shows.
+    Rows wait for :meth:`send`; ``waiting_bytes`` is about the memory that they take. ``before`` are the entities that
+    the frame before the first one shows.
     """
 
     def __init__(self, stream: rr.RecordingStream, before: Shown | None = None) -> None:
+        self.waiting_bytes = 0
         self._stream = stream
-        self._time = (0, 0)
-        self._rows = _Rows(stream)
-        self._before = _entities(before or [])
+        self._time: Time = (0, 0)
+        self._waiting: dict[tuple[str, Columns], list[tuple[Time, Mapping[str, Batch]]]] = {}
+        self._before = _entities(before or ())
         self._now: dict[str, Columns] = {}
         self._kept: dict[str, object] = {}
         self._logged_to: int | None = None
@@ -50,20 +58,12 @@ class FrameLog:
     @property
     def shown(self) -> Shown:
         """The entities of the last frame, by path."""
-        return [
-            (path, of.archetype.__name__ if of.archetype else "", list(of.fields))
-            for path, of in sorted(self._before.items())
-        ]
+        return [(path, of.archetype.__name__, list(of.fields)) for path, of in sorted(self._before.items())]
 
     @property
     def paths(self) -> set[str]:
         """The paths of all rows that are not sent yet."""
-        return self._rows.paths
-
-    @property
-    def waiting_bytes(self) -> int:
-        """About how much the waiting rows take in memory."""
-        return self._rows.waiting_bytes
+        return {path for path, _ in self._waiting}
 
     def state(self) -> dict[str, Any]:
         """Send the waiting rows, and return the state from which another log can continue with the next frame."""
@@ -82,81 +82,44 @@ class FrameLog:
         self._time = (frame, time_ns)
         return True
 
-    def row(self, path: str, archetype: Any, **fields: Batch) -> None:
-        """Log an entity of this frame: a batch for each field of the archetype's ``columns``."""
+    def row(self, path: str, archetype: Any, *, style: Mapping[str, Any] | None = None, **fields: Batch) -> None:
+        """Log an entity of this frame: a batch for each field of the archetype's ``columns``.
+
+        ``style`` has the fields that never change. They are static: logged once, and not cleared with the entity.
+        """
+        if style is not None:
+            self.keep(path, lambda: archetype.from_fields(**style), key="style")
         self._now[path] = Columns(archetype, tuple(fields))
-        self._rows.add(self._time, path, self._now[path], fields)
+        self._add(self._time, path, self._now[path], fields)
 
     def number(self, path: str, value: float) -> None:
         """Log one number of a curve."""
         self.row(path, rr.Scalars, scalars=[value])
 
-    def event(self, path: str, archetype: Any, **fields: Batch) -> None:
-        """Log an entity that belongs to this frame alone and is never cleared, such as a line of a text log."""
-        self._rows.add(self._time, path, Columns(archetype, tuple(fields)), fields)
-
-    def log(self, path: str, entity: rr.AsComponents) -> None:
-        """Log any entity of this frame at once: for one that is too large to wait."""
-        self._now[path] = Columns()
-        self._send(path, entity)
-
-    def row_at(self, frame: int, time_ns: int, path: str, archetype: Any, **fields: Batch) -> None:
-        """Log an entity of another frame, which is never cleared."""
-        self._rows.add((frame, time_ns), path, Columns(archetype, tuple(fields)), fields)
+    def event(self, path: str, archetype: Any, *, at: Time | None = None, **fields: Batch) -> None:
+        """Log an entity of this frame, or of another one, that is never cleared, such as a line of a text log."""
+        self._add(at or self._time, path, Columns(archetype, tuple(fields)), fields)
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
         """Build and log an entity that outlives the frame, but only if its ``key`` has changed since the last time."""
-        if path not in self._kept or self._kept[path] != key:
-            self._kept[path] = key
-            self._send(path, build(), static=static)
+        if path in self._kept and self._kept[path] == key:
+            return
+        self._kept[path] = key
+        if not static:
+            frame, time_ns = self._time
+            self._stream.set_time("frame", sequence=frame)
+            self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
+        self._stream.log(path, build(), static=static)
 
     def end(self) -> None:
         """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before.keys() - self._now.keys()):
             of = self._before[path]
-            if of.archetype is None:
-                self._rows.add(self._time, path, Columns(rr.Clear, ("is_recursive",)), {"is_recursive": [True]})
-            else:
-                self._rows.add(self._time, path, of, dict.fromkeys(of.fields, ()))
+            self._add(self._time, path, of, dict.fromkeys(of.fields, ()))
         self._before, self._now = self._now, {}
 
     def send(self) -> None:
-        """Send the waiting rows."""
-        self._rows.send()
-
-    def _send(self, path: str, entity: rr.AsComponents, *, static: bool = False) -> None:
-        if not static:
-            frame, time_ns = self._time
-            self._stream.set_time("frame", sequence=frame)
-            self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
-        self._stream.log(path, entity, static=static)
-
-
-def _entities(shown: Iterable[Sequence[Any]]) -> dict[str, Columns]:
-    """The entities by path, from plain values."""
-    return {path: Columns(getattr(rr, name, None), tuple(fields)) for path, name, fields in shown}
-
-
-class _Rows:
-    """Rows that wait until they are sent, the rows of an entity together."""
-
-    def __init__(self, stream: rr.RecordingStream) -> None:
-        self._stream = stream
-        self._waiting: dict[tuple[str, Columns], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
-        self.waiting_bytes = 0
-
-    @property
-    def paths(self) -> set[str]:
-        """The paths of all waiting rows."""
-        return {path for path, _ in self._waiting}
-
-    def add(self, time: tuple[int, int], path: str, columns: Columns, fields: Mapping[str, Batch]) -> None:
-        """Add a row at a frame number and time, ns."""
-        self._waiting.setdefault((path, columns), []).append((time, fields))
-        self.waiting_bytes += _ROW_BYTES + sum(map(_bytes, fields.values()))
-
-    def send(self) -> None:
-        """Send every row."""
+        """Send the waiting rows, those of an entity together."""
         for (path, (archetype, names)), rows in self._waiting.items():
             times, fields = zip(*rows, strict=True)
             columns = [
@@ -165,9 +128,14 @@ class _Rows:
             self._stream.send_columns(path, indexes=_time_columns(times), columns=columns)
         self._waiting, self.waiting_bytes = {}, 0
 
+    def _add(self, time: Time, path: str, columns: Columns, fields: Mapping[str, Batch]) -> None:
+        self._waiting.setdefault((path, columns), []).append((time, fields))
+        self.waiting_bytes += _ROW_BYTES + sum(map(_bytes, fields.values()))
 
-_ROW_BYTES = 500
-"""About what the objects of one row take, beside its values."""
+
+def _entities(shown: Iterable[Sequence[Any]]) -> dict[str, Columns]:
+    """The entities by path, from plain values."""
+    return {path: Columns(getattr(rr.archetypes, name), tuple(fields)) for path, name, fields in shown}
 
 
 def _bytes(batch: Batch) -> int:
@@ -185,7 +153,7 @@ def _columns(archetype: Any, name: str, batches: Sequence[Batch]) -> Iterable[rr
     return columns.partition([len(each) for each in batches])
 
 
-def _time_columns(times: Sequence[tuple[int, int]]) -> list[rr.TimeColumn]:
+def _time_columns(times: Sequence[Time]) -> list[rr.TimeColumn]:
     frames, times_ns = zip(*times, strict=True)
     return [
         rr.TimeColumn("frame", sequence=frames),

@@ -11,7 +11,7 @@ import contextlib
 import io
 import os
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -20,11 +20,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from harness.record import Size, entities
+from harness.record import entities
 from harness.record.appearance import Colour, Colours
 from harness.record.frame_log import FrameLog
 from harness.run.records import FrameRecord
-from vfoa.types import Float, Image, Map, Percepts, StereoFrame, StereoRig
+from vfoa.types import Image, Percepts, StereoFrame, StereoRig
 
 if TYPE_CHECKING:
     import av
@@ -35,6 +35,8 @@ KEY_FRAME_S = 1.0
 IMAGE_PLANE_M = 0.25
 _JPEG_QUALITY = 85
 _OPACITY = 0.35
+MOST_COLOURS = 252
+"""Most colours of masks in one picture, which has 256; a multiple of the number of different colours of names."""
 LEAST_SIDE_PX = 64
 """Smaller images are not accepted by the encoder."""
 
@@ -51,10 +53,10 @@ def key_frame_every(rate_hz: float | None) -> int:
 
 
 class ImageLog:
-    """Logs the images of a clip: AV1 videos in a light recording, lossless images in a full one."""
+    """Logs the images of a clip: AV1 videos, or JPEG pictures if they are too small for the encoder."""
 
-    def __init__(self, log: FrameLog, size: Size, rate_hz: float | None) -> None:
-        self._log, self._size = log, size
+    def __init__(self, log: FrameLog, rate_hz: float | None) -> None:
+        self._log = log
         self._key_every = key_frame_every(rate_hz)
         self._videos: dict[str, VideoEncoder] = {}
         self._times: dict[tuple[str, int], tuple[int, int]] = {}
@@ -68,9 +70,12 @@ class ImageLog:
         log.keep(entities.CAMERA, lambda: _pinhole(rig), key=rig, static=False)
         self._image(entities.IMAGE, frame.left, frame)
         if frame.right is not None:
-            self._image(entities.RIGHT, frame.right if self._size == "full" else _half(frame.right), frame)
+            self._image(entities.RIGHT, _half(frame.right), frame)
         if frame.depth_m is not None:
-            log.log(entities.MEASURED_DEPTH, encoded_depth(frame.depth_m))
+            # millimetres: 0 is unknown, and larger depths than 65.5 m become 65.5 m
+            millimetres = np.nan_to_num(np.clip(1000 * frame.depth_m, 1, 65535), nan=0).astype(np.uint16)
+            blob, media_type = [png(millimetres)], ["image/png"]
+            log.row(entities.MEASURED_DEPTH, rr.EncodedDepthImage, blob=blob, media_type=media_type, meter=[1000])
         log.end()
         return True
 
@@ -88,51 +93,44 @@ class ImageLog:
         return True
 
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
-        if self._size == "full":
-            self._log.row(path, rr.EncodedImage, blob=[_encoded(image, ".png")], media_type=["image/png"])
-        elif min(image.shape[:2]) < LEAST_SIDE_PX:
-            self._log.row(path, rr.EncodedImage, blob=[_encoded(image, ".jpg")], media_type=["image/jpeg"])
-        else:
-            if path not in self._videos:
-                height, width = image.shape[:2]
-                self._videos[path] = VideoEncoder(width, height, self._key_every)
-                self._log.keep(path, lambda: rr.VideoStream(codec=rr.VideoCodec.AV1), key="codec")
-            video = self._videos[path]
-            self._times[path, video.count] = frame.index, frame.time_ns
-            self._packets(path, video.encode(image))
+        if min(image.shape[:2]) < LEAST_SIDE_PX:
+            self._log.row(path, rr.EncodedImage, blob=[_jpeg(image)], media_type=["image/jpeg"])
+            return
+        if path not in self._videos:
+            height, width = image.shape[:2]
+            self._videos[path] = VideoEncoder(width, height, self._key_every)
+            self._log.keep(path, lambda: rr.VideoStream(codec=rr.VideoCodec.AV1), key="codec")
+        video = self._videos[path]
+        self._times[path, video.count] = frame.index, frame.time_ns
+        self._packets(path, video.encode(image))
 
     def _packets(self, path: str, packets: Iterable[tuple[int, bytes]]) -> None:
         for position, packet in packets:
-            self._log.row_at(*self._times.pop((path, position)), path, rr.VideoStream, sample=[packet])
+            self._log.event(path, rr.VideoStream, at=self._times.pop((path, position)), sample=[packet])
 
 
-def log_masks(
-    log: FrameLog, segmentation: str, percepts: Percepts, record: FrameRecord, colours: Colours, size: Size
-) -> None:
-    """Log the masks in one colour per name: a name keeps its colour when the ids of instances change.
+def log_masks(log: FrameLog, segmentation: str, percepts: Percepts, record: FrameRecord, colours: Colours) -> None:
+    """Log the masks in one colour per name, as a picture in steps of two pixels.
 
-    Stuff that is no target (a wall, a table) is transparent, since it would tint the whole image. A light recording has
-    the masks as a small picture in steps of two pixels; a full one as classes, pixel by pixel, with those of stuff.
+    A name keeps its colour when the ids of instances change. Stuff that is no target (a wall, a table) is transparent,
+    since it would tint the whole image.
     """
     names = {target.instance_id: target.name for target in record.targets}
     instances = percepts.instances
     class_of_id = np.zeros(max((each.id for each in instances.instances), default=0) + 1, dtype=np.uint16)
-    stuff = set[str]()
     for instance in instances.instances:
         if instance.is_thing or instance.id in names:
             class_of_id[instance.id] = colours.class_of(names.get(instance.id, instance.label))
-        elif size == "full":
-            class_of_id[instance.id] = colours.class_of(instance.label)
-            stuff.add(instance.label)
-    known = colours.known
-    path = entities.masks(segmentation)
-    if size == "full" or len(known) > 255:
-        stuff.difference_update(names.values())
-        log.keep(path, lambda: class_context(known, stuff), key=(*known, *sorted(stuff)))
-        log.log(path, rr.SegmentationImage(class_of_id[instances.ids], opacity=_OPACITY))
-    else:
-        picture = painted(class_of_id[instances.ids[::2, ::2]], instances.ids.shape, list(known.values()))
-        log.row(path, rr.EncodedImage, blob=[picture], media_type=["image/png"], opacity=[_OPACITY], draw_order=[0])
+    painting = np.where(class_of_id, (class_of_id - 1) % MOST_COLOURS + 1, 0).astype(np.uint16)
+    palette = list(colours.known.values())[:MOST_COLOURS]
+    log.row(
+        entities.masks(segmentation),
+        rr.EncodedImage,
+        blob=[painted(painting[instances.ids[::2, ::2]], instances.ids.shape, palette)],
+        media_type=["image/png"],
+        opacity=[_OPACITY],
+        draw_order=[0],
+    )
 
 
 def painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequence[Colour]) -> bytes:
@@ -149,19 +147,10 @@ def painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequen
     return file.getvalue()
 
 
-def class_context(known: dict[str, Colour], transparent: Collection[str] = ()) -> rr.AnnotationContext:
+def class_context(known: Mapping[str, Colour]) -> rr.AnnotationContext:
     """Names and colours of the classes, in the order of :attr:`harness.record.appearance.Colours.known`."""
-    classes = [
-        (number, name, (*colour, 0 if name in transparent else 255))
-        for number, (name, colour) in enumerate(known.items(), start=1)
-    ]
+    classes = [(number, name, (*colour, 255)) for number, (name, colour) in enumerate(known.items(), start=1)]
     return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *classes])
-
-
-def encoded_depth(depth_m: Float | Map) -> rr.EncodedDepthImage:
-    """Depth as a PNG in millimetres, in Rerun's form: 0 is unknown, and larger depths than 65.5 m become 65.5 m."""
-    millimetres = np.nan_to_num(np.clip(1000 * depth_m, 1, 65535), nan=0).astype(np.uint16)
-    return rr.EncodedDepthImage(blob=png(millimetres), media_type="image/png", meter=1000)
 
 
 def png(image: NDArray[np.uint16] | Image) -> bytes:
@@ -183,10 +172,10 @@ def _pinhole(rig: StereoRig) -> rr.Pinhole:
     )
 
 
-def _encoded(image: Image, suffix: str) -> bytes:
+def _jpeg(image: Image) -> bytes:
     # OpenCV's encoder writes the same bytes as Rerun's own path through Pillow, several times faster
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix == ".jpg" else []
-    return cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
 
 
 class VideoEncoder:

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
-from harness.record import Size, entities
+from harness.record import entities
 from harness.record.appearance import Colours
-from harness.record.blueprint import Shown, file_layout, guide
+from harness.record.blueprint import Shown, eye_controls, file_layout, guide
 from harness.record.entities import load_entities
 from harness.record.frame_content import log_attention, log_disparity, log_targets
 from harness.record.images import ImageLog, log_masks
@@ -26,12 +26,12 @@ class SharedLayers:
 
     _open: ClassVar[dict[ClipFiles, SharedLayers]] = {}
 
-    def __init__(self, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str]) -> None:
-        self.files, self.size = files, size
+    def __init__(self, files: ClipFiles, rate_hz: float | None, names: Sequence[str]) -> None:
+        self.files = files
         self.colours = Colours(names)
         self.further = load_entities()
         self._images = LayerFile(files.images, files)
-        self._image_log = ImageLog(self._images.part("images"), size, rate_hz)
+        self._image_log = ImageLog(self._images.part("images"), rate_hz)
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
@@ -55,10 +55,10 @@ class SharedLayers:
             layer.resume(state["layers"][layers.reconstruction])
 
     @classmethod
-    def join(cls, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str]) -> SharedLayers:
+    def join(cls, files: ClipFiles, rate_hz: float | None, names: Sequence[str]) -> SharedLayers:
         """Return the layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
         if files not in cls._open:
-            cls._open[files] = cls(files, size, rate_hz, names)
+            cls._open[files] = cls(files, rate_hz, names)
         shared = cls._open[files]
         shared._users += 1
         return shared
@@ -84,16 +84,16 @@ class SharedLayers:
             self._images.end_frame()
         masks = self._images.part(layers.masks)
         if frame.percepts is not None and masks.begin(index, time_ns):
-            log_masks(masks, layers.masks, frame.percepts, frame.record, self.colours, self.size)
+            log_masks(masks, layers.masks, frame.percepts, frame.record, self.colours)
             masks.end()
         name = layers.reconstruction
         layer = self._layer_of(name)
         layer.open()
         log = layer.part(name)
         if log.begin(index, time_ns):
-            if frame.frame is not None and frame.percepts is not None:
-                log_disparity(log, name, frame.frame, frame.percepts, self.size)
-            log_targets(log, name, frame.result.scene, frame.record, self.colours, self.size)
+            if frame.frame is not None and frame.frame.right is not None and frame.percepts is not None:
+                log_disparity(log, name, frame.percepts.disparity)
+            log_targets(log, name, frame.result.scene, frame.record, self.colours)
             log.end()
             layer.end_frame()
 
@@ -113,8 +113,6 @@ class Recorder:
         The files of the clip, and the layers of the configuration.
     rate_hz
         Frames per second at which the viewer plays; None if the source does not know it.
-    size
-        ``light``: images as video, half of the disparity's resolution, thin clouds. ``full``: everything, lossless.
     subjects, targets
         The names of the manifest, in its order: they fix the colours and give each subject a view of its own.
     resumed
@@ -127,14 +125,13 @@ class Recorder:
         layers: LayerNames,
         *,
         rate_hz: float | None,
-        size: Size = "light",
         subjects: Sequence[str] = (),
         targets: Sequence[str] = (),
         resumed: SinkState | None = None,
     ) -> None:
         self._resumed = resumed
         self._files, self._layers = files, layers
-        self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
+        self._rate_hz = rate_hz
         self._names = (*targets, *subjects)
 
     @property
@@ -143,7 +140,7 @@ class Recorder:
         return self._files.attention(self._layers.configuration)
 
     def __enter__(self) -> Self:
-        self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names)
+        self._shared = SharedLayers.join(self._files, self._rate_hz, self._names)
         self._layer = LayerFile(self.path, self._files)
         if self._resumed:
             self._layer.resume(self._resumed.values["own"])
@@ -176,9 +173,9 @@ class Recorder:
         record, colours = frame.record, self._shared.colours
         log = self._layer.part("attention")
         log.begin(record.frame, record.time_ns)
-        log_attention(log, self._layers.configuration, frame.result, record, colours, self._names, self._size)
+        log_attention(log, self._layers.configuration, frame.result, record, colours, self._names)
         for log_further in self._shared.further:
-            log_further(log, frame, self._size)
+            log_further(log, frame)
         log.end()
         self._layer.end_frame()
 
@@ -186,6 +183,13 @@ class Recorder:
         """Begin the file with a layout for the scene of the first frame and the views that it has."""
         if self._layer.is_open:
             return
-        shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
+        frame = first.frame
+        shown = Shown(
+            has_images=frame is not None,
+            has_right=frame is not None and frame.right is not None,
+            has_measured_depth=frame is not None and frame.depth_m is not None,
+            eye=eye_controls(first.result.scene),
+            rate_hz=self._rate_hz,
+        )
         self._layer.open(file_layout(self._layers, shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from harness.pipeline.configuration import Configuration
-from harness.record import Size
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
 from harness.run.frame_sink import SinkContext, SinkFactory
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSinks:
-    """Recordings of this size, next to the results.
+    """Recordings, next to the results.
 
     ``layers`` are those of every configuration of the experiment, by its name.
     """
@@ -29,11 +28,10 @@ class RecordingSinks:
     shares_files: ClassVar[bool] = True
 
     layers: Mapping[str, LayerNames]
-    size: Size = "light"
 
     def described(self) -> Mapping[str, Any]:
-        """The size of the recordings."""
-        return {"recording": self.size}
+        """That a run has recordings is written into its manifest."""
+        return {"recording": "light"}
 
     def open(self, context: SinkContext) -> Recorder:
         """Open the recording of one configuration on one clip."""
@@ -46,19 +44,15 @@ class RecordingSinks:
             ),
             self.layers[context.configuration],
             rate_hz=context.rate_hz,
-            size=self.size,
             subjects=tuple(manifest.subjects),
             targets=tuple(manifest.targets),
             resumed=context.resumed,
         )
 
 
-def recordings(configurations: Iterable[Configuration], size: Size | None) -> tuple[RecordingSinks, ...]:
-    """Return the recordings of an experiment with these configurations: of this size, or none."""
-    if size is None:
-        return ()
-    layers = layer_names({each.name: each.plain() for each in configurations})
-    return (RecordingSinks(layers=layers, size=size),)
+def recordings(configurations: Iterable[Configuration]) -> RecordingSinks:
+    """Return the recordings of an experiment with these configurations."""
+    return RecordingSinks(layers=layer_names({each.name: each.plain() for each in configurations}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +70,6 @@ class ThumbnailSinks:
         return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
 
 
-def composed_sinks(configurations: Iterable[Configuration], recording: Size | None) -> tuple[SinkFactory, ...]:
-    """Thumbnails, and recordings of this size (None: none), of an experiment with these configurations."""
-    return ThumbnailSinks(), *recordings(configurations, recording)
+def composed_sinks(configurations: Iterable[Configuration], *, recorded: bool = True) -> tuple[SinkFactory, ...]:
+    """Thumbnails and, if they are wanted, recordings of an experiment with these configurations."""
+    return (ThumbnailSinks(), *((recordings(configurations),) if recorded else ()))

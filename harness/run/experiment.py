@@ -160,7 +160,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     return PRESETS[name]
 
 
-RecordingSize = Literal["light", "full", "none"]
+RecordingSize = Literal["light", "none"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,8 +169,8 @@ class Experiment:
 
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
-    ``missing`` says which clips of a family are not here. ``recording`` is the size of the recordings unless the
-    command line names one.
+    ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, unless the
+    command line says so.
     """
 
     name: str

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from harness.record.appearance import RIM, cone_wires
-from harness.record.images import painted
+from harness.record.appearance import RIM, Colours, cone_wires
+from harness.record.images import MOST_COLOURS, painted
 from vfoa.geometry import unit
 from vfoa.types import Cone
 
@@ -42,3 +42,8 @@ def test_a_painted_mask_has_the_class_of_every_second_pixel_twice(shape):
     coarse = classes[::2, ::2].repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
     expected = np.array([(0, 0, 0, 0), (255, 0, 0, 255), (0, 0, 255, 255)], dtype=np.uint8)[coarse]
     np.testing.assert_array_equal(picture, expected)
+
+
+def test_more_names_than_a_picture_has_colours_keep_theirs():
+    colours = Colours(map(str, range(2 * MOST_COLOURS)))
+    assert all(colours.of(str(k)) == colours.of(str(k + MOST_COLOURS)) for k in range(MOST_COLOURS))

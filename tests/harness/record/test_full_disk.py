@@ -26,7 +26,8 @@ layer.open()
 log = layer.part("noise")
 for number in range(5):
     log.begin(number, number)
-    log.log("/noise", rr.Tensor(np.random.default_rng(number).random((300, 300))))
+    noise = np.random.default_rng(number).bytes(720_000)
+    log.row("/noise", rr.EncodedImage, blob=[noise], media_type=["image/png"])
     log.end()
 try:
     layer.close(complete=sys.argv[2] == "complete")

@@ -29,18 +29,17 @@ from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
 ANN = "Ann Müller/left"
 
 
-def test_the_real_tool_verifies_both_sizes(frames, record_run):
-    for size in ("light", "full"):
-        paths = record_run(frames, size=size).paths
-        assert len(paths) == 4
-        done = subprocess.run([viewer_binary(), "rrd", "verify", *paths], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert len({RrdReader(path).recordings()[0].recording_id for path in paths}) == 1
+def test_the_real_tool_verifies_all_layers(frames, record_run):
+    paths = record_run(frames).paths
+    assert len(paths) == 4
+    done = subprocess.run([viewer_binary(), "rrd", "verify", *paths], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len({RrdReader(path).recordings()[0].recording_id for path in paths}) == 1
 
 
 def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
     before = pickle.dumps(frames)
-    record_run(frames, size="full")
+    record_run(frames)
     assert pickle.dumps(frames) == before
 
 
@@ -120,11 +119,6 @@ def test_what_vanishes_is_cleared_in_that_frame(frames, record_run, read_back):
             assert [at for at, value in columns.at(path, component).items() if not value] == [frame], path
 
 
-def test_what_was_logged_whole_is_cleared_when_it_vanishes(frames, record_run, read_back):
-    columns = read_back(record_run(frames, size="full"))
-    assert columns.at(entities.points(CONFIGURATION, 3), "Clear:is_recursive") == {11: [True]}
-
-
 def test_hits_lie_where_rays_enter_boxes(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     shown = frames[0]
@@ -180,23 +174,8 @@ def _png(blob) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(bytes(blob), np.uint8), cv2.IMREAD_UNCHANGED)
 
 
-def test_a_full_recording_holds_every_map_and_every_pixel(frames, record_run, read_back):
-    columns = read_back(record_run(frames, size="full"))
-    depth = _png(columns.at(entities.depth(CONFIGURATION), "EncodedDepthImage:blob")[10][0])
-    # z = fx B / d = 80 * 0.1 / 8 = 1 m; 0 where the disparity is not known
-    assert set(depth[:5].ravel()) == {0}
-    assert set(depth[5:].ravel()) == {1000}
-    assert entities.confidence(CONFIGURATION) in columns.paths
-    for path, image in ((entities.IMAGE, frames[0].frame.left), (entities.RIGHT, frames[0].frame.right)):
-        shown = _png(columns.at(path, "EncodedImage:blob")[10][0])
-        np.testing.assert_array_equal(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), image)
-    classes = columns.at(entities.masks(CONFIGURATION), "SegmentationImage:buffer")[10][0]
-    assert len(set(bytes(classes))) >= 4
-
-
-def test_a_light_recording_keeps_disparities_in_pixels_and_unknown_ones_unknown(frames, record_run, read_back):
-    columns = read_back(record_run(frames, size="light"))
-    assert not {entities.depth(CONFIGURATION), entities.confidence(CONFIGURATION)} & columns.paths
+def test_a_recording_keeps_disparities_in_pixels_and_unknown_ones_unknown(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
     path = entities.disparity(CONFIGURATION)
     (steps_per_px,) = columns.at(path, "EncodedDepthImage:meter")[10]
     disparity = _png(columns.at(path, "EncodedDepthImage:blob")[10][0]) / steps_per_px
@@ -205,7 +184,7 @@ def test_a_light_recording_keeps_disparities_in_pixels_and_unknown_ones_unknown(
     assert set(disparity[3:].ravel()) == {8.0}
 
 
-def test_the_images_of_a_light_recording_are_a_video_of_the_same_frames(frames, record_run, read_back):
+def test_the_images_of_a_recording_are_a_video_of_the_same_frames(frames, record_run, read_back):
     smooth = np.linspace(0, 255, 96 * 64 * 3).reshape(64, 96, 3).astype(np.uint8)
     frames = [
         replace(each, frame=replace(each.frame, left=np.roll(smooth, 7 * k, axis=1))) for k, each in enumerate(frames)

@@ -55,10 +55,10 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _run(
-    experiment: Path, out: Path, told: list[str] | None = None, recording: Any = None, **more: Any
+    experiment: Path, out: Path, told: list[str] | None = None, recorded: bool = False, **more: Any
 ) -> RunDirectory:
     loaded = load_experiment(str(experiment))
-    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, recording))
+    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, recorded=recorded))
     tell = told.append if told is not None else lambda line: None
     return run_plan(plan, out, workers=1, progress=more.get("progress", lambda clip: None), tell=tell)
 
@@ -197,11 +197,11 @@ def test_a_recording_goes_on_behind_a_key_frame(
     monkeypatch.setattr(resume, "SECONDS", 0.0)
     told, whole, once = list[str](), tmp_path / "whole", tmp_path / "once"  # killed twice: three partial files are one
     progress = _Kills(whole, {(5, 7): once})
-    whole = _run(experiment, whole, recording="light", progress=progress)
+    whole = _run(experiment, whole, recorded=True, progress=progress)
     progress = _Kills(once, {(10, 11): tmp_path / "out"})
-    _run(experiment, once, recording="light", progress=progress)
+    _run(experiment, once, recorded=True, progress=progress)
     assert len(list((tmp_path / "out").glob("studio_table.rrd.partial*"))) == 2
-    directory = _run(experiment, tmp_path / "out", told, recording="light")
+    directory = _run(experiment, tmp_path / "out", told, recorded=True)
     assert "studio_table under filtered: continues after frame 10" in told
     assert directory.results.read_bytes() == whole.results.read_bytes()
     names = sorted(path.name for path in whole.path.glob("*.rrd*"))

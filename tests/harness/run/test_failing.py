@@ -51,7 +51,7 @@ def broken_sgbm(monkeypatch: pytest.MonkeyPatch) -> None:
 def _run(folder: Path, clips: list[str], *, retry: bool = False) -> RunDirectory:
     file = write_text(folder / "two.toml", f"clips = {clips!r}\n{STAGES}")
     experiment = load_experiment(str(file))
-    plan = prepare(experiment, limit=4, sinks=composed_sinks(experiment.configurations, "light"))
+    plan = prepare(experiment, limit=4, sinks=composed_sinks(experiment.configurations))
     out = folder / "out"
     return run_plan(plan, out, workers=1, progress=lambda clip: None, retry_failed=retry)
 

@@ -45,7 +45,7 @@ def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _run(folder: Path, experiment: str = "talk.toml", *, workers: int = 1, clips: tuple[str, ...] = ()) -> RunDirectory:
     loaded = load_experiment(experiment, clips=clips)
-    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations, "light"))
+    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations))
     return run_plan(plan, folder / "run", workers=workers, progress=lambda clip: None)
 
 

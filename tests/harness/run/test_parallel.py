@@ -207,7 +207,7 @@ def test_one_process_at_a_time_writes_the_recordings_of_a_clip_also_when_nothing
     monkeypatch.setattr("harness.run.runner.executor", lambda *_, **__: nullcontext(watched))
     loaded, store = load_experiment(str(experiment)), Store(tmp_path / "cache", 10**9)
     for name in ("perceived", "cached"):
-        plan = prepare(loaded, sinks=recordings(loaded.configurations, "light"), limit=3)
+        plan = prepare(loaded, sinks=(recordings(loaded.configurations),), limit=3)
         directory = run_plan(plan, tmp_path / name, workers=2, progress=len, cache=store)
         assert not directory.read_manifest()["failed"]
         written = {path.name for path in directory.path.glob("*.rrd*")}

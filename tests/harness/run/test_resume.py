@@ -67,7 +67,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _finish(experiment: Path, out: Path) -> RunDirectory:
     loaded = load_experiment(str(experiment))
-    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, "light"))
+    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations))
     directory = run_plan(plan, out, workers=1, progress=lambda clip: None)
     rescore(directory)
     return directory

@@ -15,7 +15,6 @@ from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
 from harness.pipeline.cache_store import Store
 from harness.pipeline.outputs.write import write_coco_panoptic
-from harness.record import Size
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
@@ -30,18 +29,16 @@ from vfoa.types import Instances
 TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
 
 
-def _run(
-    out: Path, *, workers: int = 1, recording: Size | None = None, limit: int = 4, **override: str
-) -> RunDirectory:
+def _run(out: Path, *, workers: int = 1, recorded: bool = False, limit: int = 4, **override: str) -> RunDirectory:
     overrides = tuple(f"{key.replace('__', '.')}={value}" for key, value in override.items())
     experiment = load_experiment("demo", clips=("studio_table", "studio_talk"), overrides=overrides)
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recording))
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
     return run_plan(plan, out, workers=workers, progress=lambda clip: None)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
-    directory = _run(tmp_path_factory.mktemp("runs") / "one", recording="light")
+    directory = _run(tmp_path_factory.mktemp("runs") / "one", recorded=True)
     rescore(directory)
     return directory
 
@@ -91,10 +88,10 @@ def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) 
 
 def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDirectory) -> None:
     before = finished.results.stat().st_mtime_ns
-    _run(finished.path, recording="light")
+    _run(finished.path, recorded=True)
     assert finished.results.stat().st_mtime_ns == before
     with pytest.raises(VfoaError, match=r"holds another run \(different: attention\.n_rays"):
-        _run(finished.path, recording="light", attention__n_rays="8")
+        _run(finished.path, recorded=True, attention__n_rays="8")
     assert finished.results.stat().st_mtime_ns == before
 
 

@@ -74,7 +74,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def test_a_run_places_objects_and_records_the_measured_depth(
     work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ran = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out", "--recording", "full")
+    ran = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out")
     assert ran[0] == 0, ran
     for line in (work / "out" / "results.jsonl").read_text().splitlines():
         record = json.loads(line)
