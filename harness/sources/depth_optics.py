@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -118,25 +118,6 @@ _LARGEST_PX = 16
 """Most pixels of the target image, in each direction, that one pixel of depth covers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Transform:
-    """A rigid motion between camera frames: ``x_target = rotation (3, 3) @ x_source + translation_m (3,)``."""
-
-    rotation: Float
-    translation_m: Float
-
-    def then(self, following: Transform) -> Transform:
-        """Return this motion followed by another."""
-        return Transform(
-            rotation=following.rotation @ self.rotation,
-            translation_m=following.rotation @ self.translation_m + following.translation_m,
-        )
-
-    def inverse(self) -> Transform:
-        """Return the inverse motion."""
-        return Transform(rotation=self.rotation.T, translation_m=-self.rotation.T @ self.translation_m)
-
-
 class DepthRegistration:
     """Draws depth maps of one camera into the image of another.
 
@@ -147,10 +128,10 @@ class DepthRegistration:
     target
         The rectified camera that the depth is drawn for.
     target_from_source
-        From the depth camera's frame to the target's.
+        The rigid motion (4, 4) from the depth camera's frame to the target's, metres.
     """
 
-    def __init__(self, source: RawCamera, target: StereoRig, target_from_source: Transform) -> None:
+    def __init__(self, source: RawCamera, target: StereoRig, target_from_source: Float) -> None:
         self._target, self._motion = target, target_from_source
         width, height = source.size_px
         # A pixel is a square: its four corners tell which pixels of the target it covers.
@@ -187,7 +168,7 @@ class DepthRegistration:
 
     def _project(self, rays: Float, z: Float) -> tuple[Float, Float, Float]:
         """Columns and rows in the target, and depth there, of points at depth z on rays (N, 2) = (x / z, y / z)."""
-        points = np.column_stack([rays * z[:, None], z]) @ self._motion.rotation.T + self._motion.translation_m
+        points = np.column_stack([rays * z[:, None], z]) @ self._motion[:3, :3].T + self._motion[:3, 3]
         depth = np.where(points[:, 2] > 0, points[:, 2], np.nan)
         rig = self._target
         u, v = points[:, 0] / depth * rig.fx_px + rig.cx_px, points[:, 1] / depth * rig.fy_px + rig.cy_px

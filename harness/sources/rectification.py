@@ -28,7 +28,7 @@ MODELS: dict[str, Model] = {
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawCamera:
     """One camera before rectification, in the terms of ROS's CameraInfo and OpenCV's stereoRectify.
 
@@ -49,6 +49,12 @@ class RawCamera:
         """Equal for equal cameras."""
         matrices = b"".join(matrix.tobytes() for matrix in (self.k, self.d, self.r, self.p))
         return f"{self.size_px} {self.model} {self.d.size} ".encode() + matrices
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RawCamera) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
 
     @property
     def is_rectified(self) -> bool:

@@ -259,7 +259,7 @@ def read_message(kind: str) -> Read:
     def read(path: Path) -> Any:
         data, where = path.read_bytes(), str(path)
         if kind == "CameraInfo":
-            return messages.camera(type_, data, where), messages.image_header(type_, data, where)
+            return messages.camera(type_, data, where)
         return messages.stamp_ns(type_, data, where), read_depth(type_, data, None, where)
 
     return read

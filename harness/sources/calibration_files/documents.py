@@ -125,7 +125,10 @@ def _shaped(matrix: Mapping[Any, Any]) -> Float:
 
 # ROS's camera_info (camera_calibration_parsers): one file per camera, with R and P of the rectified pair
 
-_ROS_MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
+_ROS_NAMES = (
+    *("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix"),
+    *("image_width", "image_height"),
+)
 
 
 def is_ros_camera(document: Document) -> bool:
@@ -141,19 +144,21 @@ def ros_camera(document: Document, where: str) -> RawCamera:
     VfoaError
         If a name is missing, a matrix has another number of entries, or the distortion model is unknown.
     """
-    _expect_names(
-        document, (*_ROS_MATRICES, "distortion_coefficients", "image_width", "image_height"), where, "ROS's camera_info"
-    )
-    model = str(document.get("distortion_model", ""))
+    _expect_names(document, _ROS_NAMES, where, "ROS's camera_info")
+    width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
+    values = {role: document[name] for role, name in zip("KDRP", _ROS_NAMES[:4], strict=True)}
+    return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
+
+
+def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any], where: str) -> RawCamera:
+    """Return a camera with ROS's or Foxglove's name of a distortion model, and its K, D, R and P; raises VfoaError."""
     if model not in MODELS:
         raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}")
     k, r, p = (
-        numbers(document[name], f"{where}: {name}", shape[0] * shape[1]).reshape(shape)
-        for name, shape in _ROS_MATRICES.items()
+        numbers(values[name], f"{where}: {name}", 3 * columns).reshape(3, columns)
+        for name, columns in (("K", 3), ("R", 3), ("P", 4))
     )
-    width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
-    d = numbers(document["distortion_coefficients"], f"{where}: distortion_coefficients")
-    return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model=MODELS[model])
+    return RawCamera(size_px=size_px, k=k, d=numbers(values["D"], f"{where}: D"), r=r, p=p, model=MODELS[model])
 
 
 def _expect_names(document: Document, names: tuple[str, ...], where: str, expected: str) -> None:

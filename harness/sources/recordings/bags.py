@@ -17,7 +17,15 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_yaml
-from harness.sources.recordings.containers import MOST_BYTES, TopicIndex, Window, starts_with, unpack, zstd_size
+from harness.sources.recordings.containers import (
+    MOST_BYTES,
+    TopicIndex,
+    Window,
+    first_line,
+    starts_with,
+    unpack,
+    zstd_size,
+)
 from harness.sources.recordings.messages import BY_NAME, MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
@@ -58,7 +66,7 @@ def open_reader(part: Path) -> Any:
             _bound_messages(reader)
         _check_connections(reader)
     except Exception as error:  # errors of rosbags, struct, SQLite, YAML, or the decompressors
-        text = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+        text = first_line(error).rstrip(".")
         is_unindexed = "not indexed" in text or "index looks damaged" in text
         hint = "; the recorder was killed; write the index with rosbag reindex" if is_unindexed else ""
         raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
@@ -196,8 +204,9 @@ class BagContainer:
         except VfoaError:
             raise
         except Exception as error:  # errors of struct, SQLite, the decompressors, or an index outside of the list
-            text = (str(error) or type(error).__name__).splitlines()[0]
-            raise VfoaError(f"{part}: {topic.name} at {place.offset} ns can no longer be read: {text}") from None
+            raise VfoaError(
+                f"{part}: {topic.name} at {place.offset} ns can no longer be read: {first_line(error)}"
+            ) from None
 
     def _reader(self, part: Path) -> Any:
         if part not in self._readers:
@@ -232,9 +241,8 @@ class BagContainer:
             except StopIteration:
                 return
             except Exception as error:  # as above
-                text = (str(error) or type(error).__name__).splitlines()[0]
                 after = "at its start" if log_ns is None else f"after {log_ns} ns"
-                yield f"{self._parts[number].name}: damaged {after} ({text}): everything after it is lost"
+                yield f"{self._parts[number].name}: damaged {after} ({first_line(error)}): everything after it is lost"
                 return
             log_ns = time_ns
             before_ns, before = last.get(connection.topic, (None, 0))

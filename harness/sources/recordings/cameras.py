@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import bisect
-from collections import deque
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.read import Options, read_cameras
-from harness.sources.depth_optics import DepthOptics, DepthRegistration, Transform, without_distortion
+from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.recordings.containers import Container
-from harness.sources.recordings.messages import MessageType, camera, fields_of, reading
+from harness.sources.recordings.messages import camera, fields_of, reading
 from harness.sources.recordings.topics import (
     RecordingSettings,
     Streams,
@@ -27,7 +28,7 @@ from harness.sources.recordings.topics import (
 )
 from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, Rectifier
 from vfoa.errors import VfoaError
-from vfoa.types import Image, Map, StereoFrame, StereoRig
+from vfoa.types import Float, Image, Map, StereoFrame, StereoRig
 
 
 class PairCameras:
@@ -64,13 +65,12 @@ class PairCameras:
         pair = streams.left, streams.right
         self._streams, self._container, self._where = streams, container, where
         self._rectified = are_rectified(pair) if settings.rectified is None else settings.rectified
-        self._topics: tuple[Topic, ...] = ()
-        self._latest: tuple[bytes, Rectifier] | None = None
+        self._for_all_times: Rectifier | None = None
         if settings.camera is not None:
-            self._latest = b"", Rectifier(settings.camera.pair(where))
+            self._for_all_times = Rectifier(settings.camera.pair(where))
         elif settings.calibration is not None:
             path = folder / settings.calibration
-            self._latest = b"", Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
+            self._for_all_times = Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
         else:
             infos = settings.left_info, settings.right_info
             self._topics = tuple(find_camera(topics, *each, where) for each in zip(pair, infos, strict=True))
@@ -102,18 +102,21 @@ class PairCameras:
         return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)
 
     def _at(self, left_ns: int, right_ns: int) -> Rectifier:
-        """Return the rectifier at the time of the two images; maps are computed only if the calibration has changed."""
-        if self._topics:
-            left, right = (
-                camera_at(topic, stamp_ns, self._container, self._where)
-                for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
-            )
-            if self._latest is None or self._latest[0] != left.key + right.key:
-                where = f"{self._where}: {' and '.join(topic.name for topic in self._topics)}"
-                raw = RawCalibration(left=left, right=right, where=where)
-                self._latest = left.key + right.key, Rectifier(raw.rectified() if self._rectified else raw)
-        assert self._latest is not None
-        return self._latest[1]
+        """The rectifier at the time of the two images."""
+        if self._for_all_times is not None:
+            return self._for_all_times
+        left, right = (
+            camera_at(topic, stamp_ns, self._container, self._where)
+            for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
+        )
+        where = f"{self._where}: {' and '.join(topic.name for topic in self._topics)}"
+        raw = RawCalibration(left=left, right=right, where=where)
+        return _rectifier(raw.rectified() if self._rectified else raw)
+
+
+# the maps are computed again only if a calibration has changed
+_rectifier = lru_cache(maxsize=2)(Rectifier)
+_optics = lru_cache(maxsize=2)(DepthOptics)
 
 
 def camera_at(topic: Topic, stamp_ns: int, container: Container, where: str) -> RawCamera:
@@ -128,23 +131,41 @@ def camera_at(topic: Topic, stamp_ns: int, container: Container, where: str) -> 
 _MOST_MESSAGES = 200
 """Most messages read per topic: static transforms are sent at the beginning."""
 
-Edges = dict[tuple[str, str], Transform]
-"""(parent, child) -> parent_from_child."""
 
+def find_transform(topics: Iterable[Topic], container: Container, target: str, source: str, where: str) -> Float | None:
+    """The motion (4, 4) from frame ``source`` to frame ``target`` by the shortest chain of the recording's transforms.
 
-def find_transform(
-    topics: Iterable[Topic], container: Container, target: str, source: str, where: str
-) -> Transform | None:
-    """From frame ``source`` to frame ``target`` by the recording's transforms; None if no chain connects them."""
-    edges: Edges = {}
+    None if no chain connects them.
+    """
+    steps: dict[str, dict[str, Float]] = defaultdict(dict)  # frame -> other frame -> motion from the one to the other
     for topic in topics:
         if topic.type.kind == "transforms":
             for place in topic.places[:_MOST_MESSAGES]:
-                edges.update(_edges(topic.type, container.read(topic, place), f"{where}: {topic.name}"))
-    return _chain(edges, target, source)
+                for parent, child, motion in _transforms(topic, container.read(topic, place), where):
+                    steps[child][parent], steps[parent][child] = motion, np.asarray(np.linalg.inv(motion), np.float64)
+    motions, waiting = {source: np.eye(4)}, [source]
+    for frame in waiting:
+        for other, step in steps[frame].items():
+            if other not in motions:
+                motions[other] = step @ motions[frame]
+                waiting.append(other)
+    return motions.get(target)
 
 
-def find_extrinsics(topics: Iterable[Topic], container: Container, where: str) -> Transform | None:
+def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, str, Float]]:
+    """Frames (parent, child) and parent_from_child of each transform in a message."""
+    where = f"{where}: {topic.name}"
+    with reading(topic.type, where):
+        for each in fields_of(topic.type, data, where)("transforms"):
+            moved = each.transform
+            rotation = Rotation.from_quat([float(getattr(moved.rotation, axis)) for axis in "xyzw"]).as_matrix()
+            translation = [float(getattr(moved.translation, axis)) for axis in "xyz"]
+            # tf's old names began with a slash
+            parent, child = (str(name).removeprefix("/") for name in (each.header.frame_id, each.child_frame_id))
+            yield parent, child, _motion(rotation, translation)
+
+
+def find_extrinsics(topics: Iterable[Topic], container: Container, where: str) -> Float | None:
     """The pose colour_from_depth sent by RealSense's driver (``.../extrinsics/depth_to_color``); None if there is none.
 
     ``realsense2_camera_msgs/Extrinsics``: the rotation is by columns, as in librealsense's rs2_extrinsics.
@@ -154,48 +175,14 @@ def find_extrinsics(topics: Iterable[Topic], container: Container, where: str) -
             message_where = f"{where}: {topic.name}"
             with reading(topic.type, message_where):
                 field = fields_of(topic.type, container.read(topic, topic.places[0]), message_where)
-                rotation = np.array(field("rotation"), np.float64).reshape(3, 3).T
-                return Transform(rotation=rotation, translation_m=np.array(field("translation"), np.float64))
+                return _motion(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
     return None
 
 
-def _edges(kind: MessageType, data: bytes, where: str) -> Edges:
-    with reading(kind, where):
-        return {
-            (_frame(each.header.frame_id), _frame(each.child_frame_id)): _transform(each.transform)
-            for each in fields_of(kind, data, where)("transforms")
-        }
-
-
-def _transform(moved: Any) -> Transform:
-    quaternion = [float(getattr(moved.rotation, axis)) for axis in "xyzw"]
-    translation = [float(getattr(moved.translation, axis)) for axis in "xyz"]
-    return Transform(rotation=Rotation.from_quat(quaternion).as_matrix(), translation_m=np.array(translation))
-
-
-def _frame(name: Any) -> str:
-    return str(name).removeprefix("/")  # tf's old names began with a slash
-
-
-def _chain(edges: Edges, target: str, source: str) -> Transform | None:
-    """The shortest chain of transforms, in either direction."""
-    found = {source: Transform(rotation=np.eye(3), translation_m=np.zeros(3))}
-    waiting = deque([source])
-    while waiting and target not in found:
-        frame = waiting.popleft()
-        for other, step in _steps(edges, frame):
-            if other not in found:
-                found[other] = found[frame].then(step)
-                waiting.append(other)
-    return found.get(target)
-
-
-def _steps(edges: Edges, frame: str) -> Iterator[tuple[str, Transform]]:
-    for (parent, child), parent_from_child in edges.items():
-        if child == frame:
-            yield parent, parent_from_child
-        elif parent == frame:
-            yield child, parent_from_child.inverse()
+def _motion(rotation: Float, translation_m: ArrayLike) -> Float:
+    motion: Float = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = rotation, translation_m
+    return motion
 
 
 class DepthCamera:
@@ -234,9 +221,8 @@ class DepthCamera:
             )
         self._is_aligned = is_aligned(self._depth, self._colour)
         self._infos = {topic.name: self._info(topics, topic) for topic in (self._colour, self._depth)}
-        self._colour_from_depth = None if self._is_aligned else self._motion(topics)
-        self._optics: dict[bytes, DepthOptics] = {}
-        self._registration: tuple[bytes, DepthRegistration] | None = None
+        self._colour_from_depth = None if self._is_aligned else self._find_motion(topics)
+        self._registration: tuple[tuple[RawCamera, StereoRig], DepthRegistration] | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -254,7 +240,7 @@ class DepthCamera:
         """Return the colour image with the depth in it, both without distortion, as :meth:`PairCameras.frame`."""
         assert depth_m is not None
         stamp_ns = stamps_ns[0]
-        optics = self._optics_of(self._camera(self._colour, stamp_ns, (colour.shape[1], colour.shape[0])))
+        optics = self._optics_of(self._colour, stamp_ns, colour)
         if self._colour_from_depth is not None:
             depth = self._registered(depth_m, stamp_ns, optics.rig)
         elif depth_m.shape != colour.shape[:2]:
@@ -284,7 +270,7 @@ class DepthCamera:
             "camera = { fx_px = ..., cx_px = ..., cy_px = ... }, in [source]"
         )
 
-    def _motion(self, topics: Collection[Topic]) -> Transform:
+    def _find_motion(self, topics: Collection[Topic]) -> Float:
         """The pose colour_from_depth in the recording."""
         colour, depth = self._colour, self._depth
         found = find_extrinsics(topics, self._container, self._where)
@@ -313,17 +299,13 @@ class DepthCamera:
         # depth_registered, of ZED and image_proc, belongs to rectified colour
         return "image_rect" in topic.name or topic.name.endswith("depth_registered")
 
-    def _optics_of(self, camera: RawCamera) -> DepthOptics:
-        """The maps of a camera; computed again only if its calibration has changed."""
-        if camera.key not in self._optics:
-            if len(self._optics) > 1:
-                self._optics.clear()
-            self._optics[camera.key] = DepthOptics(camera, f"{self._where}: {self._colour.name}")
-        return self._optics[camera.key]
+    def _optics_of(self, topic: Topic, stamp_ns: int, image: Image | Map) -> DepthOptics:
+        camera = self._camera(topic, stamp_ns, (image.shape[1], image.shape[0]))
+        return _optics(camera, f"{self._where}: {self._colour.name}")
 
     def _aligned(self, depth_m: Map, stamp_ns: int, colour: StereoRig) -> Map:
         """Return aligned depth without the distortion of its own calibration."""
-        optics = self._optics_of(self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0])))
+        optics = self._optics_of(self._depth, stamp_ns, depth_m)
         if not np.allclose(optics.rig.camera_matrix, colour.camera_matrix, rtol=0.01, atol=1.0):
             raise VfoaError(
                 f"{self._where}: {self._depth.name} is aligned by its name or frame, but its calibration (fx "
@@ -340,7 +322,6 @@ class DepthCamera:
                 f"{self._where}: {self._depth.name}: the calibration is for {source.size_px} pixels, the depth has "
                 f"({depth_m.shape[1]}, {depth_m.shape[0]})"
             )
-        key = source.key + str(target).encode()
-        if self._registration is None or self._registration[0] != key:
-            self._registration = key, DepthRegistration(source, target, self._colour_from_depth)
+        if self._registration is None or self._registration[0] != (source, target):
+            self._registration = (source, target), DepthRegistration(source, target, self._colour_from_depth)
         return np.ascontiguousarray(self._registration[1].register(depth_m))

@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
-from harness.sources.media.frame_files import join_times, nearest_apart
+from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
 from harness.sources.recordings.bags import BagContainer, bag_parts
 from harness.sources.recordings.cameras import DepthCamera, PairCameras
 from harness.sources.recordings.containers import Container, starts_with, window_of
@@ -159,8 +159,7 @@ class RecordingClip:
     @cached_property
     def rate_hz(self) -> float | None:
         """Rate from the median step of the stamps, to 0.001 Hz."""
-        steps = np.diff([places.left.stamp_ns for places in self._frames])
-        return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+        return rate_of(places.left.stamp_ns for places in self._frames)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from harness.sources.recordings.messages import IMAGES, MessageType, image_header, stamp_ns
+from harness.sources.recordings.messages import IMAGES, MessageType, picture, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
@@ -57,6 +57,11 @@ def starts_with(path: Path, magic: bytes) -> bool:
             return file.read(len(magic)) == magic
     except OSError:
         return False
+
+
+def first_line(error: Exception) -> str:
+    """An error's text in one line; its kind if it has no text."""
+    return (str(error) or type(error).__name__).splitlines()[0]
 
 
 def zstd_size(head: bytes) -> int | None:
@@ -145,8 +150,8 @@ class TopicIndex:
         if kind is None:
             return
         where = f"{self._files[address[0]]}: {topic.name}"
-        if topic.header is None and (kind in IMAGES or kind == "calibration"):
-            topic.header = image_header(topic.type, data, where)
+        if topic.header is None and kind in IMAGES:
+            topic.header = replace(picture(topic.type, data, where), data=b"")
         has_header = kind in IMAGES or kind == "calibration"
         stamp = log_time_ns if self._by_log_time or not has_header else stamp_ns(topic.type, data, where)
         place = Place(stamp, *address)

@@ -19,7 +19,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import check_readable, unreadable
-from harness.sources.recordings.containers import TopicIndex, Window, unpack
+from harness.sources.recordings.containers import TopicIndex, Window, first_line, unpack
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
@@ -46,11 +46,6 @@ def parts_of(record: McapRecord) -> list[McapRecord]:
         return [record]
     data = unpack(record.data, record.compression, record.uncompressed_size)  # the library takes any size
     return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
-
-
-def first_line(error: Exception) -> str:
-    """An error's text in one line; its kind if it has no text."""
-    return (str(error) or type(error).__name__).splitlines()[0]
 
 
 @dataclass(slots=True)

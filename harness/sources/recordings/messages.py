@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
 import mcap_protobuf.decoder
-import numpy as np
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from harness.sources.rectification import MODELS, RawCamera
+from harness.sources.calibration_files.documents import camera_of_ros
+from harness.sources.rectification import RawCamera
 from vfoa.errors import VfoaError
 
 Kind = Literal["raw", "compressed", "video", "calibration", "transforms", "extrinsics"]
@@ -148,36 +148,21 @@ def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RawPicture:
-    """Pixels as a driver sent them: ``step`` bytes per row, ``encoding`` as ROS and Foxglove name it."""
+class Picture:
+    """An image as a driver sent it, or a packet of a video.
 
-    width_px: int
-    height_px: int
-    encoding: str
-    step: int
-    is_bigendian: bool
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CompressedPicture:
-    """A compressed image, or a packet of a video; ``form`` is the message's description of its compression.
-
-    ``is_key`` is the packet's own flag for a key frame; None if it has none.
+    ``form`` is the encoding of its pixels or its compression, as ROS and Foxglove name it, ``frame_id`` its coordinate
+    frame. ``size_px`` is the (width, height) of raw pixels, in rows of ``step`` bytes; None: compressed. ``is_key`` is
+    a packet's own flag for a key frame; None if it has none.
     """
 
     form: str
-    data: bytes
-    is_key: bool | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageHeader:
-    """An image's description: encoding or format, (width, height) if given, and the name of its coordinate frame."""
-
-    form: str
-    size_px: tuple[int, int] | None
     frame_id: str
+    data: bytes
+    size_px: tuple[int, int] | None = None
+    step: int = 0
+    is_bigendian: bool = False
+    is_key: bool | None = None
 
 
 def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
@@ -198,21 +183,8 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     return stamp
 
 
-def image_header(kind: MessageType, data: bytes, where: str) -> ImageHeader:
-    """The description in an image's or a calibration's message, without its content."""
-    with reading(kind, where):
-        field = fields_of(kind, data, where)
-        frame_id = _frame_id(kind, field)
-        names = {"raw": "encoding", "calibration": "distortion_model", "video": _form(kind)}
-        form = str(field(names.get(kind.kind or "", "format")))
-        size = (int(field("width")), int(field("height"))) if kind.kind in ("raw", "calibration") else None
-        return ImageHeader(
-            form=form, size_px=size, frame_id=frame_id.removeprefix("/")
-        )  # tf's old names began with a slash
-
-
-def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | CompressedPicture:
-    """Return the pixels of a raw image, or the bytes of a compressed one or of a packet of a video.
+def picture(kind: MessageType, data: bytes, where: str) -> Picture:
+    """Return the content of an image's message, or of a packet of a video.
 
     Raises
     ------
@@ -221,22 +193,21 @@ def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | Compress
     """
     with reading(kind, where):
         field = fields_of(kind, data, where)
-        if kind.kind == "compressed":
-            return CompressedPicture(form=str(field("format")), data=bytes(field("data")))
-        if kind.kind == "video":
-            says_key = _form(kind) == "encoding"
-            return CompressedPicture(
-                form=str(field(_form(kind))),
-                data=bytes(field("data")),
-                is_key=bool(int(field("flags")) & 1) if says_key else None,  # FFmpeg's AV_PKT_FLAG_KEY
-            )
-        return RawPicture(
-            width_px=int(field("width")),
-            height_px=int(field("height")),
-            encoding=str(field("encoding")),
+        frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
+        is_ffmpeg = kind.name.startswith("ffmpeg_image_transport_msgs/")
+        sent = Picture(
+            form=str(field("encoding" if kind.kind == "raw" or is_ffmpeg else "format")),
+            frame_id=frame_id.removeprefix("/"),  # tf's old names began with a slash
+            data=bytes(field("data")),
+            is_key=bool(int(field("flags")) & 1) if is_ffmpeg else None,  # FFmpeg's AV_PKT_FLAG_KEY
+        )
+        if kind.kind != "raw":
+            return sent
+        return replace(
+            sent,
+            size_px=(int(field("width")), int(field("height"))),
             step=int(field("step")),
             is_bigendian=not _is_flat(kind) and bool(field("is_bigendian")),
-            data=bytes(field("data")),
         )
 
 
@@ -250,23 +221,11 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
     """
     with reading(kind, where):
         field = fields_of(kind, data, where)
-        model = str(field("distortion_model"))
-        if model not in MODELS:
-            known = ", ".join(filter(None, MODELS))
-            raise VfoaError(f"{where}: distortion model {model!r}; expected one of {known}")
         if not _is_flat(kind):
             _check_full_size(field, where)
-        k, d, r, p = (np.array(field(name), dtype=np.float64).reshape(-1) for name in ("k", "d", "r", "p"))
-        if (k.size, r.size, p.size) != (9, 9, 12):
-            raise VfoaError(f"{where}: found {k.size}, {r.size}, {p.size} numbers in K, R, P; expected 9, 9, 12")
-        return RawCamera(
-            size_px=(int(field("width")), int(field("height"))),
-            k=k.reshape(3, 3),
-            d=d,
-            r=r.reshape(3, 3),
-            p=p.reshape(3, 4),
-            model=MODELS[model],
-        )
+        size_px = int(field("width")), int(field("height"))
+        values = {name: field(name.lower()) for name in "KDRP"}
+        return camera_of_ros(str(field("distortion_model")), size_px, values, where)
 
 
 def _check_full_size(field: Callable[[str], Any], where: str) -> None:
@@ -282,16 +241,6 @@ def _check_full_size(field: Callable[[str], Any], where: str) -> None:
 def _is_flat(kind: MessageType) -> bool:
     """Whether stamp and frame are fields of the message itself, as in Foxglove's types, and not of a header."""
     return not kind.is_ros or kind.name.startswith("foxglove_msgs/")
-
-
-def _frame_id(kind: MessageType, field: Callable[[str], Any]) -> str:
-    """The name of the coordinate frame."""
-    return str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
-
-
-def _form(kind: MessageType) -> str:
-    """The field of a packet that names its codec."""
-    return "encoding" if kind.name.startswith("ffmpeg_image_transport_msgs/") else "format"
 
 
 def _stamp_ns(kind: MessageType, field: Callable[[str], Any]) -> int:

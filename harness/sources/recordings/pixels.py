@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import decode, decode_rgb
 from harness.sources.media.maps import default_counts_per_m, depth_map
-from harness.sources.recordings.messages import CompressedPicture, ImageHeader, MessageType, RawPicture, picture
+from harness.sources.recordings.messages import MessageType, Picture, picture
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Image, Map
 
@@ -49,10 +49,10 @@ def read_image(kind: MessageType, data: bytes, where: str) -> Image:
         If the message is not of its type, its picture is damaged, or for the reasons of :func:`rgb`.
     """
     content = picture(kind, data, where)
-    return decode_rgb(content.data, where) if isinstance(content, CompressedPicture) else rgb(content, where)
+    return decode_rgb(content.data, where) if content.size_px is None else rgb(content, where)
 
 
-def rgb(raw: RawPicture, where: str) -> Image:
+def rgb(raw: Picture, where: str) -> Image:
     """Return the picture (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8; YUV is BT.601.
 
     Raises
@@ -60,22 +60,29 @@ def rgb(raw: RawPicture, where: str) -> Image:
     VfoaError
         If the encoding is unknown, the data are too short for the size, or YUV has an odd width.
     """
-    if raw.encoding not in _ENCODINGS:
-        raise VfoaError(f"{where}: encoding {raw.encoding!r}; {did_you_mean(raw.encoding, _ENCODINGS)}")
-    sample_bytes, samples, conversion = _ENCODINGS[raw.encoding]
-    row_bytes = raw.width_px * samples * sample_bytes
-    if raw.width_px <= 0 or raw.height_px <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * raw.height_px:
-        raise VfoaError(
-            f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding} in {len(raw.data)} bytes, "
-            f"{raw.step} a row; expected at least {row_bytes} a row"
-        )
-    if samples == 2 and raw.width_px % 2:  # two pixels share their colour
-        raise VfoaError(f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding}; expected an even width")
-    rows = np.frombuffer(raw.data, np.uint8, raw.step * raw.height_px).reshape(raw.height_px, raw.step)[:, :row_bytes]
+    if raw.form not in _ENCODINGS:
+        raise VfoaError(f"{where}: encoding {raw.form!r}; {did_you_mean(raw.form, _ENCODINGS)}")
+    sample_bytes, samples, conversion = _ENCODINGS[raw.form]
+    rows = _rows(raw, samples * sample_bytes, where)
+    height, width = len(rows), rows.shape[1] // (samples * sample_bytes)
+    if samples == 2 and width % 2:  # two pixels share their colour
+        raise VfoaError(f"{where}: {width} x {height} pixels of {raw.form}; expected an even width")
     if sample_bytes == 2:
         rows = rows[:, 0 if raw.is_bigendian else 1 :: 2]
-    pixels = np.ascontiguousarray(rows).reshape(raw.height_px, raw.width_px, samples)
+    pixels = np.ascontiguousarray(rows).reshape(height, width, samples)
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
+
+
+def _rows(raw: Picture, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
+    """The bytes of the pixels (H, W pixel_bytes), without what fills the rows."""
+    width, height = raw.size_px or (0, 0)
+    row_bytes = width * pixel_bytes
+    if min(width, height) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * height:
+        raise VfoaError(
+            f"{where}: {width} x {height} pixels of {raw.form} in {len(raw.data)} bytes, {raw.step} a row; expected at "
+            f"least {row_bytes} a row"
+        )
+    return np.frombuffer(raw.data, np.uint8, raw.step * height).reshape(height, raw.step)[:, :row_bytes]
 
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -83,7 +90,7 @@ _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transpor
 _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
-def may_be_depth(name: str, said: ImageHeader | None) -> bool:
+def may_be_depth(name: str, said: Picture | None) -> bool:
     """Whether a topic's name, and the description of its first image, fit a depth image."""
     lower = name.lower()
     if said is None or any(word in lower for word in _NO_DEPTH):
@@ -110,25 +117,18 @@ def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where
         If the message is not of its type, or its image is damaged or of another encoding.
     """
     content = picture(kind, data, where)
-    counts = _raw_depth(content, where) if isinstance(content, RawPicture) else _compressed_depth(content, where)
+    counts = _compressed_depth(content, where) if content.size_px is None else _raw_depth(content, where)
     return depth_map(counts, counts_per_m or default_counts_per_m(counts))
 
 
-def _raw_depth(raw: RawPicture, where: str) -> NDArray[Any]:
-    if raw.encoding not in _DEPTH:
-        raise VfoaError(f"{where}: a depth image in {raw.encoding!r}; expected one of: {', '.join(_DEPTH)}")
-    sample = np.dtype(_DEPTH[raw.encoding]).newbyteorder(">" if raw.is_bigendian else "<")
-    row_bytes = raw.width_px * sample.itemsize
-    if min(raw.width_px, raw.height_px) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * raw.height_px:
-        raise VfoaError(
-            f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding} in {len(raw.data)} bytes, "
-            f"{raw.step} a row; expected at least {row_bytes} a row"
-        )
-    rows = np.frombuffer(raw.data, np.uint8, raw.step * raw.height_px).reshape(raw.height_px, raw.step)
-    return np.ascontiguousarray(rows[:, :row_bytes]).view(sample)
+def _raw_depth(raw: Picture, where: str) -> NDArray[Any]:
+    if raw.form not in _DEPTH:
+        raise VfoaError(f"{where}: a depth image in {raw.form!r}; expected one of: {', '.join(_DEPTH)}")
+    sample = np.dtype(_DEPTH[raw.form]).newbyteorder(">" if raw.is_bigendian else "<")
+    return np.ascontiguousarray(_rows(raw, sample.itemsize, where)).view(sample)
 
 
-def _compressed_depth(content: CompressedPicture, where: str) -> NDArray[Any]:
+def _compressed_depth(content: Picture, where: str) -> NDArray[Any]:
     encoding, _, transport = (part.strip() for part in content.form.partition(";"))
     if "compressedDepth" not in content.form:
         return _png(content.data, where)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, ImageHeader, MessageType
+from harness.sources.recordings.messages import IMAGES, MessageType, Picture
 from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -31,7 +31,7 @@ class Topic:
     """One topic over all files.
 
     ``places`` are kept only for camera data. ``packets`` are all packets of a video in the order of writing, each with
-    whether a decoder can begin there. ``header`` describes the first message.
+    whether a decoder can begin there. ``header`` is the first image without its content.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Topic:
     count: int = 0
     places: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
-    header: ImageHeader | None = None
+    header: Picture | None = None
 
     @property
     def is_image(self) -> bool:

@@ -11,7 +11,7 @@ import av
 import numpy as np
 
 from harness.sources.media.images import MOST_PIXELS
-from harness.sources.recordings.messages import CompressedPicture, MessageType, picture
+from harness.sources.recordings.messages import MessageType, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 from vfoa.types import Image
@@ -49,11 +49,9 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
     Raises
     ------
     VfoaError
-        If the message is no packet, or its codec is not supported.
+        If the message cannot be decoded, or its codec is not supported.
     """
     packet = picture(kind, data, where)
-    if not isinstance(packet, CompressedPicture):
-        raise VfoaError(f"{where}: expected packets of a video")
     decoder = _decoder(packet.form, where)
     if packet.is_key is not None or not packet.data:
         return bool(packet.is_key)
@@ -170,7 +168,6 @@ class VideoDecoder:
     def _feed(self, number: int) -> list[Any]:
         place, _ = self._topic.packets[number]
         content = picture(self._topic.type, self._read(self._topic, place), self._where)
-        assert isinstance(content, CompressedPicture)
         if not content.data:  # the codec would take an empty packet for the end
             self._reset()
             raise VfoaError(f"{self._where}: packet {number + 1} is empty")

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from harness.sources.recordings.messages import RawPicture
+from harness.sources.recordings.messages import Picture
 from harness.sources.recordings.pixels import rgb
 from tests.disk import HEIGHT, WIDTH, picture
 from vfoa.errors import VfoaError
@@ -18,15 +20,15 @@ REPEATED = np.repeat(GRAY[..., None], 3, axis=2)
 PLACES = {"r": 0, "g": 1, "b": 2}
 
 
-def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool = False) -> RawPicture:
+def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool = False) -> Picture:
     """The message that holds these pixels, with ``padding`` bytes after each row."""
     height, width = pixels.shape[:2]
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    return RawPicture(
-        width_px=width,
-        height_px=height,
-        encoding=encoding,
+    return Picture(
+        form=encoding,
+        frame_id="",
+        size_px=(width, height),
         step=padded.shape[1],
         is_bigendian=big,
         data=padded.tobytes(),
@@ -102,13 +104,6 @@ def test_yuv_of_an_odd_width_is_refused(encoding: str) -> None:
 
 def test_data_that_are_too_short_are_refused() -> None:
     whole = raw("rgb8", COLOURS)
-    cut = RawPicture(
-        width_px=whole.width_px,
-        height_px=whole.height_px,
-        encoding="rgb8",
-        step=whole.step,
-        is_bigendian=False,
-        data=whole.data[:-1],
-    )
+    cut = dataclasses.replace(whole, data=whole.data[:-1])
     with pytest.raises(VfoaError, match=f"{WIDTH} x {HEIGHT} pixels of rgb8 in {len(cut.data)} bytes"):
         rgb(cut, "x")
