@@ -15,7 +15,6 @@ from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
-from harness.run.jobs import work_through
 from harness.run.loop import run_clip
 from harness.run.resume import ResultsSinks
 
@@ -77,7 +76,7 @@ def measure_stages(
             sinks=(recordings(configurations), ThumbnailSinks(), ResultsSinks()),
             drawn=drawn,
         )
-        for outcome in work_through(run_clip, [job], 1, lambda clip: None):
+        for outcome in [run_clip(job, lambda clip: None)]:
             for error in outcome.failures.values():
                 raise error
         directory.join(job.pairs)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from typing import Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -167,39 +167,42 @@ class TruthHeads:
         )
 
 
-class TruthHeadPose:
-    """A head-pose model that returns the true direction of the head; no pose for a head that is nobody's."""
+class _OfPerson:
+    """A stage that answers from the truth of the person to whom a head belongs; None for a head that is nobody's."""
 
-    Settings = OracleSettings
+    Settings: type[Settings] = OracleSettings
+    needed_by: ClassVar[str]
 
-    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
-        self._truth = KnownTruth(clip, 'head_pose.model = "truth"')
+    def __init__(self, settings: OracleSettings, clip: AnyClip) -> None:
+        self._truth = KnownTruth(clip, self.needed_by)
 
-    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Return the true direction of one head."""
+    def of_person(self, frame: int, person: PersonTruth) -> Any:
+        """Return the answer for one person."""
+        raise NotImplementedError
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None = None) -> Any:
+        """Return the answer for one head; None for a head that is nobody's."""
         person = self._truth.person(frame.index, head)
         return None if person is None else self.of_person(frame.index, person)
 
+
+class TruthHeadPose(_OfPerson):
+    """A head-pose model that returns the true direction of the head; no pose for a head that is nobody's."""
+
+    needed_by = 'head_pose.model = "truth"'
+
     def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
-        """Return the true direction of one person's head."""
+        """Return the direction of one person's head."""
         return HeadPose(direction=self._truth.head_direction(frame, person))
 
 
-class TruthGaze:
+class TruthGaze(_OfPerson):
     """A gaze model that returns the true gaze direction; no gaze for a head that is nobody's."""
 
-    Settings = OracleSettings
-
-    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
-        self._truth = KnownTruth(clip, 'gaze.model = "truth"')
-
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Return the true gaze of one head."""
-        person = self._truth.person(frame.index, head)
-        return None if person is None else self.of_person(frame.index, person)
+    needed_by = 'gaze.model = "truth"'
 
     def of_person(self, frame: int, person: PersonTruth) -> Gaze:
-        """Return the true gaze of one person."""
+        """Return the gaze of one person."""
         return Gaze(direction=self._truth.gaze_direction(frame, person))
 
 
@@ -256,7 +259,7 @@ class _ErrorSettings(Settings):
     """Mean angle of a bias that is constant for a person in a clip, beside ``error_deg``."""
     gain: float = Field(default=1.0, ge=0.1, le=1.5)
     """Factor of a direction's angle from the camera; below 1, directions shrink towards the camera."""
-    noise: Literal["normal", "von_mises_fisher", "student"] = "normal"
+    noise: Literal["normal", "student"] = "normal"
     """Distribution of the noise of each frame; Student's has three degrees of freedom and the same mean angle."""
     draw: str = CLIP_VARIABLE
     """Clips of one draw have the same errors, person by person. With the clip's name, each clip has its own."""
@@ -302,8 +305,6 @@ class AngularError:
     def _noise(self, person: int, frame: int, sigma: float) -> Float:
         """The noise (2,) of this frame, radians in the two tangent directions."""
         pair = self._normal(person, _NOISE, frame)
-        if self._settings.noise == "von_mises_fisher" and sigma > 0:
-            return _von_mises_fisher(pair, sigma)
         if self._settings.noise == "student":
             return sigma * pair * self._student_factor(person, frame)
         return np.asarray(sigma * pair)
@@ -338,57 +339,40 @@ def _shrunk(direction: Float, towards_camera: Float, gain: float) -> Float:
     return unit((start * towards_camera + end * direction) / np.sin(angle))
 
 
-def _von_mises_fisher(pair: Float, sigma: float) -> Float:
-    """An offset (2,) whose length has the distribution on the sphere with concentration 1 / sigma^2 (Wood 1994)."""
-    length = float(np.linalg.norm(pair))
-    concentration = 1 / sigma**2
-    uniform = math.exp(-(length**2) / 2)
-    cosine = 1 + math.log(uniform + (1 - uniform) * math.exp(-2 * concentration)) / concentration
-    return np.asarray(math.acos(max(cosine, -1.0)) * pair / max(length, np.finfo(float).tiny))
-
-
-class SimulatedHeadPose:
+class SimulatedHeadPose(TruthHeadPose):
     """A head-pose model that returns the true direction of the head with a simulated error."""
 
     Settings = SimulatedHeadPoseSettings
+    needed_by = 'head_pose.model = "simulated"'
 
     def __init__(self, settings: SimulatedHeadPoseSettings, clip: AnyClip) -> None:
-        self._truth = KnownTruth(clip, 'head_pose.model = "simulated"')
+        super().__init__(OracleSettings(), clip)
         self._error = AngularError(settings, stream=1)
-
-    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Return the direction of one head with its error; None for a head that is nobody's."""
-        person = self._truth.person(frame.index, head)
-        return None if person is None else self.of_person(frame.index, person)
 
     def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
         """Return the direction of one person's head with its error."""
-        direction = self._truth.head_direction(frame, person)
-        found = self._error.apply(direction, person.instance_id, frame, _towards_camera(person))
+        true = super().of_person(frame, person).direction
+        found = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
         return HeadPose(direction=found, sigma_rad=self._error.claimed_sigma_rad)
 
 
-class SimulatedGaze:
+class SimulatedGaze(TruthGaze):
     """A gaze model that returns the true gaze with a simulated error.
 
     Its sigma is the claimed error per tangent direction.
     """
 
     Settings = SimulatedGazeSettings
+    needed_by = 'gaze.model = "simulated"'
 
     def __init__(self, settings: SimulatedGazeSettings, clip: AnyClip) -> None:
-        self._truth = KnownTruth(clip, 'gaze.model = "simulated"')
+        super().__init__(OracleSettings(), clip)
         self._error = AngularError(settings, stream=2)
-
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Return the gaze of one head with its error; None for a head that is nobody's."""
-        person = self._truth.person(frame.index, head)
-        return None if person is None else self.of_person(frame.index, person)
 
     def of_person(self, frame: int, person: PersonTruth) -> Gaze:
         """Return the gaze of one person with its error."""
-        direction = self._truth.gaze_direction(frame, person)
-        found = self._error.apply(direction, person.instance_id, frame, _towards_camera(person))
+        true = super().of_person(frame, person).direction
+        found = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
         return Gaze(direction=found, sigma_rad=self._error.claimed_sigma_rad)
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, TypeVar, cast
 
-from harness.files.io import ChangedError, read_unchanged
+from harness.files.io import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip
@@ -47,34 +47,17 @@ class SharedFrame:
     windows: Mapping[str, WindowStart] = field(default_factory=dict)
 
 
-class UnreadableFrameError(VfoaError):
-    """An image that is damaged or missing; ``frame`` is the number of its frame."""
-
-    def __init__(self, line: str, frame: int = 0) -> None:
-        super().__init__(line)
-        self.frame = frame
-
-
 def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, float]]:
     """Read the frames with these numbers, each with the seconds that reading took.
 
     Raises
     ------
-    UnreadableFrameError
+    VfoaError
         If one cannot be read.
     """
-
-    def read(number: int) -> StereoFrame:
-        try:
-            return clip.frame(number)
-        except ChangedError:
-            raise
-        except VfoaError as error:
-            raise UnreadableFrameError(str(error), number) from None
-
     for number in numbers:
         started = time.perf_counter()
-        frame = read_unchanged(read, number)
+        frame = read_unchanged(clip.frame, number)
         yield frame, time.perf_counter() - started
 
 

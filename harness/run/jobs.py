@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from harness.files.digests import KNOWN
 from harness.pipeline.cache import Account, open_cache
@@ -19,7 +18,7 @@ from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.perception import Perception
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
-from harness.run.executors import Executor, InProcess, Job, Outcome, Progress, Work, compute_with
+from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
 from harness.run.plan import Plan, PreparedClip
@@ -323,13 +322,3 @@ def executor(
 
         with Pool(workers) as pool:
             yield pool
-
-
-def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
-    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a lost job is an error."""
-    with executor(min(workers, max(len(jobs), 1))) as chosen:
-        yield from chosen.run(work, jobs, progress, _raise_lost)
-
-
-def _raise_lost(job: Any, why: str) -> Any:
-    raise VfoaError(why)

@@ -7,7 +7,7 @@ continue.
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from types import TracebackType
@@ -17,14 +17,14 @@ from harness.clips.naming import SubjectNames, name_frame
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.measures import Measurer
-from harness.pipeline.perception import SharedFrame, UnreadableFrameError, one_at_a_time, pose_frames, prefetch
+from harness.pipeline.perception import SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
 from harness.run.records import to_record
 from harness.run.resume import Checkpoint, pause_s, write_checkpoint
-from harness.sources import Clip, MeasuredClip
+from harness.sources import MeasuredClip
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.temporal import WindowStart
@@ -33,9 +33,6 @@ from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 T = TypeVar("T")
-
-_NEXT, _NAMED = 1000, 10
-"""After a frame that cannot be read, how many are tried, and how many of those that cannot be read are named."""
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
@@ -65,31 +62,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
     if job.cache:
         job.cache.store.trim()
-    return job.outcome(_with_others([each.error for each in runners], clip, job.frames), perception.take_tallies())
-
-
-def _with_others(errors: Sequence[VfoaError | None], clip: Clip, numbers: Sequence[int]) -> list[VfoaError | None]:
-    """Add to the error of a frame that cannot be read which of the next frames cannot be read either."""
-    first = next((each for each in errors if isinstance(each, UnreadableFrameError)), None)
-    if first is None:
-        return list(errors)
-    next_ones = [number for number in numbers if number > first.frame][:_NEXT]
-    others = [number for number in next_ones if not _is_readable(clip, number)]
-    if others:
-        named = ", ".join(map(str, others[:_NAMED])) + (" ..." if len(others) > _NAMED else "")
-        found = f"{len(others)} of the next {len(next_ones)} frames cannot be read either: {named}"
-    else:
-        found = f"the next {len(next_ones)} frames can be read"
-    said = VfoaError(f"{first}; {found}")
-    return [said if each is first else each for each in errors]
-
-
-def _is_readable(clip: Clip, number: int) -> bool:
-    try:
-        clip.frame(number)
-    except VfoaError:
-        return False
-    return True
+    return job.outcome((each.error for each in runners), perception.take_tallies())
 
 
 def attend_to(

@@ -108,7 +108,7 @@ class Cluster:
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
-        """As :class:`harness.run.executors.Executor`.
+        """As :class:`harness.run.executors.Executor`; the progress of a job is told when it is finished.
 
         If the caller stops iterating, or is interrupted, control returns when no worker runs a job any more: queued
         jobs do not begin, and running ones stop after the current frame.
@@ -116,12 +116,6 @@ class Cluster:
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
 
-        def heard(event: tuple[float, dict[str, dict[str, int]]]) -> None:
-            for word, count in event[1][COUNTS].items():
-                for _ in range(count):
-                    progress(word)
-
-        self._client.subscribe_topic(TOPIC, heard)
         here = Surroundings()
         run = uuid4().hex
         submit = partial(self._client.submit, on_worker, here, self._code, self._sees, run, work, pure=False)
@@ -129,7 +123,7 @@ class Cluster:
         try:
             for job, future in zip(jobs, futures, strict=True):
                 try:
-                    yield future.result()
+                    outcome, words = future.result()
                 except KilledWorker:
                     yield lost(job, GIVEN_UP)
                 except (CancelledError, CommClosedError):
@@ -137,11 +131,14 @@ class Cluster:
                         "--scheduler: the scheduler is gone; what is finished is kept: start a "
                         "scheduler and workers, and run the same command again"
                     ) from None
+                else:
+                    for word in words:
+                        progress(word)
+                    yield outcome
         finally:
             with suppress(CommClosedError, CancelledError, TimeoutError, OSError):  # of a scheduler that is gone
                 _end(self._client, futures, run)
                 self._client.cancel(futures)
-                self._client.unsubscribe_topic(TOPIC)
 
 
 def _end(client: Client, futures: Sequence[Future], run: str) -> None:
@@ -152,15 +149,6 @@ def _end(client: Client, futures: Sequence[Future], run: str) -> None:
         with suppress(TimeoutError):
             running[0].exception(timeout=1)
 
-
-TOPIC = "vfoa"
-"""Topic of the events with which workers tell of their progress."""
-
-COUNTS = "counts"
-"""The key of the counts in an event, to which Dask adds keys of its own."""
-
-PATIENCE_SECONDS = 30
-TOLD_EVERY_SECONDS = 0.2
 
 _stopped: set[str] = set()
 """In a worker: the runs whose jobs must stop."""
@@ -204,8 +192,8 @@ def on_worker(
     run: str,
     work: Callable[[Any, Progress], Any],
     job: Any,
-) -> Any:
-    """Return ``work(job, progress)``.
+) -> tuple[Any, list[str]]:
+    """Return ``work(job, progress)``, and what ``progress`` was called with.
 
     Parameters
     ----------
@@ -226,20 +214,16 @@ def on_worker(
     """
     from distributed import get_worker
 
-    worker = get_worker()
-    with _naming(worker.address):
+    with _naming(get_worker().address):
         _prepare(here, code, sees, run)
-        told = _Told(lambda words: worker.log_event(TOPIC, {COUNTS: words}))
+        words: list[str] = []
 
         def progress(word: str) -> None:
-            told.add(word)
+            words.append(word)
             _check_goes_on(run)
 
         _check_goes_on(run)
-        try:
-            return work(job, progress)
-        finally:
-            told.send()
+        return work(job, progress), words
 
 
 @contextmanager
@@ -279,24 +263,5 @@ def _appears(path: Path) -> bool:
     while not path.exists():
         if time.monotonic() > deadline:
             return False
-        time.sleep(TOLD_EVERY_SECONDS)
+        time.sleep(0.2)
     return True
-
-
-class _Told:
-    """Counts progress words and sends them in batches: a message costs as much as a small frame."""
-
-    def __init__(self, send: Callable[[dict[str, int]], object]) -> None:
-        self._send, self._counts, self._sent_s = send, dict[str, int](), time.monotonic()
-
-    def add(self, word: str) -> None:
-        """Count a word."""
-        self._counts[word] = self._counts.get(word, 0) + 1
-        if time.monotonic() - self._sent_s >= TOLD_EVERY_SECONDS:
-            self.send()
-
-    def send(self) -> None:
-        """Send the counts since the last call."""
-        if self._counts:
-            self._send(self._counts)
-        self._counts, self._sent_s = {}, time.monotonic()

@@ -13,7 +13,7 @@ import pytest
 
 from harness.run.executors import InProcess
 from harness.run.executors.cluster import local_cluster
-from harness.run.jobs import executor, work_through
+from harness.run.jobs import executor
 from vfoa.errors import VfoaError
 
 
@@ -31,15 +31,16 @@ def _fail(number: int, progress: Callable[[str], None]) -> int:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_outcomes_come_in_the_order_of_the_jobs_with_one_thread_each(workers: int) -> None:
     told: list[str] = []
-    outcomes = list(work_through(_square, [3, 1, 2], workers, told.append))
+    with executor(workers) as chosen:
+        outcomes = list(chosen.run(_square, [3, 1, 2], told.append, _no_number))
     assert outcomes == [(9, 1), (1, 1), (4, 1)]
     assert sorted(told) == ["1", "2", "3"]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_bug_keeps_its_type_and_message(workers: int) -> None:
-    with pytest.raises(ZeroDivisionError, match="job 1"):
-        list(work_through(_fail, [1, 2], workers, lambda word: None))
+    with executor(workers) as chosen, pytest.raises(ZeroDivisionError, match="job 1"):
+        list(chosen.run(_fail, [1, 2], lambda word: None, _no_number))
 
 
 def _pid(number: int, progress: Callable[[str], None]) -> int:
@@ -47,7 +48,8 @@ def _pid(number: int, progress: Callable[[str], None]) -> int:
 
 
 def test_one_worker_stays_in_this_process() -> None:
-    assert set(work_through(_pid, [1, 2], 1, lambda word: None)) == {os.getpid()}
+    with executor(1) as chosen:
+        assert set(chosen.run(_pid, [1, 2], lambda word: None, _no_number)) == {os.getpid()}
 
 
 def test_the_processes_of_a_pool_go_on_from_one_run_to_the_next() -> None:
@@ -113,8 +115,6 @@ def test_a_job_that_kills_every_worker_is_given_up_alone(tmp_path: Path) -> None
     with executor(2) as pool:
         outcomes = list(pool.run(_die, [tmp_path / n for n in ("a", "deadly", "b")], lambda word: None, _give_up))
     assert outcomes == ["a", "deadly: its worker process died 3 times over", "b"]
-    with pytest.raises(VfoaError, match="its worker process died 3 times over"):
-        list(work_through(_die, [tmp_path / "deadly", tmp_path / "a"], 2, lambda word: None))
 
 
 def test_a_worker_does_not_run_what_lies_in_the_working_directory(
@@ -155,9 +155,11 @@ def _linger(folder: Path, progress: Callable[[str], None]) -> None:
 
 def test_workers_do_not_outlive_a_run_that_was_killed(tmp_path: Path) -> None:
     code = (
-        "from pathlib import Path; from harness.run.jobs import work_through\n"
+        "from pathlib import Path; from harness.run.jobs import executor\n"
         "from test_executors import _linger\n"
-        f"if __name__ == '__main__': list(work_through(_linger, [Path({str(tmp_path)!r})] * 2, 2, print))"
+        "if __name__ == '__main__':\n"
+        "    with executor(2) as pool:\n"
+        f"        list(pool.run(_linger, [Path({str(tmp_path)!r})] * 2, print, print))\n"
     )
     script = tmp_path / "script.py"
     script.write_text(code)

@@ -184,20 +184,12 @@ def test_a_run_for_an_annotator_without_labels_does_not_begin() -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize(
-    ("damaged", "said"),
-    [
-        ([2], "the next 4 frames can be read"),
-        ([2, 4, 5], "2 of the next 4 frames cannot be read either: 4, 5"),
-    ],
-)
-def test_a_frame_that_cannot_be_read_leaves_no_table_and_the_others_are_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: list[int], said: str, workers: int
+def test_a_frame_that_cannot_be_read_leaves_no_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
 ) -> None:
     root = sintel_scene(tmp_path / "data", frames=range(1, 7))
-    for number in damaged:
-        cut = root / "training" / "clean_left" / "alley" / f"frame_{number:04d}.png"
-        cut.write_bytes(cut.read_bytes()[:-20])
+    cut = root / "training" / "clean_left" / "alley" / "frame_0002.png"
+    cut.write_bytes(cut.read_bytes()[:-20])
     nothing = Instances(ids=np.zeros((HEIGHT, WIDTH), np.uint16), instances=())
     write_coco_panoptic(tmp_path / "masks", [(frame, nothing) for frame in range(1, 7)])
     write_text(
@@ -212,7 +204,7 @@ def test_a_frame_that_cannot_be_read_leaves_no_table_and_the_others_are_counted(
     write_text(tmp_path / "mine.toml", f'clips = ["cut"]\n[[configuration]]\nname = "only"\n{stages}')
     monkeypatch.chdir(tmp_path)
     plan = prepare(load_experiment("mine.toml"))
-    with pytest.raises(VfoaError, match=rf"frame_0002\.png: truncated PNG.*; {said}") as caught:
+    with pytest.raises(VfoaError, match=r"frame_0002\.png: truncated PNG") as caught:
         run_plan(
             plan, tmp_path / "out", workers=workers, progress=lambda clip: None, cache=Store(tmp_path / "c", 10**9)
         )
