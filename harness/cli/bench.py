@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -68,14 +70,7 @@ def bench(
             tables.append(table)
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
-        on = [] if provider is ProviderName.cpu else ["--provider", provider.value]
-        options = [
-            *(["--clip", clip] if clip else []),
-            *on,
-            *(f"--set {each}" for each in changes),
-            *(f"--only {name}" for name in only or ()),
-        ]
-        command = " ".join(["vfoa bench", experiment, "--limit", str(limit), *options])
+        command = shlex.join(["vfoa", *sys.argv[1:]])
         load = f"Load of the machine at the end, in processes: {os.getloadavg()[0]:.1f}."
         head = f"# Benchmark\n\n`{command}`: {machine}. {load}\n\n"
         atomic_write(out, head + "\n".join(to_markdown(table, level=2) for table in tables))

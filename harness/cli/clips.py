@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json, clip_names
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.terminal import bytes_bar, print_json, print_table, say
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
@@ -224,42 +224,37 @@ def fetch_clips(
     ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels. ``opencv_stereo``: 13 pairs of a
     calibration board, samples of OpenCV.
     """
+    from harness.clips import fetch
     from harness.remote import expand
     from vfoa.errors import VfoaError, did_you_mean
 
-    fetchers = {
-        "sintel": _fetch_sintel,
-        "idiap_vfoa": _fetch_idiap,
-        "vr_objects": _fetch_vr_objects,
-        "opencv_stereo": _fetch_opencv,
+    repositories: dict[str, tuple[str, str, str, Callable[[Path], None]]] = {
+        "idiap_vfoa": (fetch.IDIAP_LICENCE, fetch.IDIAP_HOME, "", _import_idiap),
+        "vr_objects": (fetch.VR_LICENCE, fetch.VR_HOME, "data", _convert_vr_objects),
+        "opencv_stereo": (fetch.OPENCV_LICENCE, fetch.OPENCV_HOME, "", lambda root: None),
     }
-    if source not in fetchers:
-        raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, fetchers)}")
+    if source not in (known := ["sintel", *repositories]):
+        raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, known)}")
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
-    fetchers[source](root)
+    if source in repositories:
+        licence, home, folder, finish = repositories[source]
+        say(f"licence: {licence}")
+        with bytes_bar(source) as progress:
+            files = (fetch.HEADS, fetch.LABELS) if source == "idiap_vfoa" else fetch.listed_files(source)
+            fetch.fetch_files(root / folder, files, home, progress)
+        finish(root)
+    else:
+        with bytes_bar(source) as progress:
+            fetch.fetch_sintel(root, progress=progress)
     say(f"{source}: {root}")
 
 
-def _fetch_sintel(root: Path) -> None:
-    from harness.cli.terminal import bytes_bar
-    from harness.clips.fetch import ARCHIVES, fetch_sintel
-
-    for part, archive in ARCHIVES.items():
-        with bytes_bar(archive) as progress:
-            fetch_sintel(root, (part,), progress=progress)
-
-
-def _fetch_idiap(root: Path) -> None:
+def _import_idiap(root: Path) -> None:
+    """Write the ground truth as labels of the clip, unless it has some."""
     from harness.annotate.convert import import_labels, open_exchange
-    from harness.cli.terminal import bytes_bar
-    from harness.clips.fetch import HEADS, IDIAP_HOME, IDIAP_LICENCE, LABELS, fetch_files
+    from harness.clips.fetch import LABELS
     from harness.clips.manifest import load_manifest
 
-    say(f"licence: {IDIAP_LICENCE}")
-    with bytes_bar("idiap_vfoa") as progress:
-        fetch_files(root, (HEADS, LABELS), IDIAP_HOME, progress)
-    for file in (HEADS, LABELS):
-        say(f"{root / file.name}: sha256 {file.sha256}")
     manifest = load_manifest("idiap_vfoa")
     place = manifest.annotations.place()
     if place.exists():
@@ -270,35 +265,21 @@ def _fetch_idiap(root: Path) -> None:
     say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
-def _fetch_vr_objects(root: Path) -> None:
-    from harness.cli.terminal import bytes_bar
-    from harness.clips.fetch import VR_HOME, VR_LICENCE, fetch_files, listed_files
+def _convert_vr_objects(root: Path) -> None:
+    """Write each session as tables of measurements with labels."""
     from harness.labels.files import write_annotations
     from harness.pipeline.ground_truth import true_labels
     from harness.sources.measured.tables import write_measured
     from harness.sources.measured.vr_objects import VrObjectsClip
 
-    say(f"licence: {VR_LICENCE}")
-    files = listed_files("vr_objects")
-    with bytes_bar("vr_objects") as progress:
-        fetch_files(root / "data", files, VR_HOME, progress)
-    for session in sorted({Path(file.name).parts[:3] for file in files}):
-        room, person, _ = session
-        clip = VrObjectsClip(VrObjectsClip.Settings(), root.joinpath("data", *session))
+    for session in sorted(path for path in root.glob("data/*/*/*") if path.is_dir()):
+        room, person, _ = session.parts[-3:]
+        clip = VrObjectsClip(VrObjectsClip.Settings(), session)
         place = root / f"{room.removesuffix('_laser')}_p{int(person):02}"
         place.mkdir(exist_ok=True)
         write_measured(place, clip.measurements)
         write_annotations(place / "labels.csv", true_labels(clip, unknown=""))
         say(f"{place}: {len(clip.frames)} frames")
-
-
-def _fetch_opencv(root: Path) -> None:
-    from harness.cli.terminal import bytes_bar
-    from harness.clips.fetch import OPENCV_HOME, OPENCV_LICENCE, fetch_files, listed_files
-
-    say(f"licence: {OPENCV_LICENCE}")
-    with bytes_bar("opencv_stereo") as progress:
-        fetch_files(root, listed_files("opencv_stereo"), OPENCV_HOME, progress)
 
 
 def _print_list(rows: list[ClipRow]) -> None:
@@ -308,7 +289,7 @@ def _print_list(rows: list[ClipRow]) -> None:
             [row.name, row.adapter, row.frames, len(row.subjects), len(row.targets), row.labels, row.licence]
             for row in rows
         ],
-        shortened={"licence"},
+        shortened="licence",
     )
     for row in rows:
         if row.problem:

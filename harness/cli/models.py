@@ -38,9 +38,9 @@ def list_models(as_json: Json = False) -> None:
             [name, entry.stage, entry.size, "yes" if entry.find() else None, entry.licence]
             for name, entry in models.items()
         ],
-        wrapped={"licence"},
+        wrapped=("licence",),
     )
-    print_table(["stage", "ready to run", "chosen by"], ready_rows(), wrapped={"chosen by"})
+    print_table(["stage", "ready to run", "chosen by"], ready_rows(), wrapped=("chosen by",))
 
 
 @app.command(name="fetch", short_help="Fetch models from their own sites.")

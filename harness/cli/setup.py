@@ -107,7 +107,7 @@ def doctor(as_json: Json = False) -> None:
         print_table(
             ["check", "state", "to mend it"],
             [[finding.what, finding.state, finding.fix] for finding in findings],
-            wrapped={"state", "to mend it"},
+            wrapped=("state", "to mend it"),
         )
     if any(finding.required and finding.fix for finding in findings):
         raise typer.Exit(2)

@@ -8,21 +8,17 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from harness.files.io import shown
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn, TaskID
+
     from harness.report.formats import Table
     from harness.score.score import Scores
-
-
-_GAP = 2
-"""Characters that rich adds to each column: a blank, and its part of the frame."""
-_WORDS = 20
-"""Least width of a readable column of sentences."""
 
 
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
@@ -31,49 +27,28 @@ def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
 
 
 def print_table(
-    header: Sequence[str],
-    rows: Sequence[Sequence[object]],
-    wrapped: Collection[str] = (),
-    shortened: Collection[str] = (),
+    header: Sequence[str], rows: Iterable[Sequence[object]], wrapped: Collection[str] = (), shortened: str | None = None
 ) -> None:
-    """Print a table without losing a column or a digit: if it is too wide, in parts that repeat the first column.
+    """Print a table of text: no wider than the terminal if it can be, else as wide as its cells are.
 
-    Before that, columns named in ``wrapped`` are broken into lines, and those in ``shortened`` are cut.
+    Columns named in ``wrapped`` are broken into lines, and cells of the column ``shortened`` are cut.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in header:
+        table.add_column(name, no_wrap=name not in (*wrapped, shortened), overflow="fold")
+    for row in rows:
+        cells = [Text("-" if cell in (None, "") else shown(str(cell))) for cell in row]
+        for name, cell in zip(header, cells, strict=True):
+            cell.no_wrap, cell.overflow = (True, "ellipsis") if name == shortened else (None, None)
+        table.add_row(*cells)
     console = Console()
-    texts = [["-" if cell in (None, "") else shown(str(cell)) for cell in row] for row in rows]
-    flexible = {*wrapped, *shortened}
-    widths = [
-        max(len(name), _WORDS if name in wrapped else 0) if name in flexible else max(map(len, (name, *cells)))
-        for name, *cells in zip(header, *texts, strict=True)
-    ]
-    for part in _parts(widths, console.width):
-        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for place in part:
-            name = header[place]
-            table.add_column(name, no_wrap=name not in flexible, overflow="fold", min_width=len(name))
-        for row in texts:
-            cells = [Text(row[place]) for place in part]
-            for place, cell in zip(part, cells, strict=True):
-                if header[place] in shortened:
-                    cell.no_wrap, cell.overflow = True, "ellipsis"
-            table.add_row(*cells)
-        console.print(table)
-
-
-def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Indices of columns that fit beside each other, each part with the first one."""
-    parts = [[0]]
-    for place in range(1, len(widths)):
-        if len(parts[-1]) > 1 and sum(widths[each] + _GAP for each in (*parts[-1], place)) > room:
-            parts.append([0])
-        parts[-1].append(place)
-    return parts
+    console.width = max(console.width, console.measure(table).minimum)
+    console.print(table)
 
 
 def print_report(table: Table, *, bold: int | None = None) -> None:
@@ -186,27 +161,14 @@ def say_unknown_names(scores: Scores) -> None:
 @contextmanager
 def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     """Yield a function to call after each frame with the clip's name."""
-    if not sys.stderr.isatty():
-        yield lambda clip: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.1f} frames/s"),
-        TimeRemainingColumn(),
-    )
-    started, done = time.monotonic(), 0
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(shown(what), total=total, rate=0.0)
+    started = time.monotonic()
+    columns = MofNCompleteColumn(), TextColumn("{task.fields[rate]:.1f} frames/s"), TimeRemainingColumn()
+    with _bar(what, total, *columns, rate=0.0) as (bar, task):
 
         def advance(clip: str) -> None:
-            nonlocal done
-            done += 1
-            rate = done / max(time.monotonic() - started, 1e-9)
+            rate = (bar.tasks[0].completed + 1) / max(time.monotonic() - started, 1e-9)
             bar.update(task, advance=1, description=shown(clip), rate=rate)
 
         yield advance
@@ -215,19 +177,19 @@ def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
     """Yield a function to call with the bytes received and the total bytes, None if unknown."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+    from rich.progress import DownloadColumn, TimeRemainingColumn, TransferSpeedColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(shown(what), total=None)
+    with _bar(what, None, DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn()) as (bar, task):
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _bar(what: str, total: int | None, *columns: ProgressColumn, **fields: Any) -> Iterator[tuple[Progress, TaskID]]:
+    """Show a progress bar on stderr while it is a terminal; ``fields`` are those of its task."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    shape = TextColumn("{task.description}"), BarColumn(), *columns
+    with Progress(*shape, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+        yield bar, bar.add_task(shown(what), total=total, **fields)

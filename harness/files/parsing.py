@@ -197,21 +197,7 @@ def check_archive(data: bytes, where: object) -> None:
             members = archive.infolist()
     except _ZIP_DAMAGE:
         return
-    check_unpacked(members, where)
-
-
-def check_unpacked(members: Iterable[zipfile.ZipInfo], where: object) -> None:
-    """Reject archives that are packed too densely, or unpack to too much; :mod:`zipfile` enforces the stated sizes.
-
-    Raises
-    ------
-    VfoaError
-        With the sizes.
-    """
-    packed, unpacked = 0, 0
-    for member in members:
-        packed += member.compress_size
-        unpacked += member.file_size
+    packed, unpacked = (sum(getattr(each, size) for each in members) for size in ("compress_size", "file_size"))
     if unpacked > min(MOST_UNPACKED_BYTES, max(MOST_COMPRESSION * packed, 2**20)):
         raise VfoaError(f"{where}: {packed} bytes unpack to {unpacked}; expected an archive of ordinary files")
 

@@ -140,6 +140,22 @@ def _fault(what: str, error: Exception) -> StageError:
     return StageError(f"{what}: {line}", "".join(traceback.format_exception(error)))
 
 
+_OUTPUTS: dict[str, type | tuple[type | None, ...]] = {
+    "match": Disparity,
+    "match_region": Disparity,
+    "segment": Instances,
+    "estimate_sequence": Gaze,
+    "head_pose.estimate": (HeadPose, None),
+    "gaze.estimate": (Gaze, NoGaze, None),
+    "detect": (tuple, list),
+    "faces": (tuple, list),
+    "with_people": (tuple, list),
+    "crop": np.ndarray,
+    "stride": (int, np.integer),
+}
+"""The kinds of output of each method, or of a slot's method."""
+
+
 def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...]) -> None:
     """Check the output of a stage's method: a wrong kind or size would fail far from the stage that made it.
 
@@ -148,28 +164,19 @@ def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...])
     TypeError, ValueError
         If the kind of value, or the size of a map, is wrong. Outputs of unknown methods are not checked.
     """
-    if method in ("match", "match_region"):
-        expected, is_right = "Disparity", isinstance(value, Disparity)
-    elif method == "segment":
-        expected, is_right = "Instances", isinstance(value, Instances)
-    elif method == "estimate_sequence":
-        expected, is_right = "Gaze", isinstance(value, Gaze)
-    elif method == "estimate" and slot == "head_pose":
-        expected, is_right = "HeadPose or None", value is None or isinstance(value, HeadPose)
-    elif method == "estimate":
-        expected, is_right = "Gaze or None", value is None or isinstance(value, Gaze | NoGaze)
-    elif method in ("detect", "faces", "with_people"):
-        heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
-        expected, is_right = "tuple of Head", heads
-    elif method == "crop":
-        image = isinstance(value, np.ndarray) and value.dtype == np.uint8 and value.ndim == 3
-        expected, is_right = "(h, w, 3) array of uint8", image
-    elif method == "stride":
-        expected, is_right = "whole number above 0", isinstance(value, int | np.integer) and int(value) > 0
-    else:
+    kinds = _OUTPUTS.get(method) or _OUTPUTS.get(f"{slot}.{method}")
+    if kinds is None:
         return
-    if not is_right:
+    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
+    if not isinstance(value, tuple(type(None) if kind is None else kind for kind in kinds)):
+        expected = " or ".join("None" if kind is None else kind.__name__ for kind in kinds)
         raise TypeError(f"returned {type(value).__name__}; expected {expected}")
+    if isinstance(value, tuple | list) and not all(isinstance(each, Head) for each in value):
+        raise TypeError(f"returned a {type(value).__name__} of other values; expected heads")
+    if isinstance(value, np.ndarray) and (value.dtype != np.uint8 or value.ndim != 3):
+        raise TypeError(f"returned an array {value.shape} of {value.dtype}; expected (h, w, 3) of uint8")
+    if isinstance(value, int | np.integer) and value <= 0:
+        raise TypeError(f"returned {value}; expected a number above 0")
     if isinstance(value, Disparity | Instances):
         shape = value.disparity_px.shape if isinstance(value, Disparity) else value.ids.shape
         rig = inputs[0].rig

@@ -56,16 +56,8 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
         If the file is missing, a line has another version or is no record of a frame, the last line is cut, or a
         frame occurs twice; the message names the file and the line.
     """
-    seen: dict[tuple[str, str, int], int] = {}
-    check_readable(path)
-    try:
-        with path.open("rb") as file:
-            for number, line in enumerate(file, start=1):
-                record = _from_line(line, path, number)
-                _check_first(seen, record, path, number)
-                yield record
-    except OSError as error:
-        raise unreadable(path, error) from None
+    for block in find_blocks(path):
+        yield from read_block(path, block)
 
 
 def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
@@ -182,7 +174,7 @@ def _check_version(line: bytes, path: Path, number: int) -> None:
         raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")
 
 
-def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord | _Place, path: Path, number: int) -> None:
+def _check_first(seen: dict[tuple[str, str, int], int], record: _Place, path: Path, number: int) -> None:
     first = seen.setdefault((record.clip, record.configuration, record.frame), number)
     if first != number:
         raise VfoaError(

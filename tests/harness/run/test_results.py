@@ -146,8 +146,8 @@ def test_another_program_may_write_the_same_json_differently(tmp_path: Path) -> 
         (to_line(RECORD).replace('"version":1', '"version":2'), "expected version 1, found 2"),
         (to_line(RECORD).replace('"version":1,', ""), "expected version 1, found None"),
         (to_line(RECORD).replace('"frame":1', '"frame":"1"'), r"Expected `int`, got `str` - at `\$\.frame`"),
-        (to_line(RECORD).replace('"time_ns"', '"time"'), "missing required field `time_ns`"),
-        (to_line(RECORD).replace('"focus":1', '"focus":7'), r"attends to instances \[7\]"),
+        (to_line(replace(RECORD, frame=2)).replace('"time_ns"', '"time"'), "missing required field `time_ns`"),
+        (to_line(replace(RECORD, frame=2)).replace('"focus":1', '"focus":7'), r"attends to instances \[7\]"),
         (to_line(RECORD), "frame 1 of clip 'clip' under 'one' is on line 1 already"),
     ],
 )
