@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.annotate.journal import Entry, History, JournaledStore, OutsideClipError
+from harness.annotate.journal import Entry, JournaledStore, OutsideClipError
 from harness.labels.drawn import (
     Drawn,
     KeyFrame,
@@ -43,62 +43,7 @@ class Draw(Settings):
     place: tuple[float, ...] = ()
 
 
-class DrawnHistory(History[Drawn, dict[str, Any]]):
-    """The state of a clip's drawing: key frames by name and kind.
-
-    An entry is one of
-
-    {"base": tracks, "revision": r}                               begin anew, from the file
-    {"draw": {"name", "kind", "before": keys, "after": keys}}     key frames of a track, [frame, place, outside] each
-    {"set": tracks}                                               targets were renamed, deleted or restored
-    {"undo": true}    {"redo": true}
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.tracks: dict[tuple[str, Kind], Keys] = {}
-
-    def apply(self, entry: Entry) -> None:
-        """Apply one entry; ValueError, KeyError and similar if it does not fit this clip."""
-        if "base" in entry:
-            self._set(entry["base"])
-            self.undo.clear()
-            self.revision = max(self.revision, entry["revision"])
-        elif "draw" in entry:
-            self._place(entry["draw"], "after")
-            self.undo.make(entry["draw"], entry)
-        elif "set" in entry:
-            self._set(entry["set"])
-        elif "undo" in entry:
-            self._place(self.undo.undo(entry), "before")
-        else:
-            self._place(self.undo.redo(), "after")
-        self.revision += 1
-
-    def content(self) -> Drawn:
-        """The contents of the file."""
-        return drawn_of(self.tracks)
-
-    def change_to(self, name: str, kind: Kind, keys: Keys) -> Entry:
-        """The entry that gives a track these key frames."""
-        before = self.tracks.get((name, kind), ())
-        return {"draw": {"name": name, "kind": kind, "before": _plain(before), "after": _plain(keys)}}
-
-    def base_of(self, content: Drawn) -> Entry:
-        """The entry that begins anew with the content of the file."""
-        return {"base": plain_tracks(content), "revision": self.revision}
-
-    def _set(self, tracks: Iterable[Sequence[Any]]) -> None:
-        self.tracks = {(name, kind): _parsed(keys) for name, kind, keys in tracks}
-
-    def _place(self, change: dict[str, Any], which: str) -> None:
-        key, keys = (change["name"], change["kind"]), _parsed(change[which])
-        self.tracks.pop(key, None)
-        if keys:
-            self.tracks[key] = keys
-
-
-def plain_tracks(content: Drawn) -> list[list[Any]]:
+def _plain_tracks(content: Drawn) -> list[list[Any]]:
     """A drawing as JSON: name, kind and key frames of each track."""
     return [[each.name, each.kind, _plain(each.keys)] for each in content.tracks]
 
@@ -111,8 +56,15 @@ def _parsed(plain: Iterable[Sequence[Any]]) -> Keys:
     return tuple(KeyFrame(frame=frame, place=tuple(place), outside=outside) for frame, place, outside in plain)
 
 
-class DrawingStore(JournaledStore[Drawn]):
-    """The shapes drawn on one clip. Not for several threads at once.
+class DrawingStore(JournaledStore[Drawn, dict[str, Any]]):
+    """The shapes drawn on one clip: key frames by name and kind. Not for several threads at once.
+
+    An entry of the journal is one of
+
+    {"base": tracks, "revision": r}                               begin anew, from the file
+    {"draw": {"name", "kind", "before": keys, "after": keys}}     key frames of a track, [frame, place, outside] each
+    {"set": tracks}                                               targets were renamed, deleted or restored
+    {"undo": true}    {"redo": true}
 
     Parameters
     ----------
@@ -139,13 +91,52 @@ class DrawingStore(JournaledStore[Drawn]):
     ) -> None:
         self._frames, self._subjects, self.targets = tuple(frames), list(subjects), list(targets)
         self._positions = {number: at for at, number in enumerate(self._frames)}
-        self._history = DrawnHistory()
-        super().__init__(path, journal, self._history, origin=origin, may_be_read_only=True)
+        self._tracks: dict[tuple[str, Kind], Keys] = {}
+        super().__init__(path, journal, origin=origin, may_be_read_only=True)
 
-    @property
-    def drawn(self) -> Drawn:
-        """The present shapes."""
-        return self._history.content()
+    def apply(self, entry: Entry) -> None:
+        """Change the drawing by one entry; ValueError, KeyError and similar if it does not fit this clip."""
+        if "base" in entry:
+            self._set(entry["base"])
+            self.steps.clear()
+            self.revision = max(self.revision, entry["revision"])
+        elif "draw" in entry:
+            self._place(entry["draw"], "after")
+            self.steps.make(entry["draw"], entry)
+        elif "set" in entry:
+            self._set(entry["set"])
+        elif "undo" in entry:
+            self._place(self.steps.undo(entry), "before")
+        else:
+            self._place(self.steps.redo(), "after")
+        self.revision += 1
+
+    def content(self) -> Drawn:
+        """The present shapes, as in the file."""
+        return drawn_of(self._tracks)
+
+    def base_of(self, content: Drawn) -> Entry:
+        """The entry that begins anew with the content of the file."""
+        return {"base": _plain_tracks(content), "revision": self.revision}
+
+    def read(self, path: Path | None) -> Drawn:
+        """A file with this clip's frames and names (:class:`VfoaError`); an empty drawing without a file."""
+        if path is None:
+            return Drawn()
+        return read_drawn(path, frames=self._frames, subjects=self._subjects, targets=self.targets)
+
+    def write(self, path: Path, content: Drawn) -> None:
+        """Write the file."""
+        write_drawn(path, content)
+
+    def _set(self, tracks: Iterable[Sequence[Any]]) -> None:
+        self._tracks = {(name, kind): _parsed(keys) for name, kind, keys in tracks}
+
+    def _place(self, change: dict[str, Any], which: str) -> None:
+        key, keys = (change["name"], change["kind"]), _parsed(change[which])
+        self._tracks.pop(key, None)
+        if keys:
+            self._tracks[key] = keys
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows, as JSON; key frames are [position, place, outside]."""
@@ -157,9 +148,9 @@ class DrawingStore(JournaledStore[Drawn]):
                     "kind": each.kind,
                     "keys": [[self._positions[key.frame], key.place, key.outside] for key in each.keys],
                 }
-                for each in self.drawn.tracks
+                for each in self.content().tracks
             ],
-            **self._history.undo.plain(),
+            **self.steps.plain(),
             "read_only": self.read_only,
         }
 
@@ -175,14 +166,15 @@ class DrawingStore(JournaledStore[Drawn]):
         """
         self.check_revision(revision)
         self._check(draw)
-        before = self._history.tracks.get((draw.name, draw.kind), ())
+        before = self._tracks.get((draw.name, draw.kind), ())
         after = _changed(before, self._frames[draw.at], draw)
         if after != before:
-            self.commit(self._history.change_to(draw.name, draw.kind, after))
+            change = {"name": draw.name, "kind": draw.kind, "before": _plain(before), "after": _plain(after)}
+            self.commit({"draw": change})
 
     def tracks(self) -> list[list[Any]]:
         """The drawing as JSON: name, kind and key frames of each track."""
-        return plain_tracks(self.drawn)
+        return _plain_tracks(self.content())
 
     def set_tracks(self, tracks: list[list[Any]]) -> None:
         """Replace the drawing after a change of targets; it is no step to undo.
@@ -197,25 +189,15 @@ class DrawingStore(JournaledStore[Drawn]):
 
     def undo_state(self) -> dict[str, Any]:
         """What can be undone and redone, as JSON: nothing of a name that the manifest no longer has."""
-        undo, known = self._history.undo, {*self.targets, *self._subjects}
-        steps = {"can_undo": undo.next_undo, "can_redo": undo.next_redo}
-        return {**undo.plain(), **{key: step is not None and step["name"] in known for key, step in steps.items()}}
-
-    def read(self, path: Path | None) -> Drawn:
-        """A file with this clip's frames and names (:class:`VfoaError`); an empty drawing without a file."""
-        if path is None:
-            return Drawn()
-        return read_drawn(path, frames=self._frames, subjects=self._subjects, targets=self.targets)
-
-    def write(self, path: Path, content: Drawn) -> None:
-        """Write the file."""
-        write_drawn(path, content)
+        known = {*self.targets, *self._subjects}
+        steps = {"can_undo": self.steps.next("undo"), "can_redo": self.steps.next("redo")}
+        return self.steps.plain() | {key: step is not None and step["name"] in known for key, step in steps.items()}
 
     def _check(self, draw: Draw) -> None:
         names = [*self.targets, *self._subjects]
         if draw.name not in names:
             raise VfoaError(f"no subject or target {draw.name!r}; {did_you_mean(draw.name, names)}")
-        others = [kind for name, kind in self._history.tracks if name == draw.name]
+        others = [kind for name, kind in self._tracks if name == draw.name]
         check_kind(draw.name, draw.kind, self._subjects, others, "drawn")
         if not 0 <= draw.at < len(self._frames):
             raise OutsideClipError(f"position {draw.at} is outside the clip; expected 0 to {len(self._frames) - 1}")

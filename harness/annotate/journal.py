@@ -16,10 +16,10 @@ import os
 import stat
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from harness.files.digests import file_digest
 from harness.files.parsing import parse_json
@@ -141,15 +141,10 @@ class Undo(Generic[Step]):
         self._done.append((step, made_s))
         return step
 
-    @property
-    def next_undo(self) -> Step | None:
-        """The step that is undone next."""
-        return self._done[-1][0] if self._done else None
-
-    @property
-    def next_redo(self) -> Step | None:
-        """The step that is made again next."""
-        return self._undone[-1][0] if self._undone else None
+    def next(self, kind: Literal["undo", "redo"]) -> Step | None:
+        """The step that is undone, or made again, next."""
+        steps: Sequence[tuple[Any, ...]] = self._done if kind == "undo" else self._undone
+        return steps[-1][0] if steps else None
 
     def clear(self) -> None:
         """Forget all steps: nothing can be undone or redone."""
@@ -166,41 +161,16 @@ class Undo(Generic[Step]):
         }
 
 
-class History(ABC, Generic[Content, Step]):
-    """A state as the sum of journal entries: deterministic, and the same after a restart.
+class JournaledStore(ABC, Generic[Content, Step]):
+    """A file, its journal, and the state that is the sum of the journal's entries. Not for several threads at once.
 
     An entry ``{"base": ..., "revision": r}`` begins anew with the content of the file; ``{"undo": true}`` and
-    ``{"redo": true}`` take the last step back and make it again.
-    """
-
-    def __init__(self) -> None:
-        self.revision = 0
-        self.undo = Undo[Step]()
-
-    @abstractmethod
-    def apply(self, entry: Entry) -> None:
-        """Apply one entry; ValueError, KeyError and similar if it does not fit this clip."""
-
-    @abstractmethod
-    def content(self) -> Content:
-        """The content of the file."""
-
-    @abstractmethod
-    def base_of(self, content: Content) -> Entry:
-        """The entry that begins anew with the content of the file."""
-
-    def fits(self, base: Entry) -> bool:
-        """Whether a base is of this clip; one of another clip also shows when its result is compared with the file."""
-        return True
-
-
-class JournaledStore(ABC, Generic[Content]):
-    """A file, its journal and its state. Not for several threads at once.
+    ``{"redo": true}`` take the last step back and make it again. The same entries give the same state.
 
     Parameters
     ----------
-    path, journal, history
-        The file and its journal, neither of which needs to exist, and the state. ``origin`` is read without a file.
+    path, journal
+        The file and its journal, neither of which needs to exist. ``origin`` is read without a file.
     may_be_read_only
         If another process has the journal, :attr:`read_only` says so, and nothing can be changed.
 
@@ -214,15 +184,17 @@ class JournaledStore(ABC, Generic[Content]):
         self,
         path: Path,
         journal: Path,
-        history: History[Content, Any],
         *,
         origin: Path | None = None,
         may_be_read_only: bool = False,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.path = path
-        self._state, self._origin, self._clock = history, origin, clock
+        self.revision = 0
+        """Number of changes; it continues after a restart."""
+        self.steps = Undo[Step]()
         self.read_only: str | None = None
+        self._origin, self._clock = origin, clock
         self._journal: Journal | None = None
         self._request = ""
         try:
@@ -240,22 +212,28 @@ class JournaledStore(ABC, Generic[Content]):
             raise
 
     @abstractmethod
+    def apply(self, entry: Entry) -> None:
+        """Change the state by one entry; ValueError, KeyError and similar if it does not fit this clip."""
+
+    @abstractmethod
+    def content(self) -> Content:
+        """The content of the file."""
+
+    @abstractmethod
+    def base_of(self, content: Content) -> Entry:
+        """The entry that begins anew with the content of the file."""
+
+    def fits(self, base: Entry) -> bool:
+        """Whether a base is of this clip; one of another clip also shows when its result is compared with the file."""
+        return True
+
+    @abstractmethod
     def read(self, path: Path | None) -> Content:
         """The content of a file (:class:`VfoaError` if it is wrong); None: of a file that does not exist."""
 
     @abstractmethod
     def write(self, path: Path, content: Content) -> None:
         """Write all of it, or nothing."""
-
-    @property
-    def revision(self) -> int:
-        """Number of changes; it continues after a restart."""
-        return self._state.revision
-
-    @property
-    def undo_list(self) -> Undo[Any]:
-        """What can be undone and redone."""
-        return self._state.undo
 
     @contextmanager
     def once(self, request: str) -> Iterator[bool]:
@@ -289,17 +267,11 @@ class JournaledStore(ABC, Generic[Content]):
         elif digest != self._digest:
             self._take_over(self._read())
 
-    def undo(self, revision: int) -> None:
-        """Take the last change back."""
+    def step_back(self, kind: Literal["undo", "redo"], revision: int) -> None:
+        """Take the last change back, or make the last undone one again; nothing if there is none."""
         self.check_revision(revision)
-        if self._state.undo.next_undo is not None:
-            self.commit({"undo": True})
-
-    def redo(self, revision: int) -> None:
-        """Make the last undone change again."""
-        self.check_revision(revision)
-        if self._state.undo.next_redo is not None:
-            self.commit({"redo": True})
+        if self.steps.next(kind) is not None:
+            self.commit({kind: True})
 
     def commit(self, entry: Entry) -> float:
         """Make a change, and return its time, seconds since 1970. A change that fails is not made.
@@ -314,7 +286,7 @@ class JournaledStore(ABC, Generic[Content]):
         now_s, request = self._clock(), {"id": self._request} if self._request else {}
         entry = {**entry, **request, "time_s": round(now_s, 3)}
         offset = self._journal.append(entry)
-        self._state.apply(entry)
+        self.apply(entry)
         try:
             self._write()
         except VfoaError:  # a change that is not in the file is not shown, and not repeated by a restart
@@ -332,13 +304,13 @@ class JournaledStore(ABC, Generic[Content]):
     def _start(self, stored: Content, entries: list[Entry]) -> None:
         base = _last_base(entries)
         with self._reported(base + 1):
-            fits = bool(entries) and "base" in entries[base] and self._state.fits(entries[base])
+            fits = bool(entries) and "base" in entries[base] and self.fits(entries[base])
         if not fits:
             self._take_over(stored)
             return
         before = self._replay(entries)
         # A kill between the journal and the file leaves the file one entry behind.
-        if stored in (before, self._state.content()):
+        if stored in (before, self.content()):
             self._written = stored
             self._write()
         else:
@@ -346,12 +318,12 @@ class JournaledStore(ABC, Generic[Content]):
 
     def _replay(self, entries: list[Entry]) -> Content | None:
         """Set the state from the last base on; return the content before the last change, if there is one."""
-        self._state.revision, before, base = 0, None, _last_base(entries)
+        self.revision, before, base = 0, None, _last_base(entries)
         for number, entry in enumerate(entries[base:], start=base + 1):
             if number == len(entries) > base + 1:
-                before = self._state.content()
+                before = self.content()
             with self._reported(number):
-                self._state.apply(entry)
+                self.apply(entry)
         return before
 
     @contextmanager
@@ -366,17 +338,17 @@ class JournaledStore(ABC, Generic[Content]):
 
     def _take_over(self, content: Content) -> None:
         """Begin anew with the content of the file."""
-        entry = {**self._state.base_of(content), "time_s": round(self._clock(), 3)}
+        entry = {**self.base_of(content), "time_s": round(self._clock(), 3)}
         if self._journal is not None:
             self._journal.append(entry)
-        self._state.apply(entry)
+        self.apply(entry)
         self._written, self._digest = content, self._file_digest()
 
     def _read(self) -> Content:
         return self.read(self.path if self.path.is_file() else self._origin)
 
     def _write(self, *, anew: bool = False) -> None:
-        content = self._state.content()
+        content = self.content()
         if anew or content != self._written:
             try:
                 self.write(self.path, content)

@@ -6,12 +6,12 @@ The journal knows more than the CSV: what to undo, and how far labels are carrie
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.annotate.journal import Entry, History, JournaledStore, OutsideClipError
+from harness.annotate.journal import Entry, JournaledStore, OutsideClipError
 from harness.annotate.marks import Mark, Stretch, Track, from_labels, labelled, stretches, to_labels
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
@@ -57,10 +57,10 @@ class Step:
     targets: dict[str, Any] | None = None
 
 
-class LabelHistory(History[Labels, Step]):
-    """The state of a clip's labels: tracks by subject, and the position up to which each was seen.
+class LabelStore(JournaledStore[Labels, Step]):
+    """One clip's labels by one annotator: tracks by subject, and the position up to which each was seen.
 
-    An entry is one of
+    An entry of the journal is one of
 
     {"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
     {"change": {subject, before, after}}                          marks between two positions
@@ -70,107 +70,6 @@ class LabelHistory(History[Labels, Step]):
     {"seen": [subject, position]}                                 alone, or beside a change
 
     Each entry except a lone ``seen`` is a revision.
-    """
-
-    def __init__(self, subjects: Sequence[str], frames: Sequence[int]) -> None:
-        super().__init__()
-        self._frames, self.subjects = tuple(frames), tuple(subjects)
-        self._clear()
-
-    def _clear(self) -> None:
-        self.tracks: dict[str, Track] = {name: [None] * len(self._frames) for name in self.subjects}
-        self.seen = dict.fromkeys(self.subjects, -1)
-        self.undo.clear()
-
-    def apply(self, entry: Entry) -> None:
-        """Apply one entry; ValueError, KeyError and similar if it does not fit this clip."""
-        if "base" in entry:
-            self._begin(entry)
-        if "seen" in entry:
-            subject, at = entry["seen"]
-            self.seen[subject] = max(self.seen[subject], self._position(at))
-        if "change" in entry:
-            self._make(Step(changes=(Change.parse(entry["change"]),)), entry)
-        elif "targets" in entry:
-            of_file = entry["targets"]["labels"].get(entry["file"], ())
-            self._make(Step(changes=tuple(map(Change.parse, of_file)), targets=entry["targets"]), entry)
-        elif "set" in entry:
-            self._set(map(Change.parse, entry["set"]))
-            self.undo.clear()
-        elif "undo" in entry:
-            self._set(change.inverse for change in self.undo.undo(entry).changes)
-        elif "redo" in entry:
-            self._set(self.undo.redo().changes)
-        elif "base" not in entry:
-            return
-        self.revision += 1
-
-    def change_to(self, subject: str, new: Sequence[Stretch]) -> Change:
-        """The change that sets these stretches, which follow each other without a gap."""
-        before = stretches(self.tracks[subject], new[0].first, new[-1].last)
-        return Change(subject=subject, before=before, after=tuple(new))
-
-    def reassigned(self, old: str, new: str) -> list[Change]:
-        """The changes that give all labels of a target another one."""
-        return [
-            self.change_to(subject, [replace(part, mark=replace(part.mark, target=new))])
-            for subject, parts in self.parts().items()
-            for part in parts
-            if part.mark is not None and part.mark.target == old
-        ]
-
-    def base_of(self, content: Labels) -> Entry:
-        """The entry that begins anew with the CSV's labels."""
-        last = len(self._frames) - 1
-        tracks = {name: from_labels(content, name, self._frames) for name in self.subjects}
-        plain = {name: [each.plain() for each in stretches(track, 0, last)] for name, track in tracks.items()}
-        return {"base": plain, "frames": len(self._frames), "revision": self.revision}
-
-    def fits(self, base: Entry) -> bool:
-        """Whether a base is of a clip with these frames and subjects."""
-        tracks = base["base"]
-        return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
-
-    def content(self) -> Labels:
-        """The labels for the CSV."""
-        return to_labels(self.tracks, self.seen, self._frames)
-
-    def parts(self) -> dict[str, tuple[Stretch, ...]]:
-        """Every subject's whole track."""
-        return {name: stretches(track, 0, len(self._frames) - 1) for name, track in self.tracks.items()}
-
-    def labelled(self, parts: dict[str, tuple[Stretch, ...]]) -> int:
-        """Number of (frame, subject) pairs in :meth:`parts` that a person has labelled, without undecided ones."""
-        return sum(labelled(part, self.seen[subject]) for subject, found in parts.items() for part in found)
-
-    def _begin(self, entry: Entry) -> None:
-        self._clear()
-        self.revision = max(self.revision, entry["revision"])
-        for subject, plain in entry["base"].items():
-            self._place(subject, [Stretch.parse(each) for each in plain])
-
-    def _make(self, step: Step, entry: Entry) -> None:
-        self._set(step.changes)
-        self.undo.make(step, entry)
-
-    def _set(self, changes: Iterable[Change]) -> None:
-        for change in changes:
-            self._place(change.subject, change.after)
-
-    def _position(self, at: object) -> int:
-        if not isinstance(at, int) or not 0 <= at < len(self._frames):
-            raise ValueError(f"position {at!r} is outside the clip's {len(self._frames)} frames")
-        return at
-
-    def _place(self, subject: str, part: Sequence[Stretch]) -> None:
-        for each in part:
-            if not 0 <= each.first <= each.last < len(self._frames):
-                raise ValueError(f"positions {each.first} to {each.last} of {len(self._frames)} frames")
-            self.tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
-
-
-class LabelStore(JournaledStore[Labels]):
-    """One clip's labels by one annotator. Not for several threads at once.
 
     Parameters
     ----------
@@ -200,10 +99,99 @@ class LabelStore(JournaledStore[Labels]):
     ) -> None:
         self._timeline, self.subjects, self.targets = timeline, tuple(subjects), list(targets)
         self._frames = tuple(timeline.frames)
-        self._history = LabelHistory(subjects, self._frames)
-        super().__init__(path, journal, self._history, origin=origin, clock=clock)
-        self._labelled_at_start = self._history.labelled(self._history.parts())
+        self._tracks: dict[str, Track] = {name: [None] * len(self._frames) for name in self.subjects}
+        self._seen = dict.fromkeys(self.subjects, -1)
         self._active_s, self._last_s = 0.0, clock()
+        super().__init__(path, journal, origin=origin, clock=clock)
+        self._labelled_at_start = self._labelled(self._parts())
+
+    def apply(self, entry: Entry) -> None:
+        """Change the labels by one entry; ValueError, KeyError and similar if it does not fit this clip."""
+        if "base" in entry:
+            self._begin(entry)
+        if "seen" in entry:
+            subject, at = entry["seen"]
+            if not isinstance(at, int) or not 0 <= at < len(self._frames):
+                raise ValueError(f"position {at!r} is outside the clip's {len(self._frames)} frames")
+            self._seen[subject] = max(self._seen[subject], at)
+        if "change" in entry:
+            self._make(Step(changes=(Change.parse(entry["change"]),)), entry)
+        elif "targets" in entry:
+            of_file = entry["targets"]["labels"].get(entry["file"], ())
+            self._make(Step(changes=tuple(map(Change.parse, of_file)), targets=entry["targets"]), entry)
+        elif "set" in entry:
+            self._set(map(Change.parse, entry["set"]))
+            self.steps.clear()
+        elif "undo" in entry:
+            self._set(change.inverse for change in self.steps.undo(entry).changes)
+        elif "redo" in entry:
+            self._set(self.steps.redo().changes)
+        elif "base" not in entry:
+            return
+        self.revision += 1
+
+    def content(self) -> Labels:
+        """The labels for the CSV."""
+        return to_labels(self._tracks, self._seen, self._frames)
+
+    def base_of(self, content: Labels) -> Entry:
+        """The entry that begins anew with the CSV's labels."""
+        last = len(self._frames) - 1
+        tracks = {name: from_labels(content, name, self._frames) for name in self.subjects}
+        plain = {name: [each.plain() for each in stretches(track, 0, last)] for name, track in tracks.items()}
+        return {"base": plain, "frames": len(self._frames), "revision": self.revision}
+
+    def fits(self, base: Entry) -> bool:
+        """Whether a base is of a clip with these frames and subjects."""
+        tracks = base["base"]
+        return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
+
+    def read(self, path: Path | None) -> Labels:
+        """The labels of a CSV with this store's names; none of a file that is not there."""
+        if path is None:
+            return Labels(())
+        return read_annotations(
+            path, timeline=self._timeline, subjects=self.subjects, targets=self.targets, allow_gaps=True
+        )
+
+    def write(self, path: Path, content: Labels) -> None:
+        """Write the CSV."""
+        write_annotations(path, content)
+
+    def _begin(self, entry: Entry) -> None:
+        self._tracks = {name: [None] * len(self._frames) for name in self.subjects}
+        self._seen = dict.fromkeys(self.subjects, -1)
+        self.steps.clear()
+        self.revision = max(self.revision, entry["revision"])
+        for subject, plain in entry["base"].items():
+            self._place(subject, [Stretch.parse(each) for each in plain])
+
+    def _make(self, step: Step, entry: Entry) -> None:
+        self._set(step.changes)
+        self.steps.make(step, entry)
+
+    def _set(self, changes: Iterable[Change]) -> None:
+        for change in changes:
+            self._place(change.subject, change.after)
+
+    def _place(self, subject: str, part: Sequence[Stretch]) -> None:
+        for each in part:
+            if not 0 <= each.first <= each.last < len(self._frames):
+                raise ValueError(f"positions {each.first} to {each.last} of {len(self._frames)} frames")
+            self._tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
+
+    def _parts(self) -> dict[str, tuple[Stretch, ...]]:
+        """Every subject's whole track."""
+        return {name: stretches(track, 0, len(self._frames) - 1) for name, track in self._tracks.items()}
+
+    def _labelled(self, parts: Mapping[str, Sequence[Stretch]]) -> int:
+        """Number of (frame, subject) pairs of all tracks that a person has labelled, without undecided ones."""
+        return sum(labelled(part, self._seen[subject]) for subject, found in parts.items() for part in found)
+
+    def _change_to(self, subject: str, new: Sequence[Stretch]) -> Change:
+        """The change that sets these stretches, which follow each other without a gap."""
+        before = stretches(self._tracks[subject], new[0].first, new[-1].last)
+        return Change(subject=subject, before=before, after=tuple(new))
 
     def names(self) -> tuple[str, ...]:
         """Every name that can be a target, ``none`` and ``ignore`` last."""
@@ -212,26 +200,27 @@ class LabelStore(JournaledStore[Labels]):
     def track(self, subject: str) -> Sequence[Mark | None]:
         """A subject's marks, one per frame."""
         self._check_subject(subject)
-        return self._history.tracks[subject]
+        return self._tracks[subject]
 
     def seen(self, subject: str) -> int:
         """The last position up to which a subject's frames were seen; -1: none."""
         self._check_subject(subject)
-        return self._history.seen[subject]
+        return self._seen[subject]
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows, as JSON."""
-        history, parts = self._history, self._history.parts()
-        labelled, total = history.labelled(parts), len(self._frames) * len(self.subjects)
-        gained = labelled - self._labelled_at_start
+        parts = self._parts()
+        done, total = self._labelled(parts), len(self._frames) * len(self.subjects)
+        gained = done - self._labelled_at_start
+        is_known = self._active_s >= MEANINGFUL_S and gained >= MEANINGFUL_SHARE * total
         return {
-            "revision": history.revision,
+            "revision": self.revision,
             "tracks": {name: [part.plain() for part in found] for name, found in parts.items()},
-            "seen": dict(history.seen),
-            "labelled": labelled,
+            "seen": dict(self._seen),
+            "labelled": done,
             "total": total,
-            "seconds_left": self._active_s * (total - labelled) / gained if self._tells(gained, total) else None,
-            **history.undo.plain(),
+            "seconds_left": self._active_s * (total - done) / gained if is_known else None,
+            **self.steps.plain(),
         }
 
     def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
@@ -255,7 +244,7 @@ class LabelStore(JournaledStore[Labels]):
         self._check_subject(subject)
         for each in new:
             self._check_stretch(subject, each)
-        entry: Entry = {"change": self._history.change_to(subject, new).plain()}
+        entry: Entry = {"change": self._change_to(subject, new).plain()}
         self.commit(entry if seen is None else {**entry, "seen": [subject, seen]})
 
     def see(self, subject: str, at: int) -> None:
@@ -263,7 +252,7 @@ class LabelStore(JournaledStore[Labels]):
         self._check_subject(subject)
         self.check_position(at)
         self.refresh()
-        if at > self._history.seen[subject]:
+        if at > self._seen[subject]:
             self.commit({"seen": [subject, at]})
 
     def check_position(self, at: int) -> int:
@@ -287,7 +276,12 @@ class LabelStore(JournaledStore[Labels]):
 
     def reassigned(self, old: str, new: str) -> list[dict[str, Any]]:
         """The changes, as JSON, that give all labels of a target another one."""
-        return [change.plain() for change in self._history.reassigned(old, new)]
+        return [
+            self._change_to(subject, [replace(part, mark=replace(part.mark, target=new))]).plain()
+            for subject, parts in self._parts().items()
+            for part in parts
+            if part.mark is not None and part.mark.target == old
+        ]
 
     def change_targets(self, change: dict[str, Any]) -> None:
         """Change targets as a step that can be undone; ``change`` has the labels' changes by file name."""
@@ -296,7 +290,7 @@ class LabelStore(JournaledStore[Labels]):
     def set_marks(self, changes: Sequence[dict[str, Any]]) -> None:
         """Make changes that belong to a change of targets made elsewhere. Earlier steps can no longer be undone."""
         parsed = [Change.parse(each) for each in changes]
-        if any(self._history.change_to(each.subject, each.after).before != each.after for each in parsed):
+        if any(self._change_to(each.subject, each.after).before != each.after for each in parsed):
             self.commit({"set": list(changes)})
 
     def forget_steps(self) -> None:
@@ -308,18 +302,6 @@ class LabelStore(JournaledStore[Labels]):
         before_s, self._last_s = self._last_s, super().commit(entry)
         self._active_s += min(max(self._last_s - before_s, 0.0), LONGEST_PAUSE_S)
         return self._last_s
-
-    def read(self, path: Path | None) -> Labels:
-        """The labels of a CSV with this store's names; none of a file that is not there."""
-        if path is None:
-            return Labels(())
-        return read_annotations(
-            path, timeline=self._timeline, subjects=self.subjects, targets=self.targets, allow_gaps=True
-        )
-
-    def write(self, path: Path, content: Labels) -> None:
-        """Write the CSV."""
-        write_annotations(path, content)
 
     def _check_subject(self, subject: str) -> None:
         if subject not in self.subjects:
@@ -338,6 +320,3 @@ class LabelStore(JournaledStore[Labels]):
         if mark.target == subject:
             raise VfoaError(f"{subject!r} looks at {subject!r}; expected another target, or none")
         check_text((mark.note,), "note")
-
-    def _tells(self, gained: int, total: int) -> bool:
-        return self._active_s >= MEANINGFUL_S and gained >= MEANINGFUL_SHARE * total

@@ -176,10 +176,8 @@ class Session:
         """
         with self.changing:
             match action.kind:
-                case "undo":
-                    self.undo()
-                case "redo":
-                    self.redo()
+                case "undo" | "redo":
+                    self.step_back(action.kind)
                 case "draw":
                     self._drawing.make(self._drawing.revision, action.draw)
                 case "seen":
@@ -194,28 +192,24 @@ class Session:
         if new := edited(action, store.track(subject), suggested, store.seen(subject)):
             store.put(store.revision, subject, new, seen=at if action.kind == "look" else None)
 
-    def undo(self) -> None:
-        """Take back the last change of labels, targets or drawing, whichever is newest."""
-        with self.changing:
-            if self._next("undo") is self._drawing:
-                self._drawing.undo(self._drawing.revision)
-            else:
-                change = TargetChange.of_step(self._store.undo_list.next_undo)
-                self._with_targets(change.inverse if change else None, lambda: self._store.undo(self._store.revision))
+    def step_back(self, kind: Literal["undo", "redo"]) -> None:
+        """Take back the last change of labels, targets or drawing, whichever is newest, or make it again.
 
-    def redo(self) -> None:
-        """Make the change again that was undone last. Nothing that was undone before a newer change comes back."""
+        Nothing that was undone before a newer change comes back.
+        """
         with self.changing:
-            if self._next("redo") is self._drawing:
-                self._drawing.redo(self._drawing.revision)
-            elif self._next("redo"):
-                change = TargetChange.of_step(self._store.undo_list.next_redo)
-                self._with_targets(change, lambda: self._store.redo(self._store.revision))
+            store = self._next(kind)
+            if store is None:
+                return
+            change = TargetChange.of_step(self._store.steps.next(kind)) if store is self._store else None
+            if change and kind == "undo":
+                change = change.inverse
+            self._with_targets(change, lambda: store.step_back(kind, store.revision))
 
     def _next(self, kind: Literal["undo", "redo"]) -> LabelStore | DrawingStore | None:
         """Labels (with targets) or drawing, whichever has the next change to undo or redo; None if neither has."""
         both: list[tuple[LabelStore | DrawingStore, dict[str, Any]]]
-        both = [(self._store, self._store.undo_list.plain()), (self._drawing, self._drawing.undo_state())]
+        both = [(self._store, self._store.steps.plain()), (self._drawing, self._drawing.undo_state())]
         made_s = max(plain["made_s"] or 0.0 for _, plain in both)
         if kind == "undo":
             found = [(plain["made_s"], each) for each, plain in both if plain["can_undo"]]

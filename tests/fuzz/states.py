@@ -89,7 +89,7 @@ def write_journal(path: Path) -> None:
     store = _store(path.parent, path)
     for at, target in ((0, "cup"), (3, "none"), (5, "ben")):
         store.put(store.revision, "ann", look(store.track("ann"), at, target), seen=at)
-    store.undo(store.revision)
+    store.step_back("undo", store.revision)
     store.see("ann", 6)
     store.close()
 

@@ -109,15 +109,15 @@ def test_one_history_takes_back_labels_targets_and_drawing(opened: Any, work: Pa
         states.append(shown())
         time.sleep(0.002)  # two stores are ordered by milliseconds
     for expected in reversed(states[1:-1]):
-        session.undo()
+        session.step_back("undo")
         assert shown() == expected
     for expected in states[2:]:
-        session.redo()
+        session.step_back("redo")
         assert shown() == expected
     session.close()
     session = opened()
     assert shown() == states[-1]
-    session.undo()
+    session.step_back("undo")
     assert shown() == states[-2]  # also after a restart
 
 
@@ -126,13 +126,13 @@ def test_a_target_that_another_annotator_uses_by_now_stays(opened: Any, work: Pa
     session.add_target("pen", NameRule(category="pen"))
     write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,pen,\n")
     with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'pen'"):
-        session.undo()
+        session.step_back("undo")
     assert "pen" in _manifest(work).targets
     path = work / "datasets" / "noise.toml"
     (work / "annotations" / "noise@ben.csv").unlink()
     path.write_text(path.read_text() + "# edited\n")
     with pytest.raises(VfoaError, match=r"noise\.toml was edited"):
-        session.undo()
+        session.step_back("undo")
     assert not session.state()["can_undo"]
     assert path.read_text().endswith("# edited\n")
 

@@ -33,7 +33,7 @@ def _file(folder: Path) -> Drawn:
 
 def _make(store: DrawingStore, do: str, **more: Any) -> None:
     if do in ("undo", "redo"):
-        getattr(store, do)(store.revision)
+        store.step_back(do, store.revision)
     else:
         store.make(store.revision, Draw.model_validate({"do": do, **more}))
 
@@ -177,18 +177,18 @@ class Machine(RuleBasedStateMachine):
         u=st.integers(0, 50),
     )
     def draw(self, do: str, name: str, at: int, u: int) -> None:
-        if do != "outside" or self.store.drawn.of(name, "box"):
+        if do != "outside" or self.store.content().of(name, "box"):
             _make(self.store, do, name=name, kind="box", at=at, place=(u, 1, u + 5, 9) if do == "key" else ())
 
     @rule(do=st.sampled_from(["undo", "redo"]))
     def back(self, do: str) -> None:
-        before = self.store.drawn
+        before = self.store.content()
         can = self.store.state()[f"can_{do}"]
         _make(self.store, do)
-        assert can or self.store.drawn == before
+        assert can or self.store.content() == before
         if can:
             _make(self.store, "redo" if do == "undo" else "undo")
-            assert self.store.drawn == before
+            assert self.store.content() == before
             _make(self.store, do)
 
     @rule()
@@ -201,7 +201,7 @@ class Machine(RuleBasedStateMachine):
     @invariant()
     def the_file_has_it(self) -> None:
         if hasattr(self, "store") and (self.folder / "noise.drawn.csv").is_file():
-            assert _file(self.folder) == self.store.drawn
+            assert _file(self.folder) == self.store.content()
 
     def teardown(self) -> None:
         if hasattr(self, "store"):

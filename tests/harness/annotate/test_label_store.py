@@ -166,8 +166,8 @@ def test_a_change_made_on_an_older_state_is_refused(tmp_path: Path) -> None:
     before = (tmp_path / "annotations" / "clip.csv").read_bytes()
     for stale in (
         lambda: store.put(old, "ann", actions.mark_range(0, LAST, "book")),
-        lambda: store.undo(old),
-        lambda: store.redo(old),
+        lambda: store.step_back("undo", old),
+        lambda: store.step_back("redo", old),
     ):
         with pytest.raises(StaleRevisionError):
             stale()
@@ -242,7 +242,7 @@ def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_
     store.refresh()
     assert (tmp_path / "annotations" / "clip.csv").read_bytes() == kept
     (tmp_path / "annotations" / "clip.csv").unlink()
-    store.undo(store.revision)
+    store.step_back("undo", store.revision)
     assert _targets(_file(tmp_path))[:2] == ["cup", "cup"]
     assert store.state()["can_undo"]
 
@@ -258,7 +258,7 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
         patch.setattr("harness.annotate.label_store.write_annotations", lambda path, labels: _refuse(0))
         for change in (
             lambda: store.put(store.revision, "ann", actions.mark_range(4, 5, "book")),
-            lambda: store.undo(store.revision),
+            lambda: store.step_back("undo", store.revision),
             lambda: store.set_marks(
                 [{"subject": "ann", "before": [], "after": [[0, 1, "book", "", None, False, False]]}]
             ),
@@ -393,9 +393,9 @@ def _take(store: LabelStore, step: tuple[object, ...]) -> None:
             if new := actions.accept(store.track(subject), suggested, store.seen(subject)):
                 store.put(store.revision, subject, new)
         case ("undo",):
-            store.undo(store.revision)
+            store.step_back("undo", store.revision)
         case ("redo",):
-            store.redo(store.revision)
+            store.step_back("redo", store.revision)
 
 
 def _known(store: LabelStore) -> dict[str, object]:
@@ -415,7 +415,7 @@ def test_a_restart_finds_everything_again_and_can_go_on_undoing(
     again = _open(folder)
     assert _known(again) == before
     for _ in steps:
-        again.undo(again.revision)
+        again.step_back("undo", again.revision)
     assert {tuple(again.track(name)) for name in SUBJECTS} == {(None,) * 8}
     again.close()
 
