@@ -11,7 +11,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
@@ -99,66 +99,45 @@ class DeletedTarget(Settings):
         session.delete_target(self.name, self.to)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Address:
-    """Port and token of a page; port 0 is any free port."""
-
-    port: int
-    token: str
-
-
 class PageServer(LocalServer):
     """Serves one clip's page; the port is taken when the server is made.
 
-    Parameters
-    ----------
-    port
-        0: any that is free.
-    before
-        The page's last address: the same token, and the same port if it is free and no other is requested.
+    Within a day, a page of the same labels has the same token, and the same port if it is free and no other is
+    requested (``port``; 0: any).
 
     Raises
     ------
     VfoaError
-        If the port is taken.
+        If the requested port is taken.
     """
 
-    def __init__(self, session: Session, port: int = 0, before: Address | None = None) -> None:
-        address = before or Address(port=0, token=secrets.token_urlsafe(24))
-        app = create_app(session)
+    def __init__(self, session: Session, port: int = 0) -> None:
+        app, address = create_app(session), _address_file(session.path)
+        last_port, token = _last_address(address) or (0, secrets.token_urlsafe(24))
         try:
-            super().__init__(app, port or address.port, patience_s=_PATIENCE_S, token=address.token)
+            super().__init__(app, port or last_port, patience_s=_PATIENCE_S, token=token)
         except VfoaError:
-            if port or not address.port:
+            if port or not last_port:
                 raise
-            super().__init__(app, patience_s=_PATIENCE_S, token=address.token)
-        self.parts = Address(port=self.port, token=address.token)
+            super().__init__(app, patience_s=_PATIENCE_S, token=token)
+        with suppress(OSError):  # only the address is lost: the next one is another
+            address.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            address.unlink(missing_ok=True)
+            with os.fdopen(os.open(address, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as opened:
+                json.dump([self.port, token], opened)
 
 
-def last_address(labels: Path) -> Address | None:
-    """Return the last page's address for an annotation file; None if there was none within a day."""
-    file = _address_file(labels)
-    try:
+def _last_address(file: Path) -> tuple[int, str] | None:
+    """Port and token of the last page of the same labels; None if there was none within a day."""
+    with suppress(OSError, ValueError, TypeError):
         if time.time() - file.stat().st_mtime < _LONGEST_S:
-            return Address(**json.loads(file.read_text()))
-    except (OSError, ValueError, TypeError):
-        pass  # only the address is lost
+            port, token = json.loads(file.read_text())
+            return int(port), str(token)
     return None
 
 
-def remember(labels: Path, address: Address) -> None:
-    """Store the address so that only this user can read it. If that fails, the next address is a new one."""
-    file = _address_file(labels)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        file.unlink(missing_ok=True)
-        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as opened:
-            json.dump(asdict(address), opened)
-    except OSError:
-        pass
-
-
 def _address_file(labels: Path) -> Path:
+    """Where only this user can read it."""
     name = hashlib.sha256(os.fsencode(labels.resolve())).hexdigest()[:24]
     return cache_root() / "annotate" / f"{name}.json"
 

@@ -5,11 +5,8 @@ The form has no scripts. It is at ``/label?clip=CLIP&subject=SUBJECT&frame=N``, 
 
 from __future__ import annotations
 
-import re
 import threading
-from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from urllib.parse import parse_qsl
@@ -26,18 +23,26 @@ from harness.labels.labels import timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.validation import parse
 
 PATH = "/label"
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
-_NUMBER = re.compile(r"-?[0-9]{1,18}")
 _STYLE = (
     "body{font:16px/1.5 system-ui;max-width:36rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
     "label{display:block;margin:.6rem 0}"
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Correction:
+class Asked(Settings):
+    """The label that the form is about."""
+
+    clip: str
+    subject: str
+    frame: int
+
+
+class Correction(Settings):
     """The true target of a subject from ``first`` to ``last``, in the source's own frame numbers."""
 
     clip: str
@@ -108,18 +113,11 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
     one_at_a_time = threading.Lock()
 
     def show(request: Request) -> Response:
-        given = request.query_params
-        clip, subject, frame = (_given(given, key) for key in ("clip", "subject", "frame"))
-        return _page(_form(clip, subject, _number(frame, "frame"), choices(directory, clip, subject)))
+        asked = parse(Asked, {**request.query_params}, "label")
+        return _page(_form(asked, choices(directory, asked.clip, asked.subject)))
 
-    def change(given: Mapping[str, str]) -> Response:
-        correction = Correction(
-            clip=_given(given, "clip"),
-            subject=_given(given, "subject"),
-            target=_given(given, "target"),
-            first=_number(_given(given, "first"), "first"),
-            last=_number(_given(given, "last"), "last"),
-        )
+    def change(body: str) -> Response:
+        correction = parse(Correction, dict(parse_qsl(body, max_num_fields=20)), "label")
         with one_at_a_time:
             path = correct(directory, correction)
         done = f"{correction}. Written to {path.name}; tables, page and recordings are updated."
@@ -130,34 +128,20 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
             if request.method != "POST":
                 return await run_in_threadpool(show, request)
             body = (await request.body()).decode("utf-8", errors="replace")
-            return await run_in_threadpool(change, dict(parse_qsl(body, max_num_fields=20)))
+            return await run_in_threadpool(change, body)
         except (VfoaError, ValueError) as error:
             return PlainTextResponse(f"{error}\n", status_code=400)
 
     return [Route(PATH, answer, methods=["GET", "POST"])]
 
 
-def _given(given: Mapping[str, str], key: str) -> str:
-    if not given.get(key):
-        raise VfoaError(f"{key}: expected a value, found none")
-    return given[key]
-
-
-def _number(text: str, key: str) -> int:
-    if not _NUMBER.fullmatch(text):
-        raise VfoaError(f"{key}: expected a number, found {text!r}")
-    return int(text)
-
-
-def _form(clip: str, subject: str, frame: int, targets: tuple[str, ...]) -> str:
+def _form(asked: Asked, targets: tuple[str, ...]) -> str:
     options = "".join(f"<option>{escape(name)}</option>" for name in targets)
-    hidden = "".join(
-        f'<input type="hidden" name="{name}" value="{escape(value)}">'
-        for name, value in (("clip", clip), ("subject", subject))
-    )
+    clip, subject, frame = escape(asked.clip), escape(asked.subject), asked.frame
     return (
-        f"<p>{escape(clip)}, frame {frame}: what does {escape(subject)} look at?</p>"
-        f'<form method="post" action="{PATH}">{hidden}'
+        f"<p>{clip}, frame {frame}: what does {subject} look at?</p>"
+        f'<form method="post" action="{PATH}"><input type="hidden" name="clip" value="{clip}">'
+        f'<input type="hidden" name="subject" value="{subject}">'
         f'<label>Target <select name="target" required><option value="">choose</option>{options}</select></label>'
         f'<label>From frame <input name="first" type="number" value="{frame}" required></label>'
         f'<label>to frame <input name="last" type="number" value="{frame}" required></label>'

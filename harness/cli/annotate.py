@@ -26,7 +26,7 @@ def annotate(
     no_open: NoOpen = False,
 ) -> None:
     """Serve the labelling page. Every change is saved at once; Ctrl-C ends it and scores RUN again."""
-    from harness.annotate.app import PageServer, last_address, remember
+    from harness.annotate.app import PageServer
     from harness.annotate.session import Session
     from harness.server.local_server import ended_by_sigterm, open_browser
 
@@ -36,8 +36,7 @@ def annotate(
     )
     if session.notice:
         say(session.notice, err=True)
-    server = PageServer(session, port, last_address(session.path))
-    remember(session.path, server.parts)
+    server = PageServer(session, port)
     before = session.digest()
     say("\n".join(filter(None, (str(session.path), server.address, session.advice))))
     if not no_open:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,21 +19,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Check, import, export, compare and merge labels; export a run's predictions.", no_args_is_help=True
 )
-
-
-class Gaps(StrEnum):
-    """Meaning of frames without a label."""
-
-    ignore = "ignore"
-    none = "none"
-
-
-class MergeRule(StrEnum):
-    """Rules for merging labels: see :func:`harness.labels.labels.merge_labels`."""
-
-    agree = "agree"
-    first = "first"
-    adjudicate = "adjudicate"
 
 
 Annotators = Annotated[
@@ -71,7 +55,9 @@ def import_(
             help="Rename a label: their name to the manifest's. SUBJECT:THEIRS=OURS: only targets of one subject.",
         ),
     ] = None,
-    gaps: Annotated[Gaps, typer.Option(help="Meaning of frames without a label between two labels.")] = Gaps.ignore,
+    gaps: Annotated[
+        Literal["ignore", "none"], typer.Option(help="Meaning of frames without a label between two labels.")
+    ] = "ignore",
     observation: Annotated[
         str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
     ] = None,
@@ -90,7 +76,7 @@ def import_(
         fps=fps,
         offset=offset,
         renamed=dict(_pair(each) for each in rename or ()),
-        gaps=gaps.value,
+        gaps=gaps,
         observation=observation,
     )
     place = manifest.annotations.place(annotator)
@@ -201,7 +187,9 @@ def agreement(
 def merge(
     clip: Clip,
     annotators: Annotators = None,
-    rule: Annotated[MergeRule, typer.Option(help="Rule for frames on which annotators differ.")] = MergeRule.adjudicate,
+    rule: Annotated[
+        Literal["agree", "first", "adjudicate"], typer.Option(help="Rule for frames on which annotators differ.")
+    ] = "adjudicate",
     to: Annotated[str | None, typer.Option(metavar="ANNOTATOR", help="Write CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
     replace: Replace = False,
 ) -> None:
@@ -218,7 +206,7 @@ def merge(
     place = files.place(to)
     inputs = [files.find(None if each == manifest.name else each) for each in labels]
     check_new(place, replace=replace, hint=", or another --to", inputs=filter(None, inputs))
-    merged = merge_labels(labels, opened.frames, rule.value)
+    merged = merge_labels(labels, opened.frames, rule)
     write_annotations(place, merged)
     say(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
     if left := to_decide(merged):

@@ -32,6 +32,7 @@ from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity,
 from tests.exchanges import PlainClip, exchange
 from tests.fuzz import states, whole
 from tests.fuzz.states import Read
+from tests.measured import idiap_file
 from tests.records import answers
 
 KINDS = {
@@ -130,7 +131,6 @@ PARSERS: Sequence[Parser] = (
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
-    Parser("Idiap labels, table", "labels.csv", whole.idiap_table, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
     # Runs and the cache
     Parser("results", "results.jsonl", _RESULTS, lambda path: list(read_results(path))),
@@ -152,7 +152,7 @@ PARSERS: Sequence[Parser] = (
     Parser("measured people", "people.csv", whole.measured, states.open_tables, names_file=False),
     Parser("measured objects", "objects.csv", whole.measured, states.open_tables, names_file=False),
     Parser("measured people, Parquet", "people.parquet", whole.measured, states.open_tables, names_file=False),
-    Parser("Idiap tracker", "tracker.csv", lambda path: whole.idiap_file(path.parent, 4), states.open_idiap),
+    Parser("Idiap tracker", "tracker.csv", lambda path: idiap_file(path.parent, 4), states.open_idiap),
     Parser("list of stamps", "rgb.txt", whole.STAMPS, read_stamped_list),
     # Calibrations
     Parser("OpenCV calibration", "stereo.yml", _OPENCV, _cameras),

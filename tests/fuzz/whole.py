@@ -20,7 +20,7 @@ from tests import calibrations, depth_recordings
 from tests.disk import moving_picture, picture, write_bytes, write_image
 from tests.exchanges import exchange, row
 from tests.harness.damage import project
-from tests.measured import LABELS_HEADER, idiap_file, measured_tables
+from tests.measured import LABELS_HEADER, measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
 from tests.repository import REPOSITORY
 
@@ -98,12 +98,6 @@ def boris_packed(path: Path) -> None:
 
 def idiap_arrays(path: Path) -> None:
     np.savez(path, **{"Person 1": [0, 0, 1, 1, 2, 2], "Person 2": [1] * 6})
-
-
-def idiap_table(path: Path) -> None:
-    stamps = list(dict.fromkeys(each.split(",")[0] for each in idiap_file(path.parent).read_text().splitlines()))
-    rows = (f"{stamp},1,robot\n{stamp},2,unfocused\n" for stamp in stamps)
-    path.write_text("time_ns,person,looks_at\n" + "".join(rows))
 
 
 def measured(path: Path) -> None:

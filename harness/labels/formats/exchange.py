@@ -45,6 +45,7 @@ class NameLog:
     renamed: Mapping[str, str]
     _seen: set[str] = field(default_factory=set)
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+    """By kind and name: the first place, and what is suggested."""
 
     def translate(self, name: str, subject: str | None = None) -> str:
         """Our name for theirs, of a target of ``subject`` (ours) if one is given; unchanged without a rename."""
@@ -70,16 +71,12 @@ class NameLog:
         Raises
         ------
         VfoaError
-            One line that lists the unknown names.
+            One line that lists the unknown names, and where the first one is.
         """
-        if len(self._unknown) == 1:
-            (((kind, name), (where, said)),) = self._unknown.items()
-            raise VfoaError(f"{where}: unknown {kind} {said} (--rename {name!r}=OURS)")
         if self._unknown:
-            listed = [f"{kind} {said}" for (kind, _), (_, said) in self._unknown.items()][:_SHOWN]
-            more = f" and {len(self._unknown) - _SHOWN} more" if len(self._unknown) > _SHOWN else ""
-            told = " | ".join(listed) + more
-            raise VfoaError(f"{path}: {len(self._unknown)} unknown names: {told} (--rename THEIRS=OURS for each)")
+            where, _ = next(iter(self._unknown.values()))
+            listed = " | ".join(f"{kind} {said}" for (kind, _), (_, said) in [*self._unknown.items()][:_SHOWN])
+            raise VfoaError(f"{where}: unknown {listed} (--rename THEIRS=OURS)")
         return tuple(
             f"{path}: --rename {name}: no such name in it; {did_you_mean(name, self._seen)}"
             for name in self.renamed

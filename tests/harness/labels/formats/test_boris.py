@@ -99,7 +99,7 @@ def test_every_unknown_name_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(VfoaError) as error:
         Boris().read(path, exchange(PlainClip(frames=range(1, 200))))
     said = str(error.value)
-    assert said.startswith(f"{path}: 3 unknown names: ")
+    assert said.startswith(f"{path}: ")
     assert all(name in said for name in ("'gril'", "'brid'", "'x'", "did you mean 'girl'"))
 
 
