@@ -20,17 +20,6 @@ from vfoa.types import Scene, StereoFrame, StereoRig
 
 _CALIBRATIONS = ("calibration", "camera")
 
-_CONVERTED = {
-    (".svo", ".svo2"): "a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them",
-    (".oni",): "images: OpenNI 2's Python binding (openni2) or OpenCV built with OpenNI write them as PNG",
-    (".heic", ".heif"): "PNG or JPEG: ImageMagick (magick in.heic out.png) converts it",
-    (".dng", ".cr2", ".nef", ".arw"): "PNG or JPEG: darktable-cli or dcraw convert camera raw files",
-    (".insv",): "a video: ffmpeg -i in.insv -c copy out.mp4 rewraps it",
-    (".npz", ".h5", ".hdf5"): "images: write the arrays as PNG (cv2.imwrite)",
-    (".zip", ".tar", ".gz", ".7z"): "a folder: unpack it first",
-}
-"""What is expected in place of a file that no adapter reads, by its suffix."""
-
 
 class Reading(NamedTuple):
     """A way to read a path, and its adapter."""
@@ -85,11 +74,9 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
         return found
     if failures:
         raise failures[0]
-    who = ", ".join(asked or names)
-    suffix = path.suffix.lower()
-    other = (expected for suffixes, expected in _CONVERTED.items() if suffix in suffixes)
-    expected = next(other, "one of the sources in datasets/README.md")
-    raise VfoaError(f"{path}: not recognised by {who}; expected {expected}")
+    raise VfoaError(
+        f"{path}: not recognised by {', '.join(asked or names)}; expected one of the sources in datasets/README.md"
+    )
 
 
 def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:
@@ -119,22 +106,14 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
         return f"several adapters can read it; expected one of: {layouts}"
     keys = dict.fromkeys(key for each in readings for key in each.found.source)
-    values = {key: [_worded(key, each.found.source.get(key)) for each in readings] for key in keys}
+    values = {key: [str(each.found.source.get(key)) for each in readings] for key in keys}
     # One key that distinguishes all of them is enough: the left folder implies the right one.
     deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
     choices = [
-        f"{_option(key)}({' | '.join(dict.fromkeys(values[key]))})"
+        f"{'--calibration ' if key == 'calibration' else f'--set {key}='}({' | '.join(dict.fromkeys(values[key]))})"
         for key in deciding or [key for key in keys if len(set(values[key])) > 1]
     ]
     return f"it can be read in {len(readings)} ways; expected {' and '.join(choices)}"
-
-
-def _worded(key: str, value: Any) -> str:
-    return " --calibration ".join(value) if key == "calibration" and isinstance(value, list) else str(value)
-
-
-def _option(key: str) -> str:
-    return "--calibration " if key == "calibration" else f"--set {key}="
 
 
 _WHO = """

@@ -17,7 +17,7 @@ from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
-from vfoa.types import StereoFrame
+from vfoa.types import Float, StereoFrame
 
 Value = TypeVar("Value")
 
@@ -39,108 +39,93 @@ DARK = 16
 """Greatest brightness of 12-bit values in 16-bit files, of which only the upper 8 bits are read: 15."""
 
 
-def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> list[str]:
-    """Return each problem once, with its frames. ``says_unit``: the manifest gives the unit of the baseline itself."""
-    problems: dict[str, list[int]] = {}
-    for frame in frames:
-        rig = frame.rig
+def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> Iterator[str]:
+    """Problems of each camera, with its first frame. ``says_unit``: the manifest gives the unit of the baseline."""
+    for rig, frame in {frame.rig: frame for frame in reversed(frames)}.items():
         if frame.right is not None and not says_unit and not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-            guess = "" if rig.baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
-            problem = (
-                f"the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: "
-                'say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source]'
+            yield (
+                f"frame {frame.index}: the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to "
+                f'{MAX_BASELINE_M:g} m: say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in '
+                "[source]"
             )
-            problems.setdefault(problem, []).append(frame.index)
         if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
-            problem = (
-                f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
+            yield (
+                f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
                 f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
             )
-            problems.setdefault(problem, []).append(frame.index)
-    return [f"frame {', '.join(map(str, numbers))}: {problem}" for problem, numbers in problems.items()]
 
 
-def _image_problems(frames: Sequence[StereoFrame]) -> list[str]:
+def _image_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Images that decode but cannot be right: the same on both sides, or nearly black."""
-    same = [str(frame.index) for frame in frames if frame.right is not None and np.array_equal(frame.left, frame.right)]
-    problems = [f"frame {', '.join(same)}: left and right are the same image; expected two views"] if same else []
+    if same := [frame for frame in frames if frame.right is not None and np.array_equal(frame.left, frame.right)]:
+        yield f"frame {_listed(same)}: left and right are the same image; expected two views"
     brightest = max(int(image.max()) for frame in frames for image in (frame.left, frame.right) if image is not None)
     if brightest <= DARK:
-        problems.append(
+        yield (
             f"the brightest value of {len(frames)} frames is {brightest} of 255; expected brighter images "
             "(10 or 12 bits in 16-bit files? scale them to 8 bits)"
         )
-    return problems
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Matching:
-    """Points that were matched between left and right: the median row difference, None with too few of them."""
-
-    matches: int | None = None
-    error_px: float | None = None
-    notes: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+def _listed(frames: Sequence[StereoFrame]) -> str:
+    return ", ".join(str(frame.index) for frame in frames)
 
 
-def _check_matches(frames: Sequence[StereoFrame]) -> _Matching:
+def _offsets_px(frames: Sequence[StereoFrame]) -> Float:
+    """Disparities and row differences (N, 2) of points that are matched between left and right."""
+    offsets = [
+        matched_offsets_px(frame.left, frame.right) + np.array([frame.rig.cx_right_px - frame.rig.cx_px, 0])
+        for frame in frames
+        if frame.right is not None
+    ]
+    return np.concatenate([np.empty((0, 2)), *offsets])
+
+
+def _matching_problems(error_px: float, disparity_px: float) -> Iterator[str]:
     """Rows that do not match, and negative disparities: points before the cameras are further right in the left image.
 
-    They are found in both images of the frames that have two.
+    Both are medians over the matched points.
     """
-    rows_px, disparities_px = [np.empty(0)], [np.empty(0)]
-    for frame in frames:
-        if frame.right is not None:
-            columns, rows = matched_offsets_px(frame.left, frame.right).T
-            rows_px.append(np.abs(rows))
-            disparities_px.append(columns + frame.rig.cx_right_px - frame.rig.cx_px)
-    if len(rows_px) == 1:
-        return _Matching()
-    if (matches := sum(map(len, rows_px))) < MIN_MATCHES:
-        few = f"{matches} points were matched between left and right"
-        return _Matching(matches=matches, notes=(f"{few}; rectification is checked from {MIN_MATCHES} points on",))
-    error_px, disparity_px = (float(np.median(np.concatenate(each))) for each in (rows_px, disparities_px))
-    problems = []
     if error_px > MAX_VERTICAL_ERROR_PX:
         expected = f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
-        problems.append(f"matched points lie {error_px:.1f} rows apart (median); {expected}")
+        yield f"matched points lie {error_px:.1f} rows apart (median); {expected}"
     if disparity_px < 0:
-        problems.append(
+        yield (
             f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
             "(left and right swapped?)"
         )
-    return _Matching(matches=matches, error_px=error_px, problems=tuple(problems))
 
 
-def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
+def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Share of the image with measured depth, and its range."""
     depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
-    known = np.concatenate([depth[np.isfinite(depth)] for depth in depths]) if depths else np.zeros(0)
+    known = np.concatenate([np.zeros(0), *(depth[np.isfinite(depth)] for depth in depths)])
     if known.size == 0:
-        return []
+        return
     near, middle, far = np.percentile(known, (1, 50, 99))
-    share = known.size / sum(depth.size for depth in depths)
     limit_m = BlockMatchingSettings().min_depth_m
-    unit = f"nearly all of the measured depth is nearer than {limit_m:g} m ({_OTHER_UNIT})"
-    return [
-        *([unit] if far < limit_m else []),
+    if far < limit_m:
+        yield f"nearly all of the measured depth is nearer than {limit_m:g} m ({_OTHER_UNIT})"
+    share = known.size / sum(depth.size for depth in depths)
+    yield (
         f"measured depth on {share:.0%} of the pixels: {near:.2f} to {far:.2f} m (1st to 99th percentile), "
-        f'median {middle:.2f} m; stereo.matcher = "sensor" takes it',
-    ]
+        f'median {middle:.2f} m; stereo.matcher = "sensor" takes it'
+    )
 
 
-def _depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
+def _depth_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Measured maps without a value, or with values that suggest another unit."""
-    measured = [
-        (frame.index, frame.depth_m[np.isfinite(frame.depth_m)]) for frame in frames if frame.depth_m is not None
-    ]
-    empty = [str(index) for index, depths_m in measured if not depths_m.size]
-    medians = [float(np.median(depths_m)) for _, depths_m in measured if depths_m.size]
-    problems = [f"frame {', '.join(empty)}: no pixel has a measured depth"] if empty else []
-    if medians and not MIN_DEPTH_M <= np.median(medians) <= MAX_DEPTH_M:
+    medians_m = {}
+    for frame in frames:
+        if frame.depth_m is not None:
+            depths_m = frame.depth_m[np.isfinite(frame.depth_m)]
+            medians_m[frame.index] = float(np.median(depths_m)) if depths_m.size else None
+    if empty := [str(index) for index, median_m in medians_m.items() if median_m is None]:
+        yield f"frame {', '.join(empty)}: no pixel has a measured depth"
+    known = [median_m for median_m in medians_m.values() if median_m is not None]
+    if known and not MIN_DEPTH_M <= np.median(known) <= MAX_DEPTH_M:
         expected = f"expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m ({_OTHER_UNIT})"
-        problems.append(f"the median measured depth is {np.median(medians):.3g} m; {expected}")
-    return problems
+        yield f"the median measured depth is {np.median(known):.3g} m; {expected}"
 
 
 MAX_DISTANCE_M = 100.0
@@ -267,20 +252,25 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             notes=clip.notes,
             problems=(*measurement_problems(manifest, clip), *manifest_problems(manifest), *label_problems),
         )
-    matching, rig = _check_matches(frames), frames[0].rig
+    rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
+    offsets = _offsets_px(frames)
+    is_matched = len(offsets) >= MIN_MATCHES
+    disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0
+    error_px = float(np.median(np.abs(offsets[:, 1]))) if is_matched else 0.0
+    few = f"{len(offsets)} points were matched between left and right; rectification is checked from {MIN_MATCHES} on"
     _, drawn_problems = _attempt(lambda: manifest.drawn(clip.frames))
     return ClipCheck(
         name=manifest.name,
         frames=len(clip.frames),
         size_px=(rig.width_px, rig.height_px),
         fx_px=rig.fx_px,
-        baseline_m=None if matching.matches is None else rig.baseline_m,
-        vertical_error_px=matching.error_px,
-        matches=matching.matches,
+        baseline_m=rig.baseline_m if has_right else None,
+        vertical_error_px=error_px if is_matched else None,
+        matches=len(offsets) if has_right else None,
         labels=labels,
         notes=(
             *clip.notes,
-            *matching.notes,
+            *([few] if has_right and not is_matched else []),
             *depth_notes(frames),
             *near_notes(frames),
             *manifest_notes(manifest, clip),
@@ -290,7 +280,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *_calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
             *_image_problems(frames),
             *_depth_problems(frames),
-            *matching.problems,
+            *_matching_problems(error_px, disparity_px),
             *manifest_problems(manifest),
             *label_problems,
             *drawn_problems,

@@ -6,9 +6,9 @@ the source, its place from the left, or a place in the image.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import zip_longest
 from typing import Self
 
 import numpy as np
@@ -22,6 +22,7 @@ PointPx = tuple[float, float]
 
 HUES = ("blue", "orange", "green", "pink", "violet", "brown", "cyan", "yellow", "magenta", "olive")
 PATTERNS = ("plain", "diagonal", "vertical", "horizontal")
+_WHICH = ("instance", "from_left", "at_px", "box_px")
 _COLOUR = rf"^({'|'.join(HUES)}) ({'|'.join(PATTERNS)})$"
 
 
@@ -47,7 +48,7 @@ class NameRule(Settings):
 
     @model_validator(mode="after")
     def _one_choice(self) -> Self:
-        given = [key for key in ("instance", "from_left", "at_px", "box_px") if getattr(self, key) is not None]
+        given = [key for key in _WHICH if getattr(self, key) is not None]
         if len(given) > 1:
             raise ValueError(f"found {' and '.join(given)}; expected at most one of them beside category")
         return self
@@ -55,7 +56,7 @@ class NameRule(Settings):
     @property
     def is_shared(self) -> bool:
         """Whether the rule has only a category."""
-        return self.instance is None and self.from_left is None and self.at_px is None and self.box_px is None
+        return all(getattr(self, key) is None for key in _WHICH)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +243,11 @@ def _distances_px(box_px: Float, point_px: PointPx) -> tuple[float, float]:
 
 DIGITS = "1234567890"
 KEYS = (*DIGITS, *(f"shift+{digit}" for digit in DIGITS))
-COLOURS = tuple(f"{hue} {pattern}" for hue, pattern in product(HUES, PATTERNS))
+COLOURS = tuple(
+    f"{HUES[place % len(HUES)]} {PATTERNS[(place + place // 20) % len(PATTERNS)]}"
+    for place in range(len(HUES) * len(PATTERNS))
+)
+"""Twenty names in a row differ by colour and by pattern."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -263,38 +268,16 @@ def looks(rules: Mapping[str, NameRule]) -> dict[str, Look]:
     rules
         The manifest's targets, then its subjects, which are targets as well.
     """
-    places = dict(enumerate(rules))
-    keys = _fill(places, {name: rule.key for name, rule in rules.items()}, _key_of_place, KEYS)
-    colours = _fill(places, {name: rule.colour for name, rule in rules.items()}, _colour_of_place, _colours_in_order())
+    keys = _fill([rule.key for rule in rules.values()], KEYS)
+    colours = _fill([rule.colour for rule in rules.values()], COLOURS)
     return {
-        name: Look(key=keys[name], colour=colours[name] or _colour_of_place(place)) for place, name in places.items()
+        name: Look(key=keys[place], colour=colours[place] or COLOURS[place % len(COLOURS)])
+        for place, name in enumerate(rules)
     }
 
 
-def _fill(
-    places: Mapping[int, str],
-    given: Mapping[str, str | None],
-    of_place: Callable[[int], str | None],
-    choices: Iterable[str],
-) -> dict[str, str | None]:
-    """The given value, else the place's own, else the first free choice; None if nothing is free."""
-    found = dict(given)
-    for place, name in places.items():
-        own = of_place(place)
-        if found[name] is None and own not in found.values():
-            found[name] = own
-    free = iter([each for each in choices if each not in found.values()])
-    return {name: value if value is not None else next(free, None) for name, value in found.items()}
-
-
-def _key_of_place(place: int) -> str | None:
-    return KEYS[place] if place < len(KEYS) else None
-
-
-def _colour_of_place(place: int) -> str:
-    """Colour of a place; twenty names in a row differ by colour and by pattern."""
-    return f"{HUES[place % len(HUES)]} {PATTERNS[(place + place // 20) % len(PATTERNS)]}"
-
-
-def _colours_in_order() -> list[str]:
-    return [_colour_of_place(place) for place in range(len(COLOURS))]
+def _fill(given: Sequence[str | None], choices: Sequence[str]) -> list[str | None]:
+    """The given value, else the choice at its own place, else the first free choice; None if nothing is free."""
+    filled = [value or (own if own not in given else None) for value, own in zip_longest(given, choices[: len(given)])]
+    free = iter([choice for choice in choices if choice not in filled])
+    return [value or next(free, None) for value in filled]

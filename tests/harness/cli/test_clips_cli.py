@@ -111,7 +111,12 @@ def test_swapped_views_fail(tmp_path: Path) -> None:
 
 def test_principal_points_apart_shift_the_disparity(tmp_path: Path) -> None:
     """With cx_right = cx - 20 a point at a disparity of 12 px lies behind the cameras."""
-    _clip(tmp_path, manifest=MANIFEST.replace(CAMERA, f"{CAMERA}cx_right_px = 139.5\n"))
+    lines = [
+        f"P{camera}: 300 0 {cx} {tx} 0 300 119.5 0 0 0 1 0\n" for camera, cx, tx in ((2, 159.5, 0), (3, 139.5, -30))
+    ]
+    write_text(tmp_path / "datasets" / "wall" / "calib.txt", "".join(lines))
+    camera = f"[source.camera]\n{CAMERA}"
+    _clip(tmp_path, manifest=MANIFEST.replace(camera, 'calibration = "calib.txt"'))
     assert "a disparity of -8.0 px" in str(_check("wall")[1]["problems"])
 
 
@@ -122,7 +127,7 @@ def test_what_cannot_be_measured_is_said(tmp_path: Path) -> None:
     code, found = _check("wall")
     assert (code, found["vertical_error_px"], found["matches"]) == (0, None, 0)
     assert found["notes"] == [
-        "0 points were matched between left and right; rectification is checked from 30 points on",
+        "0 points were matched between left and right; rectification is checked from 30 on",
     ]
     assert "wall: note: 0 points" in CliRunner().invoke(app, ["check", "wall"]).stdout
 
@@ -143,7 +148,7 @@ def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
     [
         ({"labels": LABELS.replace("bird", "brid")}, "wall.csv:3: unknown target 'brid'; did you mean 'bird'?"),
         ({"labels": LABELS.replace("1,3", "1,4")}, "wall.csv:3: frame 4 is outside the clip"),
-        ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected 0.02 to 1 m (millimetres"),
+        ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected 0.02 to 1 m"),
         ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
         (
             {"manifest": MANIFEST.replace("targets.bird", 'targets."bird#2"')},

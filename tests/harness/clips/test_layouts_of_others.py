@@ -219,11 +219,6 @@ def test_a_baseline_stands_in_place_of_the_file_s(tmp_path: Path) -> None:
     assert vfoa("check", "mine")[0]["baseline_m"] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("name", "program"), [("a.svo", "ZED"), ("a.heic", "ImageMagick"), ("a.zip", "unpack")])
-def test_what_cannot_be_read_names_what_converts_it(tmp_path: Path, name: str, program: str) -> None:
-    assert program in refused(write_text(tmp_path / name, "x"))
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
