@@ -47,7 +47,9 @@ def print_table(
             cell.no_wrap, cell.overflow = (True, "ellipsis") if name == shortened else (None, None)
         table.add_row(*cells)
     console = Console()
-    console.width = max(console.width, console.measure(table).minimum)
+    wide = console.options.update(width=_WIDEST)
+    if console.measure(table, options=wide).minimum + 2 * len(header) > console.width:
+        console.width = _WIDEST
     console.print(table)
 
 
@@ -143,6 +145,8 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
         say(f"Scrub: vfoa view {run}")
 
 
+_WIDEST = 1000
+"""Most characters of a row of a table."""
 _MOST_CLIPS = 3
 """Most clips without labels that are named."""
 
