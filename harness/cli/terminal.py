@@ -38,17 +38,19 @@ def print_table(
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in header:
-        table.add_column(name, no_wrap=name not in (*wrapped, shortened), overflow="fold")
-    for row in rows:
-        cells = [Text("-" if cell in (None, "") else shown(str(cell))) for cell in row]
+    console, table = Console(), Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    texts = [["-" if cell in (None, "") else shown(str(cell)) for cell in row] for row in rows]
+    least = 0
+    for name, *cells in zip(header, *texts, strict=True):
+        is_flexible = name in (*wrapped, shortened)
+        table.add_column(name, no_wrap=not is_flexible, overflow="fold", min_width=len(name))
+        least += max(map(len, (name,) if is_flexible else (name, *cells))) + _GAP
+    for row in texts:
+        cells = [Text(cell) for cell in row]
         for name, cell in zip(header, cells, strict=True):
             cell.no_wrap, cell.overflow = (True, "ellipsis") if name == shortened else (None, None)
         table.add_row(*cells)
-    console = Console()
-    wide = console.options.update(width=_WIDEST)
-    if console.measure(table, options=wide).minimum + 2 * len(header) > console.width:
+    if least > console.width:
         console.width = _WIDEST
     console.print(table)
 
@@ -147,6 +149,8 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
 
 _WIDEST = 1000
 """Most characters of a row of a table."""
+_GAP = 2
+"""Characters that rich adds to each column: a blank, and its part of the frame."""
 _MOST_CLIPS = 3
 """Most clips without labels that are named."""
 
