@@ -122,5 +122,5 @@ def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> li
     """Judge records, reading each of them once."""
     log = OutcomeLog(reference)
     for record in records:
-        log.judge(record)
+        log.take(record)
     return log.outcomes()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import lru_cache
 
 from harness.columns import FRAMES_COLUMNS, frr_columns
@@ -11,6 +11,7 @@ from harness.report.formats import Table, csv_cell, csv_share
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
 from harness.score.calibration import prediction_set
+from harness.score.part_log import PartLog
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
@@ -66,35 +67,24 @@ def _nowhere_cells(row: ScoreRow) -> tuple[str, ...]:
 
 
 _cell = lru_cache(maxsize=None)(csv_cell)
-_Key = tuple[str, str, int]
 FrameLines = tuple[int, str | None, list[str]]
 """A frame, a subject in it, and the beginnings of their rows."""
 
 
-class FrameRows:
-    """Collects the rows from passing records, so that a long run is read once: see :meth:`watch`."""
+class FrameRows(PartLog[list[FrameLines]]):
+    """Collects the rows of ``frames.csv`` from passing records, so that a long run is read once."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[_Key, str | None, list[str]]] = []
+        super().__init__(list)
 
-    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Yield the records unchanged, as to :func:`harness.score.score.score`, and keep the data of the table."""
-        for record in records:
-            key = record.clip, record.configuration, record.frame
-            start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")
-            names = {target.instance_id: _cell(target.name) for target in record.targets}
-            for subject in record.subjects:
-                lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
-                self._rows.append((key, subject.name, lines))
-            yield record
-
-    def part(self) -> list[FrameLines]:
-        """The rows so far, for another log."""
-        return [(frame, subject, lines) for (_, _, frame), subject, lines in self._rows]
-
-    def add(self, clip: str, configuration: str, rows: Iterable[FrameLines]) -> None:
-        """Add the rows of another log that has watched one configuration on one clip."""
-        self._rows.extend(((clip, configuration, frame), subject, lines) for frame, subject, lines in rows)
+    def take(self, record: FrameRecord) -> None:
+        """Add the rows of a record."""
+        start = _start(record.clip, record.configuration, record.frame, time=f"{record.time_ns / 1e9:.3f}")
+        names = {target.instance_id: _cell(target.name) for target in record.targets}
+        rows = self.part(record.clip, record.configuration)
+        for subject in record.subjects:
+            lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
+            rows.append((record.frame, subject.name, lines))
 
     def to_csv(self, verdicts: Iterable[Verdict]) -> str:
         """Return the table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
@@ -106,10 +96,11 @@ class FrameRows:
         """
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
         text = [",".join(FRAMES_COLUMNS) + "\n"]
-        for key, subject, lines in self._rows:
-            # removed when used: if tracks share a name, the first is the one that was judged
-            end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
-            text += (end.join(lines), end) if lines else ()
+        for pair, rows in self.parts.items():
+            for frame, subject, lines in rows:
+                # removed when used: if tracks share a name, the first is the one that was judged
+                end = _judgement(judged.pop((*pair, frame, subject), None) if subject is not None else None)
+                text += (end.join(lines), end) if lines else ()
         for verdict in judged.values():
             start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
             text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")

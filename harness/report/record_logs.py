@@ -14,11 +14,11 @@ All of it can be removed at any time. A file is read again unless it has the sta
 from __future__ import annotations
 
 import hashlib
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import harness
 import vfoa
@@ -27,26 +27,27 @@ from harness.files.folders import kept_while_unchanged, read_value, settled_stam
 from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
-from harness.report.page.packing import AttentionLog, TrackPart
+from harness.report.page.packing import AttentionLog, AttentionPart
 from harness.report.reliability import direction_check_table, prediction_set_table, subject_reliability_table
 from harness.report.stages import StageTimes, stage_times
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import Judged, OutcomeLog, Reference
+from harness.score.outcomes import JudgedPart, OutcomeLog, Reference
+from harness.score.part_log import PartLog
 from harness.score.score import Scores, score_outcomes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """The logs' data of some records of one configuration on one clip, in plain values."""
+    """The logs' parts of some records of one configuration on one clip."""
 
-    outcomes: tuple[dict[str, Judged], dict[int, int]]
+    outcomes: JudgedPart
     measures: tuple[list[FrameMeasures], dict[int, str]]
     frames: list[FrameLines]
     calibration: CalibrationData
-    attention: tuple[dict[str, TrackPart], list[str]]
+    attention: AttentionPart
 
 
 class RecordLogs:
@@ -54,14 +55,19 @@ class RecordLogs:
 
     def __init__(self, reference: Reference) -> None:
         self._reference, self.names_now = reference, reference.names_now
-        self.outcomes, self.measures = OutcomeLog(reference), MeasureLog()
-        self.frames, self.attention = FrameRows(), AttentionLog()
+        self.measures = MeasureLog()
+        self.outcomes, self.frames, self.attention = OutcomeLog(reference), FrameRows(), AttentionLog()
         self.calibration = CalibrationLog(reference.probabilistic, reference.labels)
 
     def watch(self, records: Iterable[FrameRecord]) -> None:
         """Look at each record once."""
-        watched = self.calibration.watch(self.frames.watch(records))
-        deque(map(self.outcomes.judge, self.measures.watch(self.attention.watch(watched))), maxlen=0)
+        for record in self.measures.watch(records):
+            for log in self._logs.values():
+                log.take(record)
+
+    @property
+    def _logs(self) -> dict[str, PartLog[Any]]:
+        return {name: getattr(self, name) for name in ("outcomes", "frames", "attention", "calibration")}
 
     def scores(self) -> Scores:
         """The scores of all records watched or added; notes say where directions do not fit the posterior."""
@@ -78,22 +84,15 @@ class RecordLogs:
         )
 
     def part(self, clip: str, configuration: str) -> Part:
-        """Return the data of these logs, which have watched one configuration on one clip, for other logs."""
-        return Part(
-            outcomes=self.outcomes.part(clip, configuration),
-            measures=self.measures.part(clip, configuration),
-            frames=self.frames.part(),
-            calibration=self.calibration.part(clip, configuration),
-            attention=self.attention.part(),
-        )
+        """Return the parts of one configuration on one clip, for other logs."""
+        parts = {name: log.part(clip, configuration) for name, log in self._logs.items()}
+        return Part(measures=self.measures.part(clip, configuration), **parts)
 
     def add(self, clip: str, configuration: str, part: Part) -> None:
-        """Add the data that other logs have of one configuration on one clip."""
-        self.outcomes.add(clip, configuration, *part.outcomes)
+        """Add the parts that other logs have of one configuration on one clip."""
         self.measures.add(clip, configuration, *part.measures)
-        self.frames.add(clip, configuration, part.frames)
-        self.calibration.add(clip, configuration, part.calibration)
-        self.attention.add(clip, configuration, *part.attention)
+        for name, log in self._logs.items():
+            log.add(clip, configuration, getattr(part, name))
 
 
 class KeptParts:

@@ -19,7 +19,7 @@ targets do not explain it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,7 @@ from harness.labels.labels import IGNORED, Label, Labels
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
+from harness.score.part_log import PartLog
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from harness.score.verdicts import find_subject, right_answers
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
@@ -151,24 +152,19 @@ class CalibrationData:
     fits: list[DirectionFit] = field(default_factory=list)
 
 
-class CalibrationLog:
+class CalibrationLog(PartLog[CalibrationData]):
     """Collects probabilities from passing records. The seeds of a configuration are taken together.
 
     ``configurations`` are those whose attention is a probability.
     """
 
     def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
+        super().__init__(CalibrationData)
         self._names = dict.fromkeys(map(base_of, configurations))
         self._labels = labels_by_clip
-        self._data: dict[tuple[str, str], CalibrationData] = {}
 
-    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Yield the records unchanged."""
-        for record in records:
-            self._add_record(record)
-            yield record
-
-    def _add_record(self, record: FrameRecord) -> None:
+    def take(self, record: FrameRecord) -> None:
+        """Add a record."""
         data, labels = self.part(record.clip, record.configuration), self._labels.get(record.clip)
         data.fits += [each.fit for each in record.subjects if each.fit is not None and each.name is not None]
         has_probabilities = base_of(record.configuration) in self._names
@@ -182,22 +178,14 @@ class CalibrationLog:
                 data.sets.append((not set(held).isdisjoint(right_answers(record, label)), len(held)))
 
     def part(self, clip: str, configuration: str) -> CalibrationData:
-        """The data of a configuration on a clip so far."""
-        return self._data.setdefault((clip, base_of(configuration)), CalibrationData())
-
-    def add(self, clip: str, configuration: str, data: CalibrationData) -> None:
-        """Add a part of another log."""
-        ours = self.part(clip, configuration)
-        for subject, sureness in data.sureness.items():
-            ours.sureness.setdefault(subject, []).extend(sureness)
-        ours.sets += data.sets
-        ours.fits += data.fits
+        """The data of all seeds of a configuration on a clip so far."""
+        return super().part(clip, base_of(configuration))
 
     def reliabilities(self) -> list[Reliability]:
         """One over all clips for each configuration with a scored frame, in the order of the configurations."""
         found = []
         for name in self._names:
-            clips = [data.sureness for (_, of), data in self._data.items() if of == name and data.sureness]
+            clips = [data.sureness for (_, of), data in self.parts.items() if of == name and data.sureness]
             frames = [(code, np.array(each)) for code, by_subject in enumerate(clips) for each in by_subject.values()]
             if frames:
                 codes = np.concatenate([np.full(len(each), code) for code, each in frames])
@@ -206,18 +194,18 @@ class CalibrationLog:
 
     def by_subject(self) -> list[Reliability]:
         """One for each subject of each clip, then by configuration."""
-        keys = sorted({(clip, subject) for (clip, _), data in self._data.items() for subject in data.sureness})
+        keys = sorted({(clip, subject) for (clip, _), data in self.parts.items() for subject in data.sureness})
         return [
             reliability(name, np.array(data.sureness[subject]), clip=clip, subject=subject)
             for clip, subject in keys
             for name in self._names
-            if (data := self._data.get((clip, name))) and subject in data.sureness
+            if (data := self.parts.get((clip, name))) and subject in data.sureness
         ]
 
     def coverages(self) -> list[SetCoverage]:
         """One coverage for each configuration that gives probabilities."""
         by_name: dict[str, list[tuple[bool, int]]] = {}
-        for (_, name), data in self._data.items():
+        for (_, name), data in self.parts.items():
             if data.sets:
                 by_name.setdefault(name, []).extend(data.sets)
         return [
@@ -242,7 +230,7 @@ class CalibrationLog:
                 implied_deg=_median_deg([each.implied_error_rad for each in data.fits]),
                 share=_median([each.implied_share for each in data.fits]),
             )
-            for (clip, configuration), data in self._data.items()
+            for (clip, configuration), data in self.parts.items()
             if data.fits
         ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.calibration import NO_PROBABILITIES, worth_of
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
+from harness.score.part_log import PartLog
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, right_answers
 from vfoa.types import Float
@@ -106,93 +107,72 @@ Judged = dict[int, Judgement]
 
 
 @dataclass(slots=True)
-class _Clip:
-    """Truth and predictions of a clip over all its configurations."""
+class JudgedPart:
+    """The judgements of a configuration on a clip by subject, and the time of each frame."""
 
-    labels: Labels | None
-    wanted: list[int]
+    by_subject: dict[str, Judged] = field(default_factory=dict)
     times_ns: dict[int, int] = field(default_factory=dict)
-    _by_frame: dict[int, dict[str, Label]] = field(default_factory=dict)
-
-    def labels_in(self, frame: int) -> dict[str, Label]:
-        """The labels of a frame by subject, cached: every configuration asks for the same ones."""
-        if frame not in self._by_frame:
-            found = self.labels.labelled([frame]) if self.labels else ()
-            self._by_frame[frame] = {subject: label for _, subject, label in found}
-        return self._by_frame[frame]
-
-    def wanted_labels(self) -> list[tuple[int, str, Label]]:
-        """Every frame, subject and label of the wanted frames."""
-        return list(self.labels.labelled(self.wanted)) if self.labels else []
-
-    def positions(self) -> dict[int, int]:
-        """The place of every frame in the clip."""
-        return {frame: place for place, frame in enumerate(sorted({*self.wanted, *self.times_ns}))}
-
-    def frames_per_second(self) -> float | None:
-        """The frame rate by the median step between frames that have a time; None if all times are equal."""
-        times = np.array([time for _, time in sorted(self.times_ns.items())])
-        step_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        return 1e9 / step_ns if step_ns > 0 else None
 
 
-class OutcomeLog:
-    """Judges records against a reference, in any number of parts."""
+class OutcomeLog(PartLog[JudgedPart]):
+    """Judges records against a reference."""
 
     def __init__(self, reference: Reference) -> None:
+        super().__init__(JudgedPart)
         self._reference = reference
-        self._clips: dict[str, _Clip] = {}
-        self._tracks: dict[tuple[str, str], dict[str, Judged]] = {}
 
-    def judge(self, record: FrameRecord) -> None:
+    def take(self, record: FrameRecord) -> None:
         """Judge every labelled or named subject of a record."""
-        clip = self._clip(record.clip)
-        clip.times_ns[record.frame] = record.time_ns
-        _judge_record(
+        part = self.part(record.clip, record.configuration)
+        part.times_ns[record.frame] = record.time_ns
+        reference, labels = self._reference, self._reference.labels.get(record.clip)
+        judgements = _judgements(
             record,
-            clip,
-            self._tracks.setdefault((record.clip, record.configuration), {}),
-            says_nowhere=record.configuration in self._reference.says_nowhere,
-            has_probabilities=record.configuration in self._reference.probabilistic,
+            {subject: label for _, subject, label in labels.labelled([record.frame])} if labels else {},
+            says_nowhere=record.configuration in reference.says_nowhere,
+            has_probabilities=record.configuration in reference.probabilistic,
         )
-
-    def part(self, clip: str, configuration: str) -> tuple[dict[str, Judged], dict[int, int]]:
-        """The judgements of a configuration on a clip so far, and the time of each frame, for another log."""
-        return self._tracks.get((clip, configuration), {}), self._clip(clip).times_ns
-
-    def add(self, clip: str, configuration: str, judged: Mapping[str, Judged], times_ns: Mapping[int, int]) -> None:
-        """Add a part of another log."""
-        self._clip(clip).times_ns.update(times_ns)
-        by_subject = self._tracks.setdefault((clip, configuration), {})
-        for subject, each in judged.items():
-            by_subject.setdefault(subject, {}).update(each)
-
-    def _clip(self, name: str) -> _Clip:
-        if name not in self._clips:
-            labels = self._reference.labels.get(name)
-            self._clips[name] = _Clip(labels=labels, wanted=_wanted(labels, self._reference.frames.get(name)))
-        return self._clips[name]
+        for subject, judgement in judgements:
+            part.by_subject.setdefault(subject, {})[record.frame] = judgement
 
     def outcomes(self) -> list[Outcomes]:
         """The outcomes of all judged records, and of every labelled frame without a record.
 
         In order of clip, configuration (both as they first appear in the records) and subject (by name).
         """
-        clips = self._clips
-        labels = {name: clip.wanted_labels() for name, clip in clips.items()}
-        for (name, configuration), by_subject in self._tracks.items():
-            has_probabilities = configuration in self._reference.probabilistic
-            _judge_absent_frames(name, configuration, labels[name], by_subject, has_probabilities)
         codes: dict[str, int] = {}
-        places = {name: clip.positions() for name, clip in clips.items()}
-        rates = {name: clip.frames_per_second() for name, clip in clips.items()}
-        first_seen = {name: order for order, name in enumerate(clips)}
-        found = [
-            _outcomes((name, configuration, subject), judged, places[name], rates[name], codes)
-            for (name, configuration), by_subject in sorted(self._tracks.items(), key=lambda it: first_seen[it[0][0]])
-            for subject, judged in sorted(by_subject.items())
-        ]
+        found = []
+        for name in dict.fromkeys(clip for clip, _ in self.parts):
+            parts = {configuration: part for (clip, configuration), part in self.parts.items() if clip == name}
+            wanted = self._wanted(name)
+            times_ns = {frame: time for part in parts.values() for frame, time in part.times_ns.items()}
+            places = {frame: place for place, frame in enumerate(sorted({*wanted, *times_ns}))}
+            labels = self._reference.labels.get(name)
+            wanted_labels = list(labels.labelled(wanted)) if labels else []
+            for configuration, part in parts.items():
+                worth = NO_PROBABILITIES if configuration in self._reference.probabilistic else UNKNOWN_WORTH
+                for frame, subject, label in wanted_labels:
+                    judged = part.by_subject.setdefault(subject, {})
+                    if frame not in judged:
+                        verdict = judge_absent(name, configuration, frame, subject, label)
+                        judged[frame] = Judgement(verdict, label.is_blocked, NO_HITS, math.nan, *worth)
+                for subject, judged in sorted(part.by_subject.items()):
+                    found.append(_outcomes((name, configuration, subject), judged, places, _rate_hz(times_ns), codes))
         return _with_limits(_with_longer_looks(found))
+
+    def _wanted(self, clip: str) -> list[int]:
+        """The frames of a clip that are scored if they have a label."""
+        if (frames := self._reference.frames.get(clip)) is not None:
+            return sorted(set(frames))
+        ranges = labels.ranges if (labels := self._reference.labels.get(clip)) else ()
+        return sorted({frame for row in ranges for frame in range(row.first_frame, row.last_frame + 1)})
+
+
+def _rate_hz(times_ns: Mapping[int, int]) -> float | None:
+    """The frame rate by the median step between frames that have a time; None if all times are equal."""
+    times = np.array([time for _, time in sorted(times_ns.items())])
+    step_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    return 1e9 / step_ns if step_ns > 0 else None
 
 
 def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
@@ -203,18 +183,10 @@ def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
     return [replace(each, looks=number_looks(each.truth, each.positions, each.rate_hz, least_s)) for each in outcomes]
 
 
-def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
-    if frames is not None:
-        return sorted(set(frames))
-    if labels is None:
-        return []
-    return sorted({frame for row in labels.ranges for frame in range(row.first_frame, row.last_frame + 1)})
-
-
-def _judge_record(
-    record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged], *, says_nowhere: bool, has_probabilities: bool
-) -> None:
-    labels = clip.labels_in(record.frame)
+def _judgements(
+    record: FrameRecord, labels: Mapping[str, Label], *, says_nowhere: bool, has_probabilities: bool
+) -> Iterator[tuple[str, Judgement]]:
+    """Yield the judgement of every labelled or named subject of a record."""
     baselines = Baselines(record) if labels else None
     named = [subject.name for subject in record.subjects if subject.name is not None]
     for subject in dict.fromkeys((*labels, *named)):
@@ -229,7 +201,7 @@ def _judge_record(
             hits = choices.hits(right_answers(record, label))
             worth = worth_of(record, found, label) if has_probabilities else UNKNOWN_WORTH
             judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, *worth)
-        by_subject.setdefault(subject, {})[record.frame] = judgement
+        yield subject, judgement
 
 
 def _as_said(verdict: Verdict) -> Verdict:
@@ -238,21 +210,6 @@ def _as_said(verdict: Verdict) -> Verdict:
         return verdict
     error_type = "missed" if verdict.error_type == "no_hit" else verdict.error_type
     return replace(verdict, predicted=NOWHERE, error_type=error_type)
-
-
-def _judge_absent_frames(
-    clip: str,
-    configuration: str,
-    wanted: Iterable[tuple[int, str, Label]],
-    by_subject: dict[str, Judged],
-    has_probabilities: bool,
-) -> None:
-    worth = NO_PROBABILITIES if has_probabilities else UNKNOWN_WORTH
-    for frame, subject, label in wanted:
-        judged = by_subject.setdefault(subject, {})
-        if frame not in judged:
-            verdict = judge_absent(clip, configuration, frame, subject, label)
-            judged[frame] = Judgement(verdict, label.is_blocked, NO_HITS, math.nan, *worth)
 
 
 def _outcomes(

@@ -183,7 +183,7 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
     """
     measures, log = MeasureLog(), OutcomeLog(reference)
     for record in measures.watch(records):
-        log.judge(record)
+        log.take(record)
     return score_outcomes(log.outcomes(), measures, reference)
 
 

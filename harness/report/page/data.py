@@ -162,14 +162,13 @@ def _clip_data(
                 states[i] = _STATE_CODES[each.error_type or each.outcome]
                 predicted[i] = names.code(each.predicted)
                 answers[i] = -1 if each.outcome == "unscored" else names.code(answered(each))
-            track = attention.track(clip, configuration, subject)
             configurations.append(
                 {
                     "configuration": numbers[configuration],
                     "states": runs(states),
                     "predicted": runs(predicted),
                     "answers": runs(answers),
-                    "attended": [names.code(name) for name in track.attended()],
+                    "attended": [names.code(name) for name in attention.track(clip, configuration, subject)],
                 }
             )
         tracks.append(

@@ -12,8 +12,7 @@ import base64
 import json
 import re
 import zlib
-from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.record.appearance import Colours, attention_by_name
-from harness.run.records import AttentionRecord, FrameRecord
+from harness.run.records import FrameRecord
+from harness.score.part_log import PartLog
 from harness.score.verdicts import Verdict, find_subject
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -91,90 +91,59 @@ MOST_BYTES = 3_000_000
 """Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
 values."""
 
-TrackPart = tuple[list[int], dict[str, list[bytes]]]
-"""Frames, and by target the bytes of each part."""
 Judged = dict[str, list[Verdict]]
 """A subject's verdicts by configuration."""
+Track = dict[str, dict[str, bytearray]]
+"""A subject's attention by target, in the order of appearance: ``frames`` (int64), and a byte of each part for each."""
 
 
 @dataclass(slots=True)
-class AttentionTrack:
-    """One subject's attention in one clip under one configuration: a row per frame, a column per target and part."""
+class AttentionPart:
+    """The attention of each subject of one clip under one configuration, and all targets in order of appearance."""
 
-    frames: array[int] = field(default_factory=lambda: array("q"))
-    columns: dict[str, tuple[bytearray, bytearray, bytearray]] = field(default_factory=dict)
-
-    def append(self, frame: int, values: Mapping[str, AttentionRecord]) -> None:
-        """Add a frame."""
-        columns = {name: [bytes([_byte(getattr(value, part))]) for part in PARTS] for name, value in values.items()}
-        self.extend([frame], columns)
-
-    def extend(self, frames: Sequence[int], columns: Mapping[str, Sequence[bytes]]) -> None:
-        """Add frames; ``columns`` are the bytes of each part, by target."""
-        for name in [each for each in columns if each not in self.columns]:
-            self.columns[name] = tuple(bytearray([UNKNOWN]) * len(self.frames) for _ in PARTS)  # type: ignore[assignment]
-        self.frames.extend(frames)
-        unknown = (bytes([UNKNOWN]) * len(frames),) * len(PARTS)
-        for name, column in self.columns.items():
-            for cells, more in zip(column, columns.get(name, unknown), strict=True):
-                cells.extend(more)
-
-    def attended(self) -> list[str]:
-        """The targets that got any attention, in order of appearance."""
-        return [name for name, (total, _, _) in self.columns.items() if any(0 < each < UNKNOWN for each in total)]
-
-    def aligned(self, name: str, frames: Sequence[int]) -> Bytes:
-        """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
-        place = {frame: i for i, frame in enumerate(self.frames)}
-        rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
-        values = np.array([np.frombuffer(cells, dtype=np.uint8) for cells in self.columns[name]])
-        return np.where(rows >= 0, values[:, rows], UNKNOWN).astype(np.uint8)
+    tracks: dict[str, Track] = field(default_factory=dict)
+    targets: dict[str, None] = field(default_factory=dict)
 
 
-class AttentionLog:
-    """Collects every named subject's attention from passing records: see :meth:`watch`."""
+class AttentionLog(PartLog[AttentionPart]):
+    """Collects every named subject's attention from passing records, by the target's name."""
 
     def __init__(self) -> None:
-        self._tracks: dict[tuple[str, str, str], AttentionTrack] = {}
-        self._colours: dict[str, Colours] = {}
+        super().__init__(AttentionPart)
 
-    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Yield the records unchanged and keep the attention of each named subject, by the target's name."""
-        for record in records:
-            colours = self._colours.setdefault(record.clip, Colours(()))
-            for target in record.targets:
-                colours.class_of(target.name)
-            for name in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
-                if (found := find_subject(record, name)) is not None and found.attention:
-                    key = record.clip, record.configuration, name
-                    self._tracks.setdefault(key, AttentionTrack()).append(
-                        record.frame, attention_by_name(record, found)
-                    )
-            yield record
+    def take(self, record: FrameRecord) -> None:
+        """Add the attention of each named subject of a record."""
+        part = self.part(record.clip, record.configuration)
+        part.targets |= dict.fromkeys(target.name for target in record.targets)
+        for person in dict.fromkeys(each.name for each in record.subjects if each.name is not None):
+            if (found := find_subject(record, person)) is not None and found.attention:
+                track = part.tracks.setdefault(person, {})
+                for target, value in attention_by_name(record, found).items():
+                    columns = track.setdefault(target, {name: bytearray() for name in ("frames", *PARTS)})
+                    columns["frames"].extend(record.frame.to_bytes(8, "little"))
+                    for name in PARTS:
+                        columns[name].append(_byte(getattr(value, name)))
 
-    def part(self) -> tuple[dict[str, TrackPart], list[str]]:
-        """Each subject's attention so far, and the targets in the order of their colours, for another log."""
-        tracks = {
-            subject: (track.frames.tolist(), {name: list(map(bytes, cells)) for name, cells in track.columns.items()})
-            for (_, _, subject), track in self._tracks.items()
+    def track(self, clip: str, configuration: str, subject: str) -> Track:
+        """A subject's attention to the targets that got any; empty if there is none."""
+        part = self.parts.get((clip, configuration), AttentionPart())
+        return {
+            name: columns
+            for name, columns in part.tracks.get(subject, {}).items()
+            if any(0 < each < UNKNOWN for each in columns["total"])
         }
-        return tracks, [name for colours in self._colours.values() for name in colours.known]
-
-    def add(self, clip: str, configuration: str, tracks: Mapping[str, TrackPart], known: Iterable[str]) -> None:
-        """Add another log's attention of one configuration on one clip."""
-        colours = self._colours.setdefault(clip, Colours(()))
-        for target in known:
-            colours.class_of(target)
-        for subject, (frames, columns) in tracks.items():
-            self._tracks.setdefault((clip, configuration, subject), AttentionTrack()).extend(frames, columns)
-
-    def track(self, clip: str, configuration: str, subject: str) -> AttentionTrack:
-        """A subject's attention; without columns if there is none."""
-        return self._tracks.get((clip, configuration, subject), AttentionTrack())
 
     def colours(self, clip: str) -> Colours:
         """The colours of a clip's targets, in order of appearance."""
-        return self._colours.setdefault(clip, Colours(()))
+        return Colours(name for (of, _), part in self.parts.items() if of == clip for name in part.targets)
+
+
+def aligned(columns: Mapping[str, bytearray], frames: Sequence[int]) -> Bytes:
+    """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
+    place = {frame: i for i, frame in enumerate(np.frombuffer(columns["frames"], dtype="<i8").tolist())}
+    rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
+    values = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in PARTS])
+    return np.where(rows >= 0, values[:, rows], UNKNOWN).astype(np.uint8)
 
 
 def _byte(value: float | None) -> int:
@@ -212,9 +181,8 @@ def _values(clip: str, subjects: Mapping[str, Judged], attention: AttentionLog, 
     for subject, judged in subjects.items():
         frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
         for configuration in judged:
-            track = attention.track(clip, configuration, subject)
-            for name in track.attended():
-                total, *others = track.aligned(name, frames)
+            for columns in attention.track(clip, configuration, subject).values():
+                total, *others = aligned(columns, frames)
                 totals.append(total.tobytes())
                 cues += [each.tobytes() for each in others]
     return b"".join(totals), b"".join(cues)

@@ -105,6 +105,15 @@ def test_one_edited_label_reads_its_own_blocks_alone(run: RunDirectory, read: Re
     assert {"measures.csv", "objects.csv", "report.html"} <= written.keys()
 
 
+def test_several_blocks_give_the_tables_of_one(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    in_blocks = _written(run)
+    monkeypatch.setattr(results, "BLOCK_FRAMES", FRAMES)
+    shutil.rmtree(run.score_cache)
+    rescore(run)
+    assert len(list(run.score_cache.glob("*.part"))) == CONFIGURATIONS
+    assert _written(run) == in_blocks
+
+
 def test_nothing_is_read_where_nothing_has_changed(run: RunDirectory, read: Read) -> None:
     _, seen = _score_both_ways(run, read)
     assert seen == []
