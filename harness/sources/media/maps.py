@@ -131,7 +131,8 @@ def _read_npy(path: Path) -> Map:
     array = read_npy(path)
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
         raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
-    with np.errstate(over="ignore"):  # values too large for float32 become infinite, which means unknown
+    # values too large for float32 become infinite, which means unknown, as do signalling NaNs, which would warn
+    with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(np.float32)
 
 

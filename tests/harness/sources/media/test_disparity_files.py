@@ -46,6 +46,7 @@ def test_npy_of_any_floats(tmp_path: Path, dtype: str) -> None:
     assert np.array_equal(read_disparity(tmp_path / "a.npy"), PIXELS)
 
 
-def test_what_is_too_large_for_a_map_is_unknown(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.array([[3.0, 1e300]]))
+@pytest.mark.parametrize("bits", [0x7FE0000000000000, 0x7FF0000000000001], ids=["too large", "signalling NaN"])
+def test_what_no_map_can_hold_is_unknown(tmp_path: Path, bits: int) -> None:
+    np.save(tmp_path / "a.npy", np.array([[3.0, np.uint64(bits).view(np.float64)]]))
     assert np.array_equal(read_disparity(tmp_path / "a.npy"), np.array([[3.0, np.nan]]), equal_nan=True)
