@@ -1,7 +1,7 @@
 """Logging frame by frame into a Rerun stream: times, static values, and the clearing of entities that disappear.
 
-A call to Rerun costs as much as twenty rows, and each chunk takes 2 kB and stays in memory until the file is closed: so
-the rows of many frames are sent together, as columns.
+A call to Rerun costs as much as twenty rows, and each chunk takes 2 kB of the file: so the rows of many frames are sent
+together, as columns.
 """
 
 from __future__ import annotations

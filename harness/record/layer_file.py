@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 
 SENT_EVERY = 500
-"""Most frames between flushes, which write all waiting rows. Rerun keeps an entry of each chunk until the file is
-closed: fewer and larger chunks keep the memory of a long run flat."""
+"""Most frames between flushes, which write all waiting rows: larger chunks take less room in the file."""
 WAITING_BYTES = 4 * 2**20
 """Most memory of the rows that wait, roughly: more are written earlier."""
 LEAST_FREE_BYTES = 32 * 2**20
@@ -42,15 +41,17 @@ class LayerFile:
     """A layer, written to ``<path>.partial``, which becomes ``path`` when it is closed as complete.
 
     After an error or a kill only the partial file is left; Rerun can read its frames. The file is opened by the first
-    call of :meth:`open`.
+    call of :meth:`open`. A run that continues writes a partial file of its own, ``<path>.partial-1``, and so on.
 
-    A run that continues writes a partial file of its own, ``<path>.partial-1``, and so on; when the last one is closed
-    as complete, it includes the others.
+    Partial files have no footer. For the footer, which lists all chunks, Rerun would keep an entry of each chunk in
+    memory as long as the file is open. The complete file is assembled from the partial ones and has a footer.
     """
 
     def __init__(self, path: Path, files: ClipFiles) -> None:
         self._path = path
         self._kept: list[tuple[Path, int]] = []
+        self._files = files
+        self._layout: rrb.Blueprint | None = None
         self.stream = rr.RecordingStream(
             files.application_id,
             recording_id=files.recording_id,
@@ -60,7 +61,6 @@ class LayerFile:
         # the source's frame number and time are the only timelines
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
-        self._files = files
         self._logs: dict[str, FrameLog] = {}
         self._file: _StreamFile | None = None
         self._unsent = 0
@@ -103,7 +103,8 @@ class LayerFile:
         self._check_room()
         for path, size in self._kept:
             os.truncate(path, size)
-        self._file = _StreamFile(self.stream, self._partial, layout)
+        self._layout = layout
+        self._file = _StreamFile(self.stream, self._partial, layout, footer=False)
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
@@ -142,15 +143,11 @@ class LayerFile:
         with nullcontext() if complete else suppress(OSError):  # another error is already being reported
             try:
                 self._send_rows()
-                if complete:
-                    self._take_in()
             finally:
                 self._file.close()
         if complete:
-            self._partial.replace(self._path)
-            for path in self._path.parent.iterdir():
-                if path.name.startswith(f"{self._path.name}.partial"):
-                    path.unlink()
+            self._kept.append((self._partial, self._partial.stat().st_size))
+            self._assemble()
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
@@ -158,13 +155,24 @@ class LayerFile:
             said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
             raise OSError(errno.ENOSPC, said, str(self._partial))
 
-    def _take_in(self) -> None:
-        """Write the partial files of earlier runs into the file, chunk by chunk."""
-        for path, _ in self._kept:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file that was not closed
-                for chunk in RrdReader(path).stream():
-                    self.stream.send_chunks(chunk)
+    def _assemble(self) -> None:
+        """Write the chunks of all partial files into the complete file, and remove the partial ones."""
+        stream = rr.RecordingStream(
+            self._files.application_id, recording_id=self._files.recording_id, send_properties=False
+        )
+        whole = _StreamFile(stream, self._partial, self._layout, footer=True)
+        try:
+            for path, _ in self._kept:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
+                    for chunk in RrdReader(path).stream():
+                        stream.send_chunks(chunk)
+        finally:
+            whole.close()
+        self._partial.replace(self._path)
+        for path in self._path.parent.iterdir():
+            if path.name.startswith(f"{self._path.name}.partial"):
+                path.unlink()
 
     def _send_rows(self) -> None:
         self._unsent = 0
@@ -185,7 +193,7 @@ class _StreamFile:
         If the file cannot be opened.
     """
 
-    def __init__(self, stream: rr.RecordingStream, path: Path, layout: rrb.Blueprint | None) -> None:
+    def __init__(self, stream: rr.RecordingStream, path: Path, layout: rrb.Blueprint | None, *, footer: bool) -> None:
         self._stream, self._path = stream, path
         self._error: OSError | None = None
         self._ended = False
@@ -196,7 +204,7 @@ class _StreamFile:
         self._thread = threading.Thread(target=self._follow, name=f"writes {path.name}", daemon=True)
         self._thread.start()
         try:
-            stream.save(f"/dev/fd/{end}", default_blueprint=layout)
+            stream.save(f"/dev/fd/{end}", default_blueprint=layout, write_footer=footer)
         except RuntimeError as error:
             raise OSError(errno.EIO, f"cannot be opened ({error})", str(path)) from None
         finally:
