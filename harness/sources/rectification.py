@@ -180,6 +180,10 @@ class Lens:
     d: Float
     model: Model = "plumb_bob"
 
+    def camera(self, size_px: tuple[int, int], r: Float, p: Float) -> RawCamera:
+        """Return the camera with this rectification (3, 3) and projection (3, 4)."""
+        return RawCamera(size_px=size_px, k=self.k, d=self.d, r=r, p=p, model=self.model)
+
 
 def rectify_pose(
     left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int], where: str
@@ -208,9 +212,7 @@ def rectify_pose(
         raise VfoaError(
             f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
         )
-    first = RawCamera(size_px=size_px, k=left.k, d=left.d, r=r1, p=p1, model=left.model)
-    second = RawCamera(size_px=size_px, k=right.k, d=right.d, r=r2, p=p2, model=right.model)
-    return RawCalibration(left=first, right=second, where=where)
+    return RawCalibration(left=left.camera(size_px, r1, p1), right=right.camera(size_px, r2, p2), where=where)
 
 
 def _rectification(
@@ -254,17 +256,15 @@ def scaled_to(cameras: Cameras, size_px: tuple[int, int]) -> Cameras:
             f"the calibration is for {own} pixels, the images have {size_px}: another aspect; expected the calibration "
             "of these images"
         )
+    shift = (scale - 1) / 2
     if isinstance(cameras, Calibration):
-        return replace(
-            cameras,
-            fx_px=cameras.fx_px * scale,
-            fy_px=cameras.fy_px * scale,
-            cx_px=_moved(cameras.cx_px, scale),
-            cy_px=_moved(cameras.cy_px, scale),
-            cx_right_px=_moved(cameras.cx_right_px, scale),
-            size_px=size_px,
-        )
-    left, right = (_scaled(camera, scale, size_px) for camera in (cameras.left, cameras.right))
+        places = {name: scale * getattr(cameras, name) + shift for name in ("cx_px", "cy_px", "cx_right_px")}
+        return replace(cameras, fx_px=cameras.fx_px * scale, fy_px=cameras.fy_px * scale, size_px=size_px, **places)
+    to_scaled = np.array([[scale, 0, shift], [0, scale, shift], [0, 0, 1]])
+    left, right = (
+        replace(camera, size_px=size_px, k=to_scaled @ camera.k, p=to_scaled @ camera.p)
+        for camera in (cameras.left, cameras.right)
+    )
     return replace(cameras, left=left, right=right)
 
 
@@ -274,21 +274,3 @@ def scaling_note(cameras: Cameras, size_px: tuple[int, int]) -> tuple[str, ...]:
     if own is None or own == size_px:
         return ()
     return (f"the calibration of {own[0]} x {own[1]} pixels is scaled to the images' {size_px[0]} x {size_px[1]}",)
-
-
-def _scaled(camera: RawCamera, scale: float, size_px: tuple[int, int]) -> RawCamera:
-    projection = np.hstack(
-        [_scaled_matrix(camera.p[:, :3], scale), camera.p[:, 3:] * np.array([[scale], [scale], [1]])]
-    )
-    return replace(camera, size_px=size_px, k=_scaled_matrix(camera.k, scale), p=projection)
-
-
-def _scaled_matrix(k: Float, scale: float) -> Float:
-    found = k.copy()
-    found[:2] *= scale
-    found[0, 2], found[1, 2] = _moved(k[0, 2], scale), _moved(k[1, 2], scale)
-    return found
-
-
-def _moved(center_px: float, scale: float) -> float:
-    return float(scale * (center_px + 0.5) - 0.5)

@@ -150,6 +150,12 @@ def ros_camera(document: Document, where: str) -> RawCamera:
     return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
 
 
+def ros_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:
+    """Return two cameras, of which ``where`` are the files; raises the errors of :func:`ros_camera`."""
+    first, second = map(ros_camera, (left, right), where)
+    return RawCalibration(left=first, right=second, where=" and ".join(where))
+
+
 def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any], where: str) -> RawCamera:
     """Return a camera with ROS's or Foxglove's name of a distortion model, and its K, D, R and P; raises VfoaError."""
     if model not in MODELS:
@@ -313,28 +319,22 @@ def opencv_pair(
         left, right = (_of_shape(found, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
     model: Model = "equidistant" if fisheye else "plumb_bob"
-    if found.keys() >= {*_LENSES, *_RECTIFICATION}:
+    is_rectifying, is_posed = (found.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
+    if is_rectifying or is_posed:
         first, second = (
-            RawCamera(
-                size_px=size_px or size(),
-                k=_of_shape(found, f"K{number}", where),
-                d=found[f"D{number}"].ravel(),
-                r=_of_shape(found, f"R{number}", where),
-                p=_of_shape(found, f"P{number}", where),
-                model=model,
-            )
-            for number in "12"
-        )
-        return RawCalibration(left=first, right=second, where=where)
-    if found.keys() >= {*_LENSES, "R", "T"}:
-        first_lens, second_lens = (
             Lens(k=_of_shape(found, f"K{number}", where), d=found[f"D{number}"].ravel(), model=model) for number in "12"
         )
+    if is_rectifying:
+        r1, r2, p1, p2 = (_of_shape(found, name, where) for name in _RECTIFICATION)
+        return RawCalibration(
+            left=first.camera(size_px or size(), r1, p1), right=second.camera(size_px or size(), r2, p2), where=where
+        )
+    if is_posed:
         rotation = found["R"]
         if rotation.size == 3:  # OpenCV's rotation vector
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(found["T"], f"{where}: T", 3)
-        return rectify_pose(first_lens, second_lens, rotation, translation, size_px or size(), where)
+        return rectify_pose(first, second, rotation, translation, size_px or size(), where)
     there, expected = ", ".join(sorted(found)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if found.keys() >= {"P1", "P2"}:
         raise VfoaError(

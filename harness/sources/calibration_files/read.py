@@ -68,11 +68,16 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
         If a file cannot be read, is of no known kind, lacks something, or describes no pair with a positive baseline.
     """
     if any(path.suffix.lower() in SUFFIXES for path in paths):
-        cameras = _read_documents(paths, size, options)
+        program, cameras = _read_documents(paths, size, options)
     elif len(paths) > 1:
         raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML or XML")
     else:
-        cameras = _read_text(paths[0], size, options)
+        program, cameras = _read_text(paths[0], size, options)
+    where = " and ".join(map(str, paths))
+    if options.cameras is not None and program not in ("KITTI", "Kalibr"):
+        raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for a file of {program}")
+    if options.fisheye and program != "OpenCV":
+        raise VfoaError(f"{where}: fisheye: found true; expected it for files of OpenCV only, this is of {program}")
     if isinstance(cameras, RawCalibration) and not options.rectified:
         scale = METRES[options.unit]
         if options.baseline_m is not None:
@@ -83,50 +88,37 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.unit])
 
 
-def _read_text(path: Path, size: ImageSize, options: Options) -> Cameras:
+def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Cameras]:
+    """The program that a file is of, and its cameras."""
     if path.suffix.lower() == ".conf":
-        _refuse_unused(options, path, "the ZED's")
-        return texts.read_zed(path, size)
+        return "the ZED", texts.read_zed(path, size)
     text = read_text(path)
     if texts.is_middlebury(text):
-        _refuse_unused(options, path, "Middlebury's")
-        return texts.read_middlebury(path, text)
+        return "Middlebury", texts.read_middlebury(path, text)
     if texts.is_matrix(text):
-        _refuse_unused(options, path, "a matrix's")
-        return texts.read_matrix(path, text, options.baseline_m)
-    _refuse_unused(options, path, "KITTI's")
-    return texts.read_kitti(path, text, options.cameras or (2, 3))
+        return "a matrix", texts.read_matrix(path, text, options.baseline_m)
+    return "KITTI", texts.read_kitti(path, text, options.cameras or (2, 3))
 
 
-def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
+def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> tuple[str, Cameras]:
+    """As :func:`_read_text`, of one or several files in YAML or XML."""
     found = [documents.read_document(path) for path in paths]
     where = " and ".join(map(str, paths))
-    for program, is_camera in (("ROS", documents.is_ros_camera), ("EuRoC", documents.is_euroc_sensor)):
-        if not all(map(is_camera, found)):
-            continue
-        if len(found) != 2:
-            raise VfoaError(
-                f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
-            )
-        _refuse_unused(options, where, f"{program}'s")
-        if program == "EuRoC":
-            return documents.euroc_pair(found[0], found[1], (str(paths[0]), str(paths[1])))
-        left, right = (documents.ros_camera(camera, str(path)) for camera, path in zip(found, paths, strict=True))
-        return RawCalibration(left=left, right=right, where=where)
+    for program, is_camera, read_pair in (
+        ("ROS", documents.is_ros_camera, documents.ros_pair),
+        ("EuRoC", documents.is_euroc_sensor, documents.euroc_pair),
+    ):
+        if all(map(is_camera, found)):
+            if len(found) != 2:
+                raise VfoaError(
+                    f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
+                )
+            return program, read_pair(found[0], found[1], (str(paths[0]), str(paths[1])))
     merged = {name: value for document in found for name, value in document.items()}
     if documents.is_kalibr_chain(merged):
-        _refuse_unused(options, where, "Kalibr's")
-        return documents.kalibr_pair(merged, options.cameras or (0, 1), where)
-    _refuse_unused(options, where, "OpenCV's")
-    return documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
-
-
-def _refuse_unused(options: Options, where: Path | str, whose: str) -> None:
-    """Reject settings that have no meaning for the kind of the file."""
-    if options.cameras is not None and whose not in ("KITTI's", "Kalibr's"):
-        raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for {whose} calibration")
-    if options.fisheye and whose != "OpenCV's":
-        raise VfoaError(f"{where}: fisheye: found true; expected it for OpenCV's calibration only, this is {whose}")
+        return "Kalibr", documents.kalibr_pair(merged, options.cameras or (0, 1), where)
+    cameras = documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
+    return "OpenCV", cameras
 
 
 def find_calibrations(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import configparser
 import math
 import re
-from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -13,7 +12,7 @@ import numpy as np
 
 from harness.files.io import read_bytes
 from harness.sources.calibration import Calibration, from_projections
-from harness.sources.rectification import ImageSize, Lens, Model, RawCalibration, rectify_pose
+from harness.sources.rectification import ImageSize, Lens, RawCalibration, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -170,8 +169,6 @@ _ZED_SIZES = {
     (672, 376): "VGA",
 }
 
-Section = Mapping[str, str]
-
 
 def read_zed(path: Path, size: ImageSize) -> RawCalibration:
     """Return the pair for the images' resolution.
@@ -191,52 +188,39 @@ def read_zed(path: Path, size: ImageSize) -> RawCalibration:
             f"{path}: the images have {size_px[0]} x {size_px[1]} pixels; expected one of the ZED's: {known}"
         )
     name = _ZED_SIZES[size_px]
-    left, right = (_lens(sections, side, name, path) for side in ("LEFT", "RIGHT"))
-    stereo = _section(sections, "STEREO", path)
-    rotation, _ = cv2.Rodrigues(np.array([_number(stereo, f"{key}_{name}", path) for key in ("RX", "CV", "RZ")]))
-    ty, tz = (_number(stereo, f"{key}_{name}" if f"{key}_{name}" in stereo else key, path, 0.0) for key in ("TY", "TZ"))
-    translation = np.array([-_number(stereo, "BASELINE", path), ty, tz]) / 1000
+
+    def number(section: str, *keys: str, default: float | None = None) -> float:
+        """The number of the first key that a section has."""
+        values = sections.get(section, {})
+        text = next((values[key] for key in keys if key in values), default)
+        try:
+            return float(text)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            raise VfoaError(f"{path}: [{section}] {keys[-1]}: found {text!r}; expected a number") from None
+
+    def lens(side: str) -> Lens:
+        own = f"{side}_CAM_{name}"
+        fx, fy, cx, cy = (number(own, key) for key in ("FX", "FY", "CX", "CY"))
+        k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        place = f"{side}_DISTO" if f"{side}_DISTO" in sections else own  # the ZED X writes one for all resolutions
+        has = sections.get(place, {}).keys()
+        if "K4" in has and not has & {"P1", "P2"}:  # four radial coefficients and no tangential ones: fisheye
+            return Lens(k=k, d=np.array([number(place, f"K{n}") for n in range(1, 5)]), model="equidistant")
+        d = [number(place, "K1"), number(place, "K2")]
+        d += [number(place, key, default=0.0) for key in ("P1", "P2", "K3")]  # the first ZED had K1 and K2
+        return Lens(k=k, d=np.array(d + [number(place, f"K{n}") for n in (4, 5, 6) if "K4" in has]))
+
+    left, right = lens("LEFT"), lens("RIGHT")
+    rotation, _ = cv2.Rodrigues(np.array([number("STEREO", f"{key}_{name}") for key in ("RX", "CV", "RZ")]))
+    ty, tz = (number("STEREO", f"{key}_{name}", key, default=0.0) for key in ("TY", "TZ"))
+    translation = np.array([-number("STEREO", "BASELINE"), ty, tz]) / 1000
     return rectify_pose(left, right, np.asarray(rotation, dtype=np.float64), translation, size_px, str(path))
 
 
-def _sections(path: Path) -> dict[str, Section]:
+def _sections(path: Path) -> dict[str, dict[str, str]]:
     parser = configparser.ConfigParser(inline_comment_prefixes=(";", "#"), interpolation=None, strict=False)
     try:
         parser.read_string(read_bytes(path).decode("utf-8-sig"))
     except (UnicodeDecodeError, configparser.Error):
         raise VfoaError(f"{path}: cannot be parsed; expected the ZED's calibration with [LEFT_CAM_HD] ...") from None
     return {name.upper(): {key.upper(): value for key, value in parser[name].items()} for name in parser.sections()}
-
-
-def _section(sections: Mapping[str, Section], name: str, path: Path) -> Section:
-    if name not in sections:
-        raise VfoaError(f"{path}: no section [{name}]; found {', '.join(sections) or 'none'}")
-    return sections[name]
-
-
-def _lens(sections: Mapping[str, Section], side: str, name: str, path: Path) -> Lens:
-    camera = _section(sections, f"{side}_CAM_{name}", path)
-    fx, fy, cx, cy = (_number(camera, key, path) for key in ("FX", "FY", "CX", "CY"))
-    k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    distortion = sections.get(f"{side}_DISTO", camera)  # the ZED X writes one for all resolutions
-    model, keys = _model(distortion)
-    optional = {} if model == "equidistant" else {"P1": 0.0, "P2": 0.0, "K3": 0.0}  # the first ZED had K1 and K2
-    return Lens(k=k, d=np.array([_number(distortion, key, path, optional.get(key)) for key in keys]), model=model)
-
-
-def _model(distortion: Section) -> tuple[Model, list[str]]:
-    """The lens model and its coefficients: fisheye if there are four radial coefficients and no tangential ones."""
-    if "K4" in distortion and "P1" not in distortion and "P2" not in distortion:
-        return "equidistant", ["K1", "K2", "K3", "K4"]
-    return "plumb_bob", ["K1", "K2", "P1", "P2", "K3"] + (["K4", "K5", "K6"] if "K4" in distortion else [])
-
-
-def _number(section: Section, key: str, path: Path, default: float | None = None) -> float:
-    if key not in section:
-        if default is not None:
-            return default
-        raise VfoaError(f"{path}: no {key}; expected the ZED's calibration")
-    try:
-        return float(section[key])
-    except ValueError:
-        raise VfoaError(f"{path}: {key}: found {section[key]!r}; expected a number") from None

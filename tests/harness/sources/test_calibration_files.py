@@ -213,7 +213,7 @@ def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
 def test_a_zed_s_coefficient_that_is_missing_is_named(tmp_path: Path) -> None:
     path = calibrations.write_zed(tmp_path / "SN1.conf", RIG)
     write_text(path, path.read_text().replace("k2=", "k_2="))
-    with pytest.raises(VfoaError, match=r"SN1\.conf: no K2; expected the ZED's"):
+    with pytest.raises(VfoaError, match=r"SN1\.conf: .*K2: found None; expected"):
         read_cameras([path], _size)
 
 
@@ -352,11 +352,11 @@ def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) 
         (
             "opencv yaml",
             Options(cameras=(0, 1)),
-            r"c\.yml: calibration_cameras: found \(0, 1\); expected none for Op",
+            r"c\.yml: calibration_cameras: found \(0, 1\)",
         ),
-        ("zed", Options(cameras=(0, 1)), r"SN1\.conf: calibration_cameras: .* expected none for the ZED's"),
-        ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true; .* this is ROS's"),
-        ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true; .* this is Kalibr's"),
+        ("zed", Options(cameras=(0, 1)), r"SN1\.conf: calibration_cameras: found"),
+        ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true"),
+        ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true"),
     ],
 )
 def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, options: Options, message: str) -> None:
