@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,13 +61,12 @@ PASSES = ("clean", "final")
 LICENCE = "CC-BY 3.0, (c) Blender Foundation"
 
 _NAME = re.compile(r"frame_([0-9]{4}|[1-9][0-9]{4,})\.png")
-_TRUTHS = (
-    ("disparity", "disparities", "the stereo set"),
-    ("instances", "segmentation", "the segmentation set"),
-)
-_HOLDERS = {"png": "the stereo set", "cam": "the depth set, which holds the cameras,"}
-
-Scalar = TypeVar("Scalar", bound=np.generic)
+_HOLDERS = {
+    "disparities": "the stereo set",
+    "segmentation": "the segmentation set",
+    "camdata_left": "the depth set, which holds the cameras,",
+}
+"""The archive of each folder; the views are in the stereo set."""
 
 
 class SintelSettings(Settings):
@@ -100,8 +99,8 @@ class SintelClip:
         self._frames = tuple(sorted(int(match[1]) for match in matches if match))
         if not self._frames:
             raise VfoaError(f"{folder}: no images; expected frame_0001.png and so on")
-        for kind, suffix in ((f"{self._pass}_right", "png"), ("camdata_left", "cam")):
-            self._check_complete(kind, suffix)
+        for kind in (f"{self._pass}_right", "camdata_left"):
+            self._check_complete(kind)
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
@@ -150,7 +149,7 @@ class SintelClip:
         paths = self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number)
         left, right = map(read_rgb, paths)
         check_sizes(left, right, *paths)
-        camera = read_camera(self._path("camdata_left", number, "cam"))
+        camera = read_camera(self._path("camdata_left", number))
         fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
         calibration = Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=BASELINE_M)
         rig = calibration.rig(left.shape[1], left.shape[0])
@@ -159,26 +158,26 @@ class SintelClip:
     def truth(self, number: int) -> Truth:
         """Disparity and instances, each if its file exists."""
         self._check_number(number)
-        path = self._path("disparities", number)
-        disparity = self._fitting(read_sintel_disparity(path), path, number) if path.is_file() else None
-        return Truth(
-            disparity=None if disparity is None else Disparity(disparity_px=disparity),
-            instances=self._instances(number),
-            missing={
-                name: f"{path}: no such file; expected {part} of MPI Sintel (vfoa clips fetch sintel)"
-                for name, kind, part in _TRUTHS
-                if not (path := self._path(kind, number)).is_file()
-            },
-        )
+        missing = {
+            name: f"{path}: {_expected(kind)}"
+            for name, kind in (("disparity", "disparities"), ("instances", "segmentation"))
+            if not (path := self._path(kind, number)).is_file()
+        }
+        disparity = None
+        if "disparity" not in missing:
+            path = self._path("disparities", number)
+            disparity = Disparity(disparity_px=read_sintel_disparity(path))
+            self._check_size(path, disparity.disparity_px, number)
+        instances = None if "instances" in missing else self._instances(number)
+        return Truth(disparity=disparity, instances=instances, missing=missing)
 
     def digest(self) -> str:
         """Digest of the images' and cameras' bytes and the frames' numbers."""
-        kinds = ((f"{self._pass}_left", "png"), (f"{self._pass}_right", "png"), ("camdata_left", "cam"))
-        return digest_files(
-            (f"{number} {kind}", self._path(kind, number, suffix)) for number in self._frames for kind, suffix in kinds
-        )
+        kinds = f"{self._pass}_left", f"{self._pass}_right", "camdata_left"
+        return digest_files((f"{number} {kind}", self._path(kind, number)) for number in self._frames for kind in kinds)
 
-    def _path(self, kind: str, number: int, suffix: str = "png") -> Path:
+    def _path(self, kind: str, number: int) -> Path:
+        suffix = "cam" if kind == "camdata_left" else "png"
         return self._training / kind / self._scene / f"frame_{number:04d}.{suffix}"
 
     def _check_scene(self) -> None:
@@ -189,39 +188,34 @@ class SintelClip:
             scenes = [path.name for path in views.iterdir() if path.is_dir()]
             raise VfoaError(f"{views}: no scene {self._scene!r}; {did_you_mean(self._scene, scenes)}")
 
-    def _check_complete(self, kind: str, suffix: str) -> None:
-        missing = [path for number in self._frames if not (path := self._path(kind, number, suffix)).is_file()]
+    def _check_complete(self, kind: str) -> None:
+        missing = [path for number in self._frames if not (path := self._path(kind, number)).is_file()]
         if missing:
-            raise VfoaError(
-                f"{missing[0]}: no such file, but {self._pass}_left has its frame "
-                f"({len(missing)} of {len(self._frames)} are missing); expected {_HOLDERS[suffix]} of MPI Sintel "
-                "(vfoa clips fetch sintel)"
-            )
+            raise VfoaError(f"{missing[0]}: {_expected(kind)} ({len(missing)} of {len(self._frames)} are missing)")
 
     def _check_number(self, number: int) -> None:
         if number not in self._frames:
             raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
 
-    def _fitting(self, found: NDArray[Scalar], path: Path, number: int) -> NDArray[Scalar]:
-        """Return the map if it has the left image's size, else raise an error."""
+    def _check_size(self, path: Path, pixels: NDArray[Any], number: int) -> None:
+        """Reject a map that has not the left image's size."""
         left = self._path(f"{self._pass}_left", number)
         width, height = png_size_px(left)
-        if found.shape != (height, width):
-            raise VfoaError(f"{path}: found {found.shape[1]} x {found.shape[0]} pixels, {left} has {width} x {height}")
-        return found
+        if pixels.shape != (height, width):
+            raise VfoaError(
+                f"{path}: found {pixels.shape[1]} x {pixels.shape[0]} pixels, {left} has {width} x {height}"
+            )
 
-    def _instances(self, number: int) -> Instances | None:
+    def _instances(self, number: int) -> Instances:
         path = self._path("segmentation", number)
-        if not path.is_file():
-            return None
-        ids = self._fitting(relabel(read_segments(path), self._small_ids), path, number)
-        drawn = [int(each) for each in np.unique(ids) if each]
-        return Instances(
-            ids=ids,
-            instances=tuple(
-                Instance(id=each, label="segment", category_id=0, is_thing=True, score=1.0) for each in drawn
-            ),
+        ids = relabel(read_segments(path), self._small_ids)
+        self._check_size(path, ids, number)
+        segments = (
+            Instance(id=int(number), label="segment", category_id=0, is_thing=True, score=1.0)
+            for number in np.unique(ids)
+            if number
         )
+        return Instances(ids=ids, instances=tuple(segments))
 
     @cached_property
     def _small_ids(self) -> dict[int, int]:
@@ -229,6 +223,11 @@ class SintelClip:
         paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
         every_id = (int(each) for path in paths for each in np.unique(read_segments(path)))
         return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
+
+
+def _expected(kind: str) -> str:
+    holder = _HOLDERS.get(kind, "the stereo set")
+    return f"no such file; expected {holder} of MPI Sintel (vfoa clips fetch sintel)"
 
 
 def _is_training(folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -9,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -34,8 +35,11 @@ _RECORDS: dict[int, Any] = {
 }
 
 
-def parse_record(opcode: int, data: bytes) -> McapRecord:
-    """Parse a record of a kind that holds messages, or is needed to read them; any exception means damage."""
+def _record_at(file: BinaryIO, offset: int) -> McapRecord:
+    """Read a record of a kind that holds messages, or is needed to read them; any exception means damage."""
+    file.seek(offset)
+    opcode, length = HEAD.unpack(file.read(HEAD.size))
+    data = file.read(length)
     stream = ReadDataStream(BytesIO(data))
     return Message.read(stream, len(data)) if opcode == Opcode.MESSAGE else _RECORDS[opcode].read(stream)
 
@@ -74,31 +78,61 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
     if (summary := read_summary(path)) is not None:  # the chunk with the first channels may be lost
         walk.schemas.update(summary.schemas)
         walk.channels.update(summary.channels)
-    for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
-        try:
-            parts = parts_of(record)
-        except Exception as error:  # the decompressors' errors have no common base
-            walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
-            continue
-        messages = 0
-        for part in parts:
-            if isinstance(part, Schema):
-                walk.schemas[part.id] = part
-            elif isinstance(part, Channel):
-                walk.channels[part.id] = part
-            elif isinstance(part, Message):
-                yield offset, messages, part
-                messages += 1
+    check_readable(path)
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise unreadable(path, error) from None
+    with file:
+        for offset in _offsets(path, file, walk) if offsets is None else offsets:
+            try:
+                parts = parts_of(_record_at(file, offset))
+            except Exception as error:  # of struct, text decoding, the library or a decompressor; or a wrong index
+                walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
+                continue
+            messages = 0
+            for part in parts:
+                if isinstance(part, Schema):
+                    walk.schemas[part.id] = part
+                elif isinstance(part, Channel):
+                    walk.channels[part.id] = part
+                elif isinstance(part, Message):
+                    yield offset, messages, part
+                    messages += 1
+
+
+def _offsets(path: Path, file: BinaryIO, walk: Walk) -> Iterator[int]:
+    """The places of all records of these kinds in a file."""
+    size = os.fstat(file.fileno()).st_size
+    if (magic := file.read(len(MAGIC))) != MAGIC:
+        raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
+    offset = len(MAGIC)
+    while len(head := _head_at(file, offset)) == HEAD.size:
+        opcode, length = HEAD.unpack(head)
+        if opcode == Opcode.FOOTER:
+            return
+        if offset + HEAD.size + length > size:
+            walk.losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
+            return
+        if opcode == 0:  # no such record: zeros of the file system
+            walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
+            return
+        if opcode in _RECORDS:
+            yield offset
+        offset += HEAD.size + length
+    walk.losses.append(f"cut at byte {size}: everything after it is lost")
+
+
+def _head_at(file: BinaryIO, offset: int) -> bytes:
+    file.seek(offset)
+    return file.read(HEAD.size)
 
 
 @lru_cache(maxsize=2)
 def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Message, ...]:
     """The messages of one record; the last two chunks stay decompressed, since neighbours are read in turn."""
     with path.open("rb") as file:
-        file.seek(offset)
-        opcode, length = HEAD.unpack(file.read(HEAD.size))
-        parts = parts_of(parse_record(opcode, file.read(length)))
-    return tuple(part for part in parts if isinstance(part, Message))
+        return tuple(part for part in parts_of(_record_at(file, offset)) if isinstance(part, Message))
 
 
 def read_summary(path: Path) -> Summary | None:
@@ -118,52 +152,6 @@ def log_span_ns(path: Path) -> tuple[int, int] | None:
         return statistics.message_start_time, statistics.message_end_time
     times_ns = [message.log_time for _, _, message in walk_messages(path, Walk())]
     return (min(times_ns), max(times_ns)) if times_ns else None
-
-
-def _records(path: Path, walk: Walk) -> Iterator[tuple[int, McapRecord]]:
-    check_readable(path)
-    try:
-        size = path.stat().st_size
-        file = path.open("rb")
-    except OSError as error:
-        raise unreadable(path, error) from None
-    with file:
-        if (magic := file.read(len(MAGIC))) != MAGIC:
-            raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
-        while (head := file.read(HEAD.size)) and len(head) == HEAD.size:
-            opcode, length = HEAD.unpack(head)
-            offset = file.tell() - HEAD.size
-            if opcode == Opcode.FOOTER:
-                return
-            if file.tell() + length > size:
-                walk.losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
-                return
-            if opcode == 0:  # no such record: zeros of the file system
-                walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
-                return
-            if opcode not in _RECORDS:
-                file.seek(length, 1)
-                continue
-            try:
-                record = parse_record(opcode, file.read(length))
-            except Exception as error:  # errors of struct, text decoding or the library: all mean damage
-                walk.losses.append(f"the record at byte {offset} is damaged ({first_line(error)})")
-                continue
-            yield offset, record
-        walk.losses.append(f"cut at byte {size}: everything after it is lost")
-
-
-def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tuple[int, McapRecord]]:
-    with path.open("rb") as file:
-        for offset in offsets:
-            file.seek(offset)
-            try:
-                opcode, length = HEAD.unpack(file.read(HEAD.size))
-                record = parse_record(opcode, file.read(length))
-            except Exception as error:  # as above; also an index that leads nowhere
-                walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
-                continue
-            yield offset, record
 
 
 def message_type(channel: Channel, schema: Schema | None) -> MessageType:

@@ -96,8 +96,7 @@ def test_a_missing_part_is_found_when_the_clip_is_opened(root: Path, kind: str) 
         SintelClip(SETTINGS, root)
     holder = "the depth set, which holds the cameras," if suffix == "cam" else "the stereo set"
     assert str(error.value) == (
-        f"{missing}: no such file, but clean_left has its frame (1 of 3 are missing); "
-        f"expected {holder} of MPI Sintel (vfoa clips fetch sintel)"
+        f"{missing}: no such file; expected {holder} of MPI Sintel (vfoa clips fetch sintel) (1 of 3 are missing)"
     )
 
 
