@@ -47,8 +47,7 @@ def read_value(path: Path, kind: Any) -> Any | None:
         content = path.read_bytes()
     except OSError:
         return None
-    body = memoryview(content)[_CHECKSUM_BYTES:]
-    if _checksum(body) != content[:_CHECKSUM_BYTES]:
+    if (body := unsealed(content)) is None:
         _log.warning("%s: damaged; it is made again", path)
         return None
     try:
@@ -61,9 +60,8 @@ def write_value(path: Path, value: object) -> None:
     """Store a value. It is not synced to the disk: the checksum shows what a power cut damages."""
     import msgspec
 
-    body = msgspec.msgpack.encode(value)
     with replacing(path) as draft:
-        draft.write_bytes(_checksum(body) + body)
+        draft.write_bytes(sealed(msgspec.msgpack.encode(value)))
 
 
 def settled_stamp(path: Path) -> str | None:
@@ -93,6 +91,17 @@ def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str,
     if stamp is not None:
         write_value(path, (stamp, code, value))
     return value
+
+
+def sealed(body: bytes) -> bytes:
+    """Bytes with their checksum in front."""
+    return _checksum(body) + body
+
+
+def unsealed(content: bytes) -> memoryview | None:
+    """What :func:`sealed` was given; None if it is damaged."""
+    body = memoryview(content)[_CHECKSUM_BYTES:]
+    return body if _checksum(body) == content[:_CHECKSUM_BYTES] else None
 
 
 def _checksum(body: bytes | memoryview) -> bytes:

@@ -16,7 +16,7 @@ import struct
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from xml.etree.ElementTree import Element, ParseError, fromstring
@@ -252,6 +252,17 @@ def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[st
         return key.strip(), parse_toml(f"value = {value}", option)["value"]
     except VfoaError:
         return key.strip(), value.strip()
+
+
+def differing_keys(one: Any, other: Any, path: str = "") -> Iterator[str]:
+    """The dotted keys, below ``path``, under which two values of a document differ."""
+    if one == other:
+        return
+    if not isinstance(one, dict) or not isinstance(other, dict):
+        yield path
+        return
+    for key in dict.fromkeys((*other, *one)):
+        yield from differing_keys(one.get(key), other.get(key), f"{path}.{key}" if path else key)
 
 
 class _TooLargeError(Exception):

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.files.digests import code_of, file_digest
+from harness.files.parsing import differing_keys
 from harness.pipeline import cache_store
 from harness.pipeline.cache_store import Store, content_digest, decode, encode
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
@@ -82,28 +83,12 @@ def identify(choice: StageChoice, source: Source) -> Identity | None:
 
 def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
     """Say why there are no outputs yet: the difference to the most similar stored identity."""
-    flat = dict(_flattened(parts))
-    same_stage = [dict(_flattened(each)) for each in stored if each.get("stage") == parts["stage"]]
+    same_stage = [each for each in stored if each.get("stage") == parts["stage"]]
     same_clip = [each for each in same_stage if each.get("clip") == parts["clip"]]
     if not same_clip:
         return "first time on this clip" if same_stage else "first time"
-    nearest = min((_differing(flat, each) for each in same_clip), key=len)
+    nearest = min((sorted(differing_keys(parts, each)) for each in same_clip), key=len)
     return f"{', '.join(nearest)} changed"
-
-
-def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return sorted(name for name in one.keys() | other.keys() if one.get(name, _ABSENT) != other.get(name, _ABSENT))
-
-
-_ABSENT = object()
-
-
-def _flattened(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in parts.items():
-        if isinstance(value, dict):
-            yield from _flattened(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 _log = logging.getLogger(__name__)
@@ -252,7 +237,7 @@ class Account:
         for (name, _), entry in self._entries.items():
             folder = store.folder(entry.identity.slot, entry.identity.digest)
             for stored in entry.tally.computed if name == clip else ():
-                store.remove(folder / stored)
+                (folder / stored).unlink(missing_ok=True)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return one row per stage and clip for the run's manifest; ``why`` is None if all outputs were reused."""

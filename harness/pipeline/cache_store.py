@@ -19,7 +19,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -32,8 +31,8 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from harness.files.folders import cache_root
-from harness.files.io import atomic_write, read_bytes
+from harness.files.folders import cache_root, sealed, unsealed
+from harness.files.io import atomic_write, read_bytes, replacing
 from harness.files.parsing import parse_json
 from harness.remote import local_folder
 from vfoa.errors import VfoaError
@@ -45,7 +44,6 @@ DEFAULT_LIMIT_GB = 10.0
 DRAFT_SECONDS = 3600.0
 """No draft file is written for longer than this."""
 
-_CHECKSUM_BYTES = 16
 _IDENTITY = "identity.json"
 
 
@@ -105,14 +103,13 @@ class Store:
         """The folder of the outputs with one identity."""
         return self.stages / slot / identity
 
-    def load(self, path: Path) -> tuple[bytes | None, bool]:
+    def load(self, path: Path) -> tuple[memoryview | None, bool]:
         """Return an output's bytes, None if there are none; and whether a file was there, but damaged."""
         try:
-            content = read_bytes(path)
+            data = unsealed(read_bytes(path))
         except VfoaError:
             return None, False
-        checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
-        if _checksum(data) != checksum:
+        if data is None:
             return None, True
         with suppress(OSError):  # the cache may be another user's, and read-only
             os.utime(path)  # the most recently used is removed last
@@ -123,14 +120,11 @@ class Store:
 
         Raises
         ------
-        OSError
+        OSError, VfoaError
             If it cannot be written.
         """
-        _write(path, _checksum(data) + data)
-
-    def remove(self, path: Path) -> None:
-        """Remove a result, if it is there."""
-        path.unlink(missing_ok=True)
+        with replacing(path) as draft:
+            draft.write_bytes(sealed(data))
 
     def names(self, slot: str, identity: str) -> frozenset[str]:
         """The names of the files of all results with one identity."""
@@ -177,7 +171,7 @@ class Store:
 
         Drafts that a killed process left are removed, too.
         """
-        for draft in self.stages.rglob("*.tmp"):
+        for draft in self.stages.rglob(".*.bin.*"):
             with suppress(OSError):
                 if time.time() - draft.stat().st_mtime > DRAFT_SECONDS:
                     draft.unlink()
@@ -202,22 +196,6 @@ class Store:
         """
         with suppress(FileNotFoundError):
             shutil.rmtree(self.stages)
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _checksum(data: bytes) -> bytes:
-    return hashlib.blake2b(data, digest_size=_CHECKSUM_BYTES).digest()
 
 
 def _results(folder: Path) -> list[tuple[float, int, Path]]:
@@ -252,7 +230,7 @@ class Codec:
         """
         return msgspec.msgpack.encode(self._plain(value), enc_hook=_pack)
 
-    def decode(self, data: bytes) -> Any:
+    def decode(self, data: bytes | memoryview) -> Any:
         """Return the value that :meth:`encode` was given, with the same types and equal to the last bit."""
         return self._value(msgspec.msgpack.decode(data, ext_hook=_unpack))
 

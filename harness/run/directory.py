@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, 
 
 from harness.clips.manifest import load_manifest
 from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
-from harness.files.parsing import parse_json
+from harness.files.parsing import differing_keys, parse_json
 from harness.remote import local_folder
 from vfoa.errors import StageError, VfoaError, did_you_mean
 from vfoa.settings import Settings
@@ -152,10 +152,10 @@ def _differing(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[
 def _within(key: str, found: Any, wanted: Any) -> list[str]:
     """Differences within one key. Those of clips name the clip; those of configurations, mostly shared, do not."""
     if key not in ("clips", "configurations"):
-        return list(_leaves(found, wanted, key))
+        return list(differing_keys(found, wanted, key))
     if not isinstance(found, dict) or list(found) != list(wanted):
         return [key]
-    leaves = [(name, list(_leaves(found[name], wanted[name]))) for name in wanted]
+    leaves = [(name, list(differing_keys(found[name], wanted[name]))) for name in wanted]
     if key == "configurations":
         return [leaf for _, each in leaves for leaf in each]
     return [f"{leaf} of {name}" for name, each in leaves for leaf in each if leaf != _FOLLOWS or "frames" not in each]
@@ -164,17 +164,6 @@ def _within(key: str, found: Any, wanted: Any) -> list[str]:
 def _named(value: Any) -> Any:
     """A list of clips by their names; other values unchanged."""
     return {each["name"]: each for each in value} if isinstance(value, list) and value and "name" in value[0] else value
-
-
-def _leaves(found: Any, wanted: Any, path: str = "") -> Iterator[str]:
-    """The dotted keys, below ``path``, under which two values differ."""
-    if found == wanted:
-        return
-    if not isinstance(found, dict) or not isinstance(wanted, dict):
-        yield path
-        return
-    for key in dict.fromkeys((*wanted, *found)):
-        yield from _leaves(found.get(key), wanted.get(key), f"{path}.{key}" if path else key)
 
 
 Pair = tuple[str, str]

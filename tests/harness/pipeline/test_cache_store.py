@@ -31,13 +31,13 @@ def test_a_damaged_result_is_told_from_a_missing_one(store: Store, spoil: object
     assert store.load(path) == (None, True)
 
 
-def test_a_pipe_in_place_of_a_result_is_not_waited_for_and_replaced(store: Store) -> None:
+def test_a_pipe_in_place_of_a_result_is_not_waited_for(store: Store) -> None:
     path = store.folder("stereo", "a") / "000001.bin"
     path.parent.mkdir(parents=True)
     os.mkfifo(path)
     assert store.load(path) == (None, False)
-    store.save(path, b"found")
-    assert store.load(path) == (b"found", False)
+    with pytest.raises(VfoaError, match="not a plain file"):
+        store.save(path, b"found")
 
 
 def test_what_was_used_longest_ago_is_removed_first(tmp_path: Path) -> None:
@@ -57,10 +57,10 @@ def test_the_drafts_of_the_dead_are_removed_and_those_of_the_living_are_not(stor
     folder = store.folder("stereo", "abc")
     folder.mkdir(parents=True)
     for name, age_s in (("old", 7200), ("new", 0)):
-        (folder / f"{name}.tmp").touch()
-        os.utime(folder / f"{name}.tmp", (time.time() - age_s,) * 2)
+        (folder / f".1.bin.{name}").touch()
+        os.utime(folder / f".1.bin.{name}", (time.time() - age_s,) * 2)
     store.trim()
-    assert [path.name for path in folder.iterdir()] == ["new.tmp"]
+    assert [path.name for path in folder.iterdir()] == [".1.bin.new"]
 
 
 def test_what_an_identity_stands_for_may_be_damaged(store: Store) -> None:
