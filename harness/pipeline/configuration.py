@@ -144,13 +144,15 @@ class StageChoice:
         """Return the choice with the clip's name filled in wherever its settings have the placeholder."""
         texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
         filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
-        return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
+        return self.updated(filled) if filled else self
 
     def on(self, provider: Provider) -> StageChoice:
         """Return the choice with its networks on a provider of ONNX Runtime; a stage without networks is unchanged."""
-        if "provider" not in type(self.settings).model_fields:
-            return self
-        return replace(self, settings=self.settings.model_copy(update={"provider": provider}))
+        return self.updated({"provider": provider}) if "provider" in type(self.settings).model_fields else self
+
+    def updated(self, settings: Mapping[str, Any]) -> StageChoice:
+        """Return the choice with some of its settings replaced, which are not checked."""
+        return replace(self, settings=self.settings.model_copy(update=settings))
 
     def plain(self) -> dict[str, Any]:
         """Return the choice as JSON values, with every default."""

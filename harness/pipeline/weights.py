@@ -66,10 +66,7 @@ class CatalogueEntry(Settings):
 
     def find(self) -> Path | None:
         """Return the path of its file on this machine; None if it is missing."""
-        try:
-            return locate(self.file)
-        except VfoaError:
-            return None
+        return _find(self.file)
 
 
 @cache
@@ -249,8 +246,9 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
     for name in slot.library.builtin:
         needed = default_weights(slot, name)
         chosen: tuple[str, ...] = (f"{slot.name}.{slot.key}={name}",)
-        if needed is None or not all(map(_is_here, needed)):
-            other = next((entry for entry in _networks(slot, name) if entry.find()), None)
+        if needed is None or not all(map(_find, needed)):
+            networks = (entry for entry in catalogue().values() if entry.stage == f"{slot.name}.{name}")
+            other = next((entry for entry in networks if entry.find()), None)
             if other is None or (needed is not None and len(needed) > 1):
                 continue
             needed, chosen = (other.file,), (*chosen, f"{slot.name}.weights={other.file}")
@@ -287,11 +285,16 @@ def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
         file: choice
         for choice in choices
         for file in weights_of(choice.settings)
-        if file in entries and not _is_here(file)
+        if file in entries and not _find(file)
     }
-    stages = dict.fromkeys((choice.slot, choice.name) for choice in absent.values())
-    instead = tuple(options for slot, name in stages if (options := _instead(STAGES[slot], name)))
-    return MissingWeights(models=dict(entries[file] for file in sorted(absent)), instead=instead) if absent else None
+    if not absent:
+        return None
+    instead = []
+    for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in absent.values()):
+        # the same stage with other weights, else another network, else any
+        ready = sorted(ready_stages(STAGES[slot]), key=lambda stage: (stage.name != name, not stage.licences))
+        instead += [stage.options for stage in ready[:1]]
+    return MissingWeights(models=dict(entries[file] for file in sorted(absent)), instead=tuple(instead))
 
 
 def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
@@ -314,20 +317,8 @@ def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
     return {file: locate(file) for file in sorted({name for each in choices for name in weights_of(each.settings)})}
 
 
-def _instead(slot: StageKind, name: str) -> str | None:
-    """Options for a stage that can run here: the same one with other weights, else another network, else any."""
-    ready = ready_stages(slot)
-    ready.sort(key=lambda stage: (stage.name != name, not stage.licences))
-    return ready[0].options if ready else None
-
-
-def _networks(slot: StageKind, name: str) -> list[CatalogueEntry]:
-    return [entry for entry in catalogue().values() if entry.stage == f"{slot.name}.{name}"]
-
-
-def _is_here(file: str) -> bool:
+def _find(file: str) -> Path | None:
     try:
-        locate(file)
+        return locate(file)
     except VfoaError:
-        return False
-    return True
+        return None

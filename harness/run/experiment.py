@@ -24,7 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -100,19 +100,6 @@ def read_fitted(path: Path) -> FittedWeights:
     return parse(FittedWeights, read_toml(path), str(path))
 
 
-def preset_of(path: Path) -> dict[str, Any]:
-    """Return the settings of attention in a file of ``vfoa fit``."""
-    return {"method": "logit", "weights": read_fitted(path).attention.model_dump()["weights"]}
-
-
-def fitted_note(path: Path, fitted: FittedWeights, clips: Sequence[str]) -> str:
-    """The table's note about fitted weights, with a warning if it reports a clip they were fitted on."""
-    seen = [clip for clip in clips if clip in fitted.fit.clips]
-    if seen:
-        return f"FITTED ON WHAT IS REPORTED: the weights of {path.name} were fitted on {', '.join(seen)}."
-    return f"Weights of {path.name}, fitted on other clips: {', '.join(fitted.fit.clips)}."
-
-
 def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
     """Return the tables of a preset that apply to a configuration of this method; None: it says nothing about it."""
     if "attention" not in tables or method in (None, tables["attention"].get("method")):
@@ -154,7 +141,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     if name is None:
         return {}
     if isinstance(name, str) and name.endswith(".toml"):
-        return {"attention": preset_of(Path(name))}
+        return {"attention": {"method": "logit", "weights": read_fitted(Path(name)).attention.model_dump()["weights"]}}
     if not isinstance(name, str) or name not in PRESETS:
         raise VfoaError(f"{where}: preset: no {name!r}; {did_you_mean(str(name), PRESETS)}")
     return PRESETS[name]
@@ -307,11 +294,14 @@ def _bundle(given: str | None, own: str | None, where: str) -> Tables:
 
 
 def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
-    """Yield a sentence for each file of fitted settings: the clips that it was fitted on."""
-    own = [each["preset"] for each in file.configuration if "preset" in each]
-    names = [preset] if preset else [*own, file.preset]
-    for name in dict.fromkeys(each for each in names if isinstance(each, str) and each.endswith(".toml")):
-        yield fitted_note(Path(name), read_fitted(Path(name)), clips)
+    """Yield a sentence for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
+    names = [preset] if preset else [*(each.get("preset") for each in file.configuration), file.preset]
+    for path in dict.fromkeys(Path(each) for each in names if isinstance(each, str) and each.endswith(".toml")):
+        fitted_on = read_fitted(path).fit.clips
+        if seen := [clip for clip in clips if clip in fitted_on]:
+            yield f"FITTED ON WHAT IS REPORTED: the weights of {path.name} were fitted on {', '.join(seen)}."
+        else:
+            yield f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}."
 
 
 def is_experiment(name_or_path: str) -> bool:

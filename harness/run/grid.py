@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    from harness.pipeline.configuration import Configuration, StageChoice
+    from harness.pipeline.configuration import Configuration
 
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""
@@ -47,8 +47,8 @@ def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
         factors = {key: label for label, key, _ in combination}
-        differences = [each for _, key, value in combination for each in _flattened({key: value})]
-        yield _variant(_checked(name, where), factors, differences)
+        differences = (each for _, key, value in combination for each in _flattened({key: value}))
+        yield _variant(name, where, factors, differences)
 
 
 def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
@@ -60,14 +60,15 @@ def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[
         if name in seen:
             raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
         seen.add(name)
-        differences = _flattened({key: value for key, value in table.items() if key != "name"})
-        yield _variant(_checked(name, where), {}, list(differences))
+        yield _variant(name, where, {}, _flattened({key: value for key, value in table.items() if key != "name"}))
 
 
-def _variant(name: str, factors: Mapping[str, str], differences: list[tuple[str, Any]]) -> Variant:
-    preset = dict(differences).get(PRESET)
-    others = tuple((key, value) for key, value in differences if key != PRESET)
-    return Variant(name=name, factors=factors, differences=others, preset=preset)
+def _variant(name: str, where: str, factors: Mapping[str, str], differences: Iterable[tuple[str, Any]]) -> Variant:
+    if not _NAME.fullmatch(name):
+        raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
+    others = dict(differences)
+    preset = others.pop(PRESET, None)
+    return Variant(name=name, factors=factors, differences=tuple(others.items()), preset=preset)
 
 
 def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:
@@ -77,12 +78,6 @@ def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any
     if isinstance(values, dict) and values:
         return [(label, key, value) for label, value in values.items()]
     raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
-
-
-def _checked(name: str, where: str) -> str:
-    if not _NAME.fullmatch(name):
-        raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
-    return name
 
 
 def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -103,33 +98,26 @@ def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[C
     VfoaError
         If no stage has a seed; ``where`` opens the message.
     """
-    seeded = [choice for choice in configuration.choices.values() if choice is not None and _has_seed(choice)]
-    if not seeded:
+    first_seeds = {
+        slot: int(seed)
+        for slot, choice in configuration.choices.items()
+        if choice is not None and (seed := getattr(choice.settings, "seed", None)) is not None
+    }
+    if not first_seeds:
         raise VfoaError(
             f"{where}: seeds: found {seeds}, but configuration {configuration.name!r} has no simulated stage; expected "
             'gaze.model = "simulated" or head_pose.model = "simulated"'
         )
     for step in range(seeds):
         choices = {
-            slot: _shifted(choice, step) if choice in seeded else choice
+            slot: choice.updated({"seed": first_seeds[slot] + step}) if choice and slot in first_seeds else choice
             for slot, choice in configuration.choices.items()
         }
-        first = min(getattr(choice.settings, "seed") for choice in seeded)  # noqa: B009
-        yield replace(configuration, name=f"{configuration.name}.seed{first + step}", choices=choices)
+        name = f"{configuration.name}.seed{min(first_seeds.values()) + step}"
+        yield replace(configuration, name=name, choices=choices)
 
 
 @cache
 def base_of(name: str) -> str:
     """The name of the configuration that this one repeats under another seed; its own name otherwise."""
     return _SEED.sub("", name)
-
-
-def _has_seed(choice: StageChoice) -> bool:
-    return "seed" in type(choice.settings).model_fields
-
-
-def _shifted(choice: StageChoice | None, step: int) -> StageChoice | None:
-    if choice is None:
-        return None
-    seed = getattr(choice.settings, "seed")  # noqa: B009
-    return replace(choice, settings=choice.settings.model_copy(update={"seed": seed + step}))

@@ -161,7 +161,14 @@ def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Confi
 
 
 def describe(plan: Plan) -> dict[str, Any]:
-    """Return everything that a plan's results depend on, as written to the run's manifest."""
+    """Return everything that a plan's results depend on, as written to the run's manifest.
+
+    Raises
+    ------
+    VfoaError
+        If weights are missing: which, how to fetch them, and what would do instead.
+    """
+    choices = [choice for one in plan.experiment.configurations for choice in one.choices.values() if choice]
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),
@@ -172,7 +179,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
         "factors": {one.name: dict(one.factors) for one in plan.experiment.configurations},
-        "weights_sha256": weights_digests(plan.experiment),
+        "weights_sha256": {name: file_digest(path) for name, path in locate_weights(choices).items()},
         "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
@@ -208,18 +215,6 @@ _PACKAGES = (
     "rerun-sdk",
     "scipy",
 )
-
-
-def weights_digests(experiment: Experiment) -> dict[str, str]:
-    """The sha256 of every weights file that the experiment's stages name, by that name.
-
-    Raises
-    ------
-    VfoaError
-        If some are missing: which, how to fetch them, and what would do instead.
-    """
-    found = locate_weights(choice for one in experiment.configurations for choice in one.choices.values() if choice)
-    return {name: file_digest(path) for name, path in found.items()}
 
 
 def output_digests(experiment: Experiment, name: str, clip: Clip | MeasuredClip) -> list[str]:

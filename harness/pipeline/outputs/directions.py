@@ -40,36 +40,48 @@ _UNITS = ("_deg", "_rad")
 _LENGTH_TOLERANCE = 0.01
 
 
-class FileHeadPoseSettings(Settings):
-    """Location of the poses: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
+class FileDirectionSettings(Settings):
+    """Location of the directions: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
 
     root: str
     """Folder of the tables; ``${CLIP}`` stands for the clip's name."""
+    file: str = Field(min_length=1)
+    """Table of directions below ``root``."""
+    heads: str = Field(default="heads.csv", min_length=1)
+    """Table of head boxes below ``root``; it joins each row to a head."""
+
+
+class FileHeadPoseSettings(FileDirectionSettings):
+    """Location of the poses."""
+
     file: str = Field(default="head_pose.csv", min_length=1)
     """Table of head poses below ``root``."""
-    heads: str = Field(default="heads.csv", min_length=1)
-    """Table of head boxes below ``root``; it joins each row to a head."""
 
 
-class FileGazeSettings(Settings):
-    """Location of the gazes: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
+class FileGazeSettings(FileDirectionSettings):
+    """Location of the gazes."""
 
-    root: str
-    """Folder of the tables; ``${CLIP}`` stands for the clip's name."""
     file: str = Field(default="gaze.csv", min_length=1)
     """Table of gaze directions below ``root``."""
-    heads: str = Field(default="heads.csv", min_length=1)
-    """Table of head boxes below ``root``; it joins each row to a head."""
 
 
-class FileHeadPose:
+class _OfFile:
+    """A model that reads its answers from a table."""
+
+    _rows: _JoinedRows
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of both tables."""
+        return self._rows.digest()
+
+
+class FileHeadPose(_OfFile):
     """A head-pose model that reads poses from a table, with the model's angles if the table has them."""
 
     Settings = FileHeadPoseSettings
 
     def __init__(self, settings: FileHeadPoseSettings, clip: Clip) -> None:
-        root = expand(settings.root, Path.cwd(), "head_pose.root")
-        self._rows = _JoinedRows(root / settings.file, root / settings.heads, HEAD_ANGLES, clip, angles_beside=True)
+        self._rows = _JoinedRows(settings, "head_pose.root", HEAD_ANGLES, clip, angles_beside=True)
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
         """Return the pose of one head, or None."""
@@ -84,19 +96,14 @@ class FileHeadPose:
         sigma = self._rows.sigma(row)
         return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=sigma)
 
-    def digest(self) -> str:
-        """Hexadecimal sha256 of both tables."""
-        return self._rows.digest()
 
-
-class FileGaze:
+class FileGaze(_OfFile):
     """A gaze model that reads gaze directions from a table."""
 
     Settings = FileGazeSettings
 
     def __init__(self, settings: FileGazeSettings, clip: Clip) -> None:
-        root = expand(settings.root, Path.cwd(), "gaze.root")
-        self._rows = _JoinedRows(root / settings.file, root / settings.heads, GAZE_ANGLES, clip)
+        self._rows = _JoinedRows(settings, "gaze.root", GAZE_ANGLES, clip)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
         """Return the gaze of one head, or None."""
@@ -110,10 +117,6 @@ class FileGaze:
             direction = _from_crop(gaze_direction_crop(theta, phi), boxes, frame)
         return Gaze(direction=direction, sigma_rad=self._rows.sigma(row))
 
-    def digest(self) -> str:
-        """Hexadecimal sha256 of both tables."""
-        return self._rows.digest()
-
 
 class _JoinedRows:
     """The rows of a table of directions, found by their heads. All rows are checked when the table is read.
@@ -123,8 +126,16 @@ class _JoinedRows:
     """
 
     def __init__(
-        self, path: Path, heads: Path, angles: Sequence[str], clip: Clip, *, angles_beside: bool = False
+        self,
+        settings: FileDirectionSettings,
+        where: str,
+        angles: Sequence[str],
+        clip: Clip,
+        *,
+        angles_beside: bool = False,
     ) -> None:
+        root = expand(settings.root, Path.cwd(), where)
+        path, heads = root / settings.file, root / settings.heads
         columns = (*DIRECTION, *(f"{name}{unit}" for name in (*angles, "sigma") for unit in _UNITS))
         self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
