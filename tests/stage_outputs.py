@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.bench.stage_outputs import write_stage_outputs
 from harness.clips.manifest import load_manifest
 from harness.pipeline.configuration import STAGES, Configuration
-from harness.pipeline.outputs.write import write_stage_outputs
 from tests.disk import write_bytes
 from vfoa.pipeline import Stages, perceive
 

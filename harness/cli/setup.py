@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import platform
-import shutil
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +15,7 @@ from harness.cli.options import Cache, Json, stage_names
 from harness.cli.terminal import print_json, print_table, say
 
 _EXAMPLE = Path(__file__).with_name("example")
-"""What ``vfoa init`` leaves, but for the rendered frames and what models would find in them."""
-_FRAMES = (1, 2)
+"""What ``vfoa init`` leaves; ``scripts/example_clip.py`` has made its data."""
 
 
 def init(
@@ -28,6 +25,7 @@ def init(
 
     Files that exist stay as they are.
     """
+    from harness.files.io import atomic_write
     from vfoa.errors import VfoaError
 
     for name in ("datasets", "annotations", "experiments"):
@@ -35,49 +33,13 @@ def init(
             (folder / name).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise VfoaError(f"{folder / name}: found a file; expected a folder") from None
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".init-") as temporary:
-        made = Path(temporary) / "made"
-        shutil.copytree(_EXAMPLE, made)
-        _write_data(made / "data" / "example")
-        for path in sorted(path for path in made.rglob("*") if path.is_file()):
-            target = folder / path.relative_to(made)
-            if not target.exists():
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.move(path, target)
+    for path in sorted(path for path in _EXAMPLE.rglob("*") if path.is_file()):
+        target = folder / path.relative_to(_EXAMPLE)
+        if not target.exists():
+            atomic_write(target, path.read_bytes())
     say((folder / "README.md").read_text(encoding="utf-8"), nl=False)
     inside = "" if folder.resolve() == Path.cwd() else f"cd {folder} && "
     say(f"next: {inside}vfoa run")
-
-
-def _write_data(folder: Path) -> None:
-    """Render the pairs, and write them with what the demo's stages find in them."""
-    import cv2
-
-    from harness.clips.manifest import load_manifest
-    from harness.files.io import atomic_write
-    from harness.pipeline.configuration import STAGES
-    from harness.pipeline.outputs.write import write_stage_outputs
-    from harness.run.experiment import load_experiment
-    from harness.sources import MeasuredClip
-    from vfoa.pipeline import Stages, perceive
-
-    clip = load_manifest("studio_talk").open()
-    assert not isinstance(clip, MeasuredClip)
-    choices = load_experiment("demo").configurations[0].choices
-    built = {slot: STAGES[slot].build(choice, clip) for slot, choice in choices.items() if choice}
-    stages = Stages(
-        matcher=built["stereo"],
-        segmenter=built["segmentation"],
-        heads=built["heads"],
-        head_pose=built["head_pose"],
-        gaze=built["gaze"],
-    )
-    frames = [clip.frame(number) for number in _FRAMES]
-    write_stage_outputs(folder, [perceive(frame, stages) for frame in frames])
-    for frame in frames:
-        for side, image in (("left", frame.left), ("right", frame.right)):
-            png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
-            atomic_write(folder / side / f"{frame.index:04d}.png", png)
 
 
 _MODULES = ("numpy", "pandas", "cv2", "cv2.ximgproc", "open3d", "onnxruntime", "filterpy", "rerun", "mcap")

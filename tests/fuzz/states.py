@@ -13,13 +13,13 @@ import numpy as np
 
 from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
+from harness.bench.stage_outputs import write_coco_panoptic
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import Identity, StoredOutputs, Tally, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
-from harness.pipeline.outputs.write import write_coco_panoptic
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory

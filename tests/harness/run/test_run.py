@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.bench.stage_outputs import write_coco_panoptic
 from harness.clips.manifest import load_manifest
 from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
 from harness.pipeline.cache_store import Store
-from harness.pipeline.outputs.write import write_coco_panoptic
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder

@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.typesys import Stores, get_typestore
 
-from harness.pipeline.outputs.write import write_coco_panoptic
+from harness.bench.stage_outputs import write_coco_panoptic
 from harness.record import entities
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings

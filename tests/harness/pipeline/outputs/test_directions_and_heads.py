@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.bench.stage_outputs import write_gazes, write_head_poses, write_heads
 from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
 from harness.pipeline.outputs.heads import FileHeads, FileHeadsSettings, read_heads
-from harness.pipeline.outputs.write import write_gazes, write_head_poses, write_heads
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan

@@ -1,4 +1,4 @@
-"""Write outputs of stages as the files that ``files`` and ``coco_panoptic`` read: for ``vfoa init`` and benchmarks."""
+"""Write outputs of stages as the files that ``files`` and ``coco_panoptic`` read: for benchmarks and examples."""
 
 from __future__ import annotations
 
