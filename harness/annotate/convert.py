@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace as replace_fields
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
@@ -35,28 +35,11 @@ from harness.run.results import ClipRecords, read_clip_records
 from vfoa.errors import VfoaError, did_you_mean
 
 
-def open_exchange(
-    manifest: ClipManifest,
-    *,
-    fps: float | None = None,
-    offset: float = 0.0,
-    renamed: Mapping[str, str] | None = None,
-    gaps: Literal["ignore", "none"] = "ignore",
-    observation: str | None = None,
-) -> Exchange:
-    """Open a clip for import or export; the parameters are those of :class:`Exchange`. Raises as ``open`` does."""
+def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
+    """Open a clip for import or export; the options are those of :class:`Exchange`. Raises as ``open`` does."""
     clip = manifest.open()
-    return Exchange(
-        timeline=timeline_of(clip),
-        rate_hz=clip.rate_hz,
-        subjects=tuple(manifest.subjects),
-        targets=tuple(manifest.targets),
-        fps=fps,
-        offset=offset,
-        renamed=renamed or {},
-        gaps=gaps,
-        observation=observation,
-    )
+    subjects, targets = tuple(manifest.subjects), tuple(manifest.targets)
+    return Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=subjects, targets=targets, **options)
 
 
 def import_labels(
@@ -91,29 +74,27 @@ def import_labels(
     imported = chosen.read(source, exchange)
     if not imported.labels.ranges:
         raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
-    suggested = sum(row.label.is_suggested for row in imported.labels.ranges)
-    notes = list(imported.notes)
-    if suggested and confirm:
-        imported = replace_fields(imported, labels=_confirmed(imported.labels))
-    elif suggested:
+    new, notes, timeline, frames = imported.labels, list(imported.notes), exchange.timeline, exchange.frames
+    if confirm:
+        new = Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in new.ranges)
+    if suggested := sum(row.label.is_suggested for row in new.ranges):
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
-    timeline = exchange.timeline
-    present, new, frames = read_for_store(manifest, place, timeline), imported.labels, exchange.frames
+    present = read_for_store(manifest, place, timeline)
     given = {subject: sum(present.is_given(frame, subject) for frame in frames) for subject in present.subjects}
     taken = {subject: count for subject, count in given.items() if count and subject in new.subjects}
     told = ", ".join(f"{subject} ({count} frames)" for subject, count in taken.items())
     if taken and not replace:
         raise VfoaError(f"{place}: has labels of {told} already; expected --replace, or another --annotator")
-    if not any(given.values()):
+    if any(given.values()):
+        with closing(open_store(manifest, annotator, timeline)) as store:
+            for subject in new.subjects:
+                track = from_labels(new, subject, frames)
+                store.put(store.revision, subject, stretches(track, 0, len(track) - 1))
+    else:
         write_annotations(place, new)
-        return replace_fields(imported, notes=tuple(notes))
-    with closing(open_store(manifest, annotator, timeline)) as store:
-        for subject in new.subjects:
-            track = from_labels(new, subject, frames)
-            store.put(store.revision, subject, stretches(track, 0, len(track) - 1))
     if taken:
         notes.append(f"{place}: replaced the labels of {told}; undo in vfoa annotate brings them back.")
-    return replace_fields(imported, notes=tuple(notes))
+    return Imported(labels=new, notes=tuple(notes))
 
 
 def export_labels(
@@ -127,10 +108,7 @@ def export_labels(
         If the clip has no such labels, the format needs unknown data, or ``to`` exists and may not be replaced.
     """
     check_new(to, replace=replace, inputs=manifest.files)
-    path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
-    if path is None:
-        raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")
-    labels = manifest.read(path, exchange.timeline, allow_gaps=True)
+    labels = manifest.read(manifest.annotations.expect(annotator), exchange.timeline, allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
 
@@ -142,9 +120,8 @@ def export_predictions(
     clip: str | None = None,
     configuration: str | None = None,
     to: Path | None = None,
-    fps: float | None = None,
-    offset: float = 0.0,
     replace: bool = False,
+    **options: Any,
 ) -> Iterator[tuple[Path, tuple[str, ...]]]:
     """Write a run's predictions in the format called ``name``; yield each clip's file, and notes on what it lacks.
 
@@ -154,10 +131,10 @@ def export_predictions(
         The clip and configuration to export; a configuration must be chosen if there are several.
     to
         The file, if one clip is written; by default ``RUN/labels/CLIP__CONFIGURATION.SUFFIX``.
-    fps, offset
-        As in :class:`Exchange`.
     replace
         Overwrite existing files.
+    options
+        Those of :class:`Exchange`.
 
     Raises
     ------
@@ -186,8 +163,7 @@ def export_predictions(
             rate_hz=clips[each]["rate_hz"],
             subjects=found.labels.subjects,
             targets=targets,
-            fps=fps,
-            offset=offset,
+            **options,
         )
         yield place, (*found.notes, *written.write(place, found.labels, exchange))
 
@@ -247,7 +223,3 @@ def _with_probability(row: LabelRange, labels: Mapping[int, tuple[Label, float]]
     mean = float(np.mean([labels[frame][1] for frame in inside]))
     note = "; ".join(filter(None, (row.label.note, f"probability {mean:.2f}")))
     return replace_fields(row, label=replace_fields(row.label, note=note))
-
-
-def _confirmed(labels: Labels) -> Labels:
-    return Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in labels.ranges)

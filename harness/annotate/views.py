@@ -38,7 +38,7 @@ _SMOOTHING_PX = 0.8
 """Greatest distance of an outline from the mask's own edge."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class SceneObject:
     """One instance: its name (``label#id`` if no rule of the manifest names it), its outline and its box."""
 
@@ -93,14 +93,7 @@ class Views:
             return (), {}
         names = _names_of_run(record, self._manifest)
         objects = (
-            SceneObject(
-                instance_id=each.instance_id,
-                name=names[each.instance_id],
-                label=each.label,
-                score=each.score,
-                box_px=box,
-                outline=_rectangle(box),
-            )
+            SceneObject(each.instance_id, names[each.instance_id], each.label, each.score, box, _rectangle(box))
             for each in record.targets
             if (box := each.box_px) is not None
         )
@@ -135,12 +128,7 @@ def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[Sc
     names = _by_rules(number, [(each, boxes[each.id]) for each in things], manifest)
     return [
         SceneObject(
-            instance_id=each.id,
-            name=names[each.id],
-            label=each.label,
-            score=float(each.score),
-            box_px=boxes[each.id],
-            outline=outline(instances.mask(each.id)),
+            each.id, names[each.id], each.label, float(each.score), boxes[each.id], outline(instances.mask(each.id))
         )
         for each in things
     ]

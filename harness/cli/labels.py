@@ -70,15 +70,8 @@ def import_(
     from harness.annotate.convert import import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
-    manifest = load_manifest(clip)
-    exchange = open_exchange(
-        manifest,
-        fps=fps,
-        offset=offset,
-        renamed=dict(_pair(each) for each in rename or ()),
-        gaps=gaps,
-        observation=observation,
-    )
+    manifest, renamed = load_manifest(clip), dict(_pair(each) for each in rename or ())
+    exchange = open_exchange(manifest, fps=fps, offset=offset, renamed=renamed, gaps=gaps, observation=observation)
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
@@ -229,14 +222,8 @@ def _labels_by_annotator(
     if len(set(names)) < 2:
         raise VfoaError(f"{manifest.name}: labels of {', '.join(names) or 'nobody'}; expected two annotators or more")
     timeline = timeline_of(clip)
-    files = manifest.annotations
-    found = {}
-    for name in names:
-        path = files.find() if name == manifest.name else files.expect(name)
-        if path is None:
-            raise VfoaError(f"{manifest.name}: no annotations; expected {files.place()}")
-        found[name] = manifest.read(path, timeline, allow_gaps=True)
-    return found
+    paths = {name: manifest.annotations.expect(None if name == manifest.name else name) for name in names}
+    return {name: manifest.read(path, timeline, allow_gaps=True) for name, path in paths.items()}
 
 
 def _pair(text: str) -> tuple[str, str]:

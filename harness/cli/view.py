@@ -43,6 +43,7 @@ def view(
     from harness.files.io import check_new
     from harness.record import viewer
     from harness.record.composed import find_recordings
+    from harness.record.web_app import open_path
     from harness.run.directory import RunDirectory
     from harness.server.local_server import ended_by_sigterm, sigterm_as_ctrl_c
 
@@ -50,39 +51,29 @@ def view(
     if failures:
         if frame is not None or screenshot is not None or compare is not None:
             raise VfoaError("view: --failures selects the frames: leave out --frame, --compare and --screenshot")
-        if web:
-            browse_failures(folder, clip, config)
-            return
         with ended_by_sigterm():
-            step_through(folder, clip, config)
+            (browse_failures if web else step_through)(folder, clip, config)
         return
-    if web and screenshot is not None:
-        raise VfoaError("view: --web writes no file: leave out --screenshot")
     if screenshot is not None:
+        if web:
+            raise VfoaError("view: --web writes no file: leave out --screenshot")
         inputs = [folder, *RunDirectory(folder).inputs]
         check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:
         recordings = [_compared(folder, clip, config, subject, compare)]
+    first, *others = recordings
     if frame is not None:
-        recordings[0].expect_frame(frame)
+        first.expect_frame(frame)
     if screenshot is not None:
         with sigterm_as_ctrl_c():
-            viewer.screenshot(recordings[0], frame, screenshot)
+            viewer.screenshot(first, frame, screenshot)
     elif web:
-        _browse(recordings, frame)
+        browse(recordings, [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)])
     else:
         with ended_by_sigterm():
             viewer.show(recordings, frame)
-
-
-def _browse(recordings: list[Composed], frame: int | None) -> None:
-    from harness.record.web_app import open_path
-
-    first, *others = recordings
-    paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
-    browse(recordings, paths)
 
 
 def _compared(
@@ -226,15 +217,12 @@ def _wrong_frames(
 
 def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
-    wrong = [
-        verdict
-        for verdict in scores.verdicts
-        if verdict.outcome == "wrong"
-        and clip in (None, verdict.clip)
-        and configuration in (None, verdict.configuration)
-    ]
+    wrong = (each for each in scores.verdicts if each.outcome == "wrong")
     clips, configurations = scores.clips.index, scores.configurations.index
-    return sorted(wrong, key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame))
+    return sorted(
+        (each for each in wrong if clip in (None, each.clip) and configuration in (None, each.configuration)),
+        key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame),
+    )
 
 
 def browse(

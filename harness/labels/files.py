@@ -201,8 +201,8 @@ class AnnotationFiles:
     def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if is_file_or_link(folder / name)), None)
 
-    def expect(self, annotator: str) -> Path:
-        """Return a named annotator's file.
+    def expect(self, annotator: str | None = None) -> Path:
+        """Return an annotator's file.
 
         Raises
         ------
@@ -211,6 +211,8 @@ class AnnotationFiles:
         """
         if path := self.find(annotator):
             return path
+        if annotator is None:
+            raise VfoaError(f"{self.clip}: no annotations; expected {self.place()}")
         known = self.annotators()
         hint = did_you_mean(annotator, known) if known else f"expected one of {self.clip}@ANNOTATOR.csv, found none"
         raise VfoaError(f"{self.clip}: no annotations by {annotator!r} ({self._stem(annotator)}.csv); {hint}")

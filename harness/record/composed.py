@@ -43,6 +43,12 @@ class Composed:
         """
         return self.make_layout(subject or self.subject) if self.make_layout else None
 
+    def expect_files(self) -> None:
+        """Reject a recording of which a file is missing."""
+        for file in self.files:
+            if not file.is_file():
+                raise VfoaError(f"{file}: found no such recording; was the run made without it?")
+
     def expect_frame(self, frame: int) -> None:
         """Reject a frame that the clip does not have: the viewer would silently show the nearest one."""
         if self.frames and frame not in self.frames:
@@ -145,20 +151,16 @@ def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...
 
 def _clips(run: Path) -> list[RecordedClip]:
     """Every clip of a run, with the configurations that were recorded, perhaps none."""
-    manifest = RunDirectory(run).read_manifest()
-    names = layer_names(manifest["configurations"])
-    return [_clip(run, each, names) for each in manifest["clips"]]
-
-
-def _clip(run: Path, clip: dict[str, Any], names: dict[str, LayerNames]) -> RecordedClip:
-    files = ClipFiles(run=run, clip=clip["name"])
-    return RecordedClip(
-        files=files,
-        layers=tuple(each for each in names.values() if files.attention(each.configuration).is_file()),
-        subjects=clip_names(clip)[0],
-        frames=tuple(clip["frames"]),
-        rate_hz=clip.get("rate_hz"),
-    )
+    manifest, found = RunDirectory(run).read_manifest(), []
+    names = layer_names(manifest["configurations"]).values()
+    for clip in manifest["clips"]:
+        files = ClipFiles(run=run, clip=clip["name"])
+        layers = tuple(each for each in names if files.attention(each.configuration).is_file())
+        subjects, frames = clip_names(clip)[0], tuple(clip["frames"])
+        found.append(
+            RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.get("rate_hz"))
+        )
+    return found
 
 
 def find_recordings(

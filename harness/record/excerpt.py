@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+import rerun as rr
+from rerun.chunk import Chunk, RrdReader
 
 from harness.files.io import replacing
-from harness.record import entities, program
+from harness.record import entities
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
+from harness.record.layer_file import StreamFile
 from harness.record.reading import id_of, reading
 from vfoa.errors import VfoaError
 
@@ -34,22 +35,18 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
     inside = [each for each in recording.frames if abs(each - frame) <= margin]
     every = key_frame_every(rate_hz)
     key = recording.frames[recording.frames.index(inside[0]) // every * every]
-    with tempfile.TemporaryDirectory() as scratch:
-        parts = []
-        for number, file in enumerate(recording.files):
-            parts.append(Path(scratch) / f"{number}.rrd")
-            with reading(file):
-                chunks = LazyChunkStream.from_iter(_cut(RrdReader(file).stream(), key, inside[0], inside[-1]))
-                chunks.write_rrd(
-                    parts[-1],
-                    application_id=recording.application_id,
-                    recording_id=f"{id_of(file)}-{frame}",
-                )
-        if (layout := recording.layout()) is not None:
-            parts.append(Path(scratch) / "layout.rbl")
-            layout.save(recording.application_id, parts[-1])
-        with replacing(excerpt) as draft:
-            _rrd("merge", "--output", str(draft), *map(str, parts))
+    stream = rr.RecordingStream(
+        recording.application_id, recording_id=f"{id_of(recording.files[0])}-{frame}", send_properties=False
+    )
+    with replacing(excerpt) as draft:
+        file = StreamFile(stream, draft, recording.layout(), footer=True)
+        try:
+            for layer in recording.files:
+                with reading(layer):
+                    for chunk in _cut(RrdReader(layer).stream(), key, inside[0], inside[-1]):
+                        stream.send_chunks(chunk)
+        finally:
+            file.close()
 
 
 def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:
@@ -86,9 +83,3 @@ def _at(row: pa.RecordBatch, frame: int, time: pa.Scalar) -> pa.RecordBatch:
         field = row.schema.field(index)
         row = row.set_column(index, field, pa.array([value], field.type))
     return row
-
-
-def _rrd(*arguments: str) -> None:
-    done = program.run(["rrd", *arguments])
-    if done.returncode != 0:
-        raise VfoaError(f"rerun rrd {arguments[0]}: {done.stderr.strip()}")

@@ -62,7 +62,7 @@ class LayerFile:
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self._logs: dict[str, FrameLog] = {}
-        self._file: _StreamFile | None = None
+        self._file: StreamFile | None = None
         self._unsent = 0
 
     @property
@@ -104,7 +104,7 @@ class LayerFile:
         for path, size in self._kept:
             os.truncate(path, size)
         self._layout = layout
-        self._file = _StreamFile(self.stream, self._partial, layout, footer=False)
+        self._file = StreamFile(self.stream, self._partial, layout, footer=False)
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
@@ -160,7 +160,7 @@ class LayerFile:
         stream = rr.RecordingStream(
             self._files.application_id, recording_id=self._files.recording_id, send_properties=False
         )
-        whole = _StreamFile(stream, self._partial, self._layout, footer=True)
+        whole = StreamFile(stream, self._partial, self._layout, footer=True)
         try:
             for path, _ in self._kept:
                 with warnings.catch_warnings():
@@ -180,7 +180,7 @@ class LayerFile:
             log.send()
 
 
-class _StreamFile:
+class StreamFile:
     """The file ``path``, into which a stream writes from now on.
 
     Rerun waits without end for a file that takes no more bytes. Therefore it writes into a pipe, and a thread moves

@@ -29,25 +29,6 @@ def viewer_binary() -> Path:
 @contextmanager
 def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
     """Run the program with these arguments until the block ends, for whatever reason; ``said`` receives its stderr."""
-    with _offline() as environment:
-        command = [str(viewer_binary()), *arguments]
-        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
-        try:
-            yield process
-        finally:
-            _stop(process)
-
-
-def run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run the program and wait for its end."""
-    with _offline() as environment:
-        command = [str(viewer_binary()), *arguments]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-
-@contextmanager
-def _offline() -> Iterator[dict[str, str]]:
-    """An environment without network requests: statistics turned off, and a proxy that does not answer."""
     with tempfile.TemporaryDirectory(prefix="vfoa-") as folder:
         analytics = Path(folder) / "rerun" / "analytics.json"
         analytics.parent.mkdir()
@@ -57,7 +38,13 @@ def _offline() -> Iterator[dict[str, str]]:
         inherited = {name: value for name, value in os.environ.items() if name.lower() != "no_proxy"}
         proxies = ("all_proxy", "http_proxy", "https_proxy")
         nowhere = dict.fromkeys([*proxies, *map(str.upper, proxies)], _NOWHERE)
-        yield inherited | nowhere | {"XDG_CONFIG_HOME": folder}
+        environment = inherited | nowhere | {"XDG_CONFIG_HOME": folder}
+        command = [str(viewer_binary()), *arguments]
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
+        try:
+            yield process
+        finally:
+            _stop(process)
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:

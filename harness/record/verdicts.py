@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -101,33 +102,23 @@ def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterabl
     """Log the style of the answers, once for all frames, for those of their paths that the recording has."""
     for subject in subjects:
         for what, colour in (("truth", TRUTH_COLOUR), ("predicted", OUTCOME_COLOURS["wrong"])):
-            path = entities.answer_3d(configuration, subject, what)
-            for name, style in (("box", _box_style), ("label", _label_style), ("line", _line_style)):
-                if f"{path}/{name}" in paths:
-                    stream.log(f"{path}/{name}", style(colour), static=True)
+            for name, (archetype, style) in _STYLES.items():
+                path = f"{entities.answer_3d(configuration, subject, what)}/{name}"
+                if path in paths:
+                    stream.log(path, archetype.from_fields(colors=[colour], **style), static=True)
 
+
+_STYLES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "box": (rr.Boxes3D, {"fill_mode": rr.components.FillMode.MajorWireframe, "radii": rr.Radius.ui_points(3)}),
+    "label": (rr.Points3D, {"radii": rr.Radius.ui_points(0), "show_labels": True}),
+    "line": (rr.LineStrips3D, {"radii": rr.Radius.ui_points(2.5)}),
+}
 
 _MARGIN = 1.06
 """The marking box is a little larger than the target's own."""
 
 _LABEL_HEIGHT = 1.6
 """Height of a label over the middle of its box, in half heights of the box."""
-
-
-def _box_style(colour: Colour) -> rr.Boxes3D:
-    return rr.Boxes3D.from_fields(
-        colors=[colour],
-        fill_mode=rr.components.FillMode.MajorWireframe,
-        radii=rr.Radius.ui_points(3),
-    )
-
-
-def _label_style(colour: Colour) -> rr.Points3D:
-    return rr.Points3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(0), show_labels=True)
-
-
-def _line_style(colour: Colour) -> rr.LineStrips3D:
-    return rr.LineStrips3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(2.5))
 
 
 def _target(record: FrameRecord, name: str | None, subject: SubjectRecord | None) -> TargetRecord | None:

@@ -6,10 +6,10 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 from rerun.experimental import ViewerClient
 
@@ -40,12 +40,8 @@ def show(recordings: Sequence[Composed], frame: int | None) -> None:
         process.wait()
 
 
-class GoTo(Protocol):
-    """Shows a recording at a frame, with these tabs in front."""
-
-    def __call__(self, recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
-        """Show it."""
-        ...
+GoTo = Callable[[Composed, int, Sequence[str]], None]
+"""Shows a recording at a frame, with these tabs in front."""
 
 
 @contextmanager
@@ -63,12 +59,10 @@ def opened(options: Sequence[str] = (), *, instead: str = INSTEAD) -> Iterator[G
     known: set[tuple[Path, ...]] = set()
     with _viewer(options, instead) as (process, client):
 
-        def go_to(recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
+        def go_to(recording: Composed, frame: int, tabs: Sequence[str]) -> None:
             if process.poll() is not None:
                 raise VfoaError("the Rerun viewer: expected an open window, found that it was closed")
-            for file in recording.files:
-                if not file.is_file():
-                    raise VfoaError(f"{file}: found no such recording; was the run made without it?")
+            recording.expect_files()
             if recording.files in known:
                 client.open(str(recording.files[-1]))  # bring it to the front again
                 client.set_time("frame", sequence=frame, play_state="paused")

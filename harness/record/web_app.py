@@ -10,6 +10,7 @@ from urllib.parse import quote, urlencode
 
 from rerun.chunk import RrdReader
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import (
     FileResponse,
@@ -79,11 +80,14 @@ def site(
     def open_recording(request: Request) -> Response:
         name, frame = request.query_params.get("recording", ""), request.query_params.get("frame")
         if name not in recordings:
-            return _refusal(404, f"There is no recording {name!r} here.")
+            raise HTTPException(404, f"There is no recording {name!r} here.")
         if frame is not None and not _FRAME.fullmatch(frame):
-            return _refusal(400, f"frame: expected a number, found {frame!r}.")
+            raise HTTPException(400, f"frame: expected a number, found {frame!r}.")
         recording = recordings[name]
-        _check_files(recording)
+        recording.expect_files()
+        for file in recording.files:
+            with reading(file):
+                RrdReader(file).recordings()
         place = f"/files/{numbered.index(recording)}"
         query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
         if recording.make_layout is not None:
@@ -97,17 +101,16 @@ def site(
     def recorded_file(request: Request) -> Response:
         number, file = request.path_params["number"], request.path_params["file"]
         if number >= len(numbered) or file >= len(numbered[number].files):
-            return _refusal(404, "There is no such recording here.")
-        path = numbered[number].files[file]
-        _check_there(path)
-        return FileResponse(path, media_type=_BINARY)
+            raise HTTPException(404, "There is no such recording here.")
+        numbered[number].expect_files()
+        return FileResponse(numbered[number].files[file], media_type=_BINARY)
 
     def layout(request: Request) -> Response:
         number = request.path_params["number"]
         who = request.query_params.get("subject")
         made = numbered[number].layout(who) if number < len(numbered) else None
         if made is None:
-            return _refusal(404, "There is no such layout here.")
+            raise HTTPException(404, "There is no such layout here.")
         with tempfile.TemporaryDirectory() as scratch:
             made.save(numbered[number].application_id, str(Path(scratch) / "layout.rbl"))
             return Response((Path(scratch) / "layout.rbl").read_bytes(), media_type=_BINARY)
@@ -115,20 +118,22 @@ def site(
     def viewer_file(request: Request) -> Response:
         found = viewer.get(request.path_params.get("name", "viewer.html"))
         if found is None:
-            return _refusal(404, "The viewer has no such file.")
+            raise HTTPException(404, "The viewer has no such file.")
         headers = {"Content-Security-Policy": VIEWER_POLICY}
         return Response(found.content, media_type=found.media_type, headers=headers)
 
     return Starlette(
         routes=[
             *more,
-            Route("/", _told(show_page)),
-            Route("/open", _told(open_recording)),
-            Route("/files/{number:int}/{file:int}.rrd", _told(recorded_file)),
-            Route("/files/{number:int}/layout.rbl", _told(layout)),
+            Route("/", show_page),
+            Route("/open", open_recording),
+            Route("/files/{number:int}/{file:int}.rrd", recorded_file),
+            Route("/files/{number:int}/layout.rbl", layout),
             Route(VIEWER, viewer_file),
             Route(VIEWER + "{name}", viewer_file),
-        ]
+        ],
+        # an error in the run's files is an answer of one line
+        exception_handlers={VfoaError: lambda _, error: PlainTextResponse(f"{error}\n", 500)},
     )
 
 
@@ -140,48 +145,13 @@ def open_path(name: str, frame: int | None = None, subject: str | None = None) -
 
 def failures_routes(wrong: Sequence[Verdict], recordings: Mapping[Pair, Composed]) -> Routes:
     """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`."""
+    keys = ("clip", "configuration", "frame", "subject", "truth", "predicted", "error_type")
     listed = [
-        {
-            "clip": each.clip,
-            "configuration": each.configuration,
-            "frame": each.frame,
-            "subject": each.subject,
-            "truth": each.truth,
-            "predicted": each.predicted,
-            "error_type": each.error_type,
-            "open": open_path(recordings[each.clip, each.configuration].name, each.frame, each.subject),
-        }
+        {key: getattr(each, key) for key in keys}
+        | {"open": open_path(recordings[each.clip, each.configuration].name, each.frame, each.subject)}
         for each in wrong
     ]
     return (
         Route("/", lambda request: RedirectResponse(f"{VIEWER}failures.html")),
         Route("/failures.json", lambda request: JSONResponse(listed)),
     )
-
-
-def _check_files(recording: Composed) -> None:
-    for file in recording.files:
-        _check_there(file)
-        with reading(file):
-            RrdReader(file).recordings()
-
-
-def _check_there(file: Path) -> None:
-    if not file.is_file():
-        raise VfoaError(f"{file}: found no such recording; was the run made without it?")
-
-
-def _told(answer: Callable[[Request], Response]) -> Callable[[Request], Response]:
-    """Wrap a route so that an error in the run's files becomes an answer of one line."""
-
-    def answered(request: Request) -> Response:
-        try:
-            return answer(request)
-        except VfoaError as error:
-            return _refusal(500, str(error))
-
-    return answered
-
-
-def _refusal(status: int, text: str) -> Response:
-    return PlainTextResponse(text + "\n", status_code=status)

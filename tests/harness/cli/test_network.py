@@ -95,8 +95,12 @@ def test_the_viewers_program_has_no_way_out(
     tmp_path: Path, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "environ", environment | {"NO_PROXY": "*", "HTTPS_PROXY": "http://proxy.example:3128"})
-    monkeypatch.setattr(program, "viewer_binary", lambda: Path("/usr/bin/env"))
-    said = dict(line.split("=", 1) for line in program.run([]).stdout.splitlines() if "=" in line)
+    viewer = write_text(tmp_path / "viewer", "#!/bin/sh\nenv >&2\n")
+    viewer.chmod(0o755)
+    monkeypatch.setattr(program, "viewer_binary", lambda: viewer)
+    with (tmp_path / "said").open("wb") as stderr, program.started([], stderr) as process:
+        process.wait(timeout=60)
+    said = dict(line.split("=", 1) for line in (tmp_path / "said").read_text().splitlines() if "=" in line)
     assert {said[name] for name in said if name.lower().endswith("_proxy")} == {"http://127.0.0.1:9"}
     assert "NO_PROXY" not in said
     assert Path(said["XDG_CONFIG_HOME"]) != Path(environment["HOME"]) / ".config"

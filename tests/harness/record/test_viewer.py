@@ -81,7 +81,7 @@ def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(fr
             if tabs:
                 assert {*tabs} <= _active_tabs(clients[0])
         with pytest.raises(VfoaError, match=r"gone\.rrd"):
-            go_to(Composed(name="gone", files=(tmp_path / "gone.rrd",)), 10)
+            go_to(Composed(name="gone", files=(tmp_path / "gone.rrd",)), 10, ())
     assert in_front[0] == in_front[2] != in_front[1]
 
 
