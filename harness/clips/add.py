@@ -14,7 +14,7 @@ from harness.files.io import read_text, write_together
 from harness.files.parsing import parse_toml, toml_key, toml_value
 from harness.labels.files import VERSION_LINE, format_annotations
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
-from harness.sources import ADAPTERS, Clip, GuidedRecogniser, MeasuredClip, Recognised, Recogniser
+from harness.sources import ADAPTERS, Clip, MeasuredClip, Recognised, Recogniser
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame, StereoRig
 
@@ -66,8 +66,7 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     failures: list[VfoaError] = []
     for name, cls in asked.items():
         try:
-            seen = cls.recognise_as(path, given) if isinstance(cls, GuidedRecogniser) else cls.recognise(path)
-            found += [Reading(name, each) for each in seen]
+            found += [Reading(name, each) for each in cls.recognise(path, given)]
         except VfoaError as error:
             failures.append(error)
     if found:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -60,33 +59,20 @@ _MARGIN = 0.9
 _DEFAULT_M: float = BlockMatchingSettings().min_depth_m
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NearLimit:
-    """The share of matches nearer than a limit, and a limit in metres that 99 % of the matches are beyond."""
+def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -> list[str]:
+    """A note if a limit (by default the matchers' own) excludes objects in these frames.
 
-    share: float
-    proposed_m: float
-
-
-def near_limit(frames: Sequence[StereoFrame], min_depth_m: float) -> NearLimit | None:
-    """Measure the matches nearer than a limit over some frames; None if they are too few, or without right images."""
-    depths = [matched_depths_m(frame) for frame in frames if frame.right is not None]
-    depths_m = np.concatenate(depths) if depths else np.empty(0)
+    It proposes a limit that 99 % of the matches are beyond. None if matches are too few, or without right images.
+    """
+    depths_m = np.concatenate([np.empty(0), *(_matched_depths_m(frame) for frame in frames if frame.right is not None)])
     if not depths_m.size or (share := float((depths_m < min_depth_m).mean())) < LEAST_SHARE:
-        return None
+        return []
     nearest_m = _MARGIN * float(np.percentile(depths_m, 1))
     digits = 2 - math.ceil(math.log10(nearest_m))
-    return NearLimit(share=share, proposed_m=math.floor(nearest_m * 10**digits) / 10**digits)
-
-
-def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -> list[str]:
-    """A note if a limit (by default the matchers' own) excludes objects in these frames."""
-    found = near_limit(frames, min_depth_m)
-    if found is None:
-        return []
+    proposed_m = math.floor(nearest_m * 10**digits) / 10**digits
     return [
-        f"{found.share:.0%} of the matches are nearer than stereo.min_depth_m = {min_depth_m:g}, which leaves them "
-        f"without depth; --set stereo.min_depth_m={found.proposed_m:g} reaches them"
+        f"{share:.0%} of the matches are nearer than stereo.min_depth_m = {min_depth_m:g}, which leaves them without "
+        f"depth; --set stereo.min_depth_m={proposed_m:g} reaches them"
     ]
 
 
@@ -95,10 +81,8 @@ def first_middle_last(frames: Sequence[int]) -> list[int]:
     return sorted({frames[0], frames[len(frames) // 2], frames[-1]}) if frames else []
 
 
-def matched_depths_m(frame: StereoFrame) -> Float:
+def _matched_depths_m(frame: StereoFrame) -> Float:
     """Depths (N,) of the pixels that a coarse semi-global match finds in both views, at about 320 columns."""
-    if frame.right is None:
-        return np.empty(0)
     factor = max(1, math.ceil(frame.rig.width_px / _WIDTH_PX))
     size = max(1, frame.rig.width_px // factor), max(1, frame.rig.height_px // factor)
     searched = 16 * max(1, math.ceil(_SEARCHED * size[0] / 16))
@@ -106,6 +90,7 @@ def matched_depths_m(frame: StereoFrame) -> Float:
     left, right = (
         cv2.copyMakeBorder(_small(image, size), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)
+        if image is not None
     )
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,

@@ -53,29 +53,23 @@ class AnyClip(Protocol):
     @property
     def frames(self) -> Sequence[int]:
         """The source's own frame numbers, ascending; gaps are allowed."""
-        ...
 
     @property
     def rate_hz(self) -> float | None:
         """Frames per second; None if the source does not know it."""
-        ...
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the reader of a table: a view that was synthesised, frames that were dropped."""
-        ...
 
     def time_ns(self, number: int) -> int:
         """Time of a frame, ns on the source's own clock, the same as in the frame, without reading an image."""
-        ...
 
     def truth(self, number: int) -> Truth:
         """Return the ground truth of one frame. Read by scoring, and by stages configured as ``truth``."""
-        ...
 
     def digest(self) -> str:
         """Hexadecimal sha256 of everything that a frame depends on: files' content or settings, not their paths."""
-        ...
 
 
 class Clip(AnyClip, Protocol):
@@ -89,7 +83,6 @@ class Clip(AnyClip, Protocol):
         vfoa.errors.VfoaError
             If it cannot be read: the message names the file.
         """
-        ...
 
 
 @runtime_checkable
@@ -99,17 +92,14 @@ class MeasuredClip(AnyClip, Protocol):
     @property
     def people(self) -> Mapping[str, int]:
         """Every person whom the source names: the instance id, the same in every frame, by name."""
-        ...
 
     @property
     def objects(self) -> Mapping[str, int]:
         """Every other object that can be looked at: the instance id, the same in every frame, by name."""
-        ...
 
     @property
     def categories(self) -> Mapping[str, str]:
         """The category of every person and object, by name."""
-        ...
 
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame.
@@ -119,7 +109,6 @@ class MeasuredClip(AnyClip, Protocol):
         vfoa.errors.VfoaError
             If there is no such frame.
         """
-        ...
 
 
 @runtime_checkable
@@ -128,7 +117,6 @@ class SightTruth(Protocol):
 
     def blockers(self, number: int) -> Mapping[str, str]:
         """By person, the name of the object between the eyes and the target in one frame."""
-        ...
 
 
 @runtime_checkable
@@ -137,7 +125,6 @@ class LeftClip(Protocol):
 
     def left(self, number: int) -> Image:
         """Read the left image of :meth:`Clip.frame`; raises the same errors."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,28 +149,24 @@ class Recognised:
 class Recogniser(Protocol):
     """An optional part of an adapter's class: it can tell whether it reads a path.
 
-    Every registered adapter is asked, including those of other packages. A calibration that the user gives arrives as
-    the setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), if the
-    adapter's ``Settings`` have it.
+    Every registered adapter is asked, including those of other packages.
     """
 
     @classmethod
-    def recognise(cls, path: Path) -> Sequence[Recognised]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Return every way to read an existing absolute path; none if it is not of this kind.
 
         Several ways differ in their ``source``: the user chooses by the setting that differs. Only names and the heads
         of files are read, and nothing is guessed: settings that cannot be determined are left out.
-        """
-        ...
 
-
-@runtime_checkable
-class GuidedRecogniser(Recogniser, Protocol):
-    """A recogniser that can also be told which files to read: the user's settings override its own findings."""
-
-    @classmethod
-    def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
-        """As :meth:`recognise`, with the settings that the user gives (``left``, ``right``, ``baseline_m`` ...).
+        Parameters
+        ----------
+        path
+            What the user wants to add.
+        given
+            The settings that the user gives, which override what is found: an adapter may read the files that they
+            name. A calibration is the setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``,
+            ``baseline_m``).
 
         Raises
         ------
@@ -191,7 +174,6 @@ class GuidedRecogniser(Recogniser, Protocol):
             If files that the user names cannot be read, or candidates are there but none is recognised: it says how
             to name them.
         """
-        ...
 
 
 ADAPTERS = Registry(

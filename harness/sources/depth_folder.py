@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
@@ -75,7 +75,7 @@ class DepthFolderClip:
         self._files = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
 
     @classmethod
-    def recognise(cls, path: Path) -> Sequence[Recognised]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Recognise folders or names of colour and of depth, TUM RGB-D."""
         from harness.sources.depth_layouts import recognise_depth
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -103,7 +104,7 @@ class SintelClip:
             self._check_complete(kind)
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise each scene and pass at or below a path inside the set; a scene's folder is that scene only."""
         training = next((each for each in (path / "training", path, *path.parents) if _is_training(each)), None)
         if training is None:

@@ -91,13 +91,8 @@ class StereoFolderClip:
         self._rectifier: Rectifier | None = None
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """Recognise every layout of images or videos at a path, with the calibration files beside them."""
-        return cls.recognise_as(path, {})
-
-    @classmethod
-    def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
-        """Recognise layouts with files or calibration properties that the user has named."""
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
+        """Recognise layouts of images or videos, or the files that the user names, and calibrations beside them."""
         from harness.sources.stereo_layouts import recognise_stereo
 
         return recognise_stereo(path, given)

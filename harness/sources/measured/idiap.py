@@ -16,8 +16,9 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -62,7 +63,7 @@ class IdiapClip(FramesOfMeasurements):
         super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a file of the tracker, or a folder that holds some."""
         files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
         robot = {"robot": {"center_m": [0.0, 0.0, 0.0], "size_m": [0.3, 0.3, 0.3]}}

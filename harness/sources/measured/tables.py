@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -95,7 +95,7 @@ class MeasuredTables(FramesOfMeasurements):
         )
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
         folder = path if path.is_dir() else path.parent
         files = [path] if path.is_file() else [folder / f"people{suffix}" for suffix in _SUFFIXES]

@@ -24,6 +24,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -111,7 +112,7 @@ class VrObjectsClip(FramesOfMeasurements):
         return (self._absent,) if self._absent else ()
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise the folder of one person's session."""
         if not (path / "trial_results.csv").is_file() or not (path / "trackers").is_dir():
             return ()

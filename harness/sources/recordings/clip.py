@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -52,49 +52,46 @@ def join_streams(
     VfoaError
         If no two stamps are near enough; the message says how far apart they are.
     """
+    lefts, notes = streams.left.places, list[str]()
+    partners: dict[str, dict[Place, Place]] = {}
+    for topic in (streams.right, streams.depth):
+        if topic is None:
+            continue
+        tolerance_ns = settings.tolerance_ns(of_depth=topic is streams.depth)
+        joined = partners[topic.name] = _join_places(lefts, topic.places, tolerance_ns)
+        if topic is streams.right or streams.right is None:
+            if not joined:
+                raise VfoaError(f"{where}: {_too_far(streams.left, topic, tolerance_ns)}")
+            notes += [
+                f"{side.name}: {lost} of {len(side.places)} images have no partner within {_ms(tolerance_ns)}"
+                for side in (streams.left, topic)
+                if (lost := len(side.places) - len(joined))
+            ]
+            lefts = list({place.stamp_ns: place for place in reversed(joined)}.values())[::-1]
+            if twice := len(joined) - len(lefts):  # a camera takes one image at a time, but a file may contain copies
+                why = "left out (a copy, or a clock that stood)"
+                notes.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
+        elif lost := len(lefts) - len(joined):
+            notes.append(f"{topic.name}: {lost} of {len(lefts)} frames have no depth within {_ms(tolerance_ns)}")
+    rights, depths = (partners[topic.name] if topic else {} for topic in (streams.right, streams.depth))
     if streams.right is None:
-        assert streams.depth is not None
-        pairs, lost = _join_two(streams.left, streams.depth, settings.tolerance_ns(of_depth=True), where)
-        return tuple(FramePlaces(left, None, depth) for left, depth in pairs), (*lost, *_offset(pairs))
-    pairs, lost = _join_two(streams.left, streams.right, settings.tolerance_ns(of_depth=False), where)
-    if streams.depth is None:
-        return tuple(FramePlaces(left, right, None) for left, right in pairs), tuple(lost)
-    tolerance_ns = settings.tolerance_ns(of_depth=True)
-    depths = dict(_join_places([left for left, _ in pairs], streams.depth.places, tolerance_ns))
-    if without := len(pairs) - len(depths):
-        lost.append(f"{streams.depth.name}: {without} of {len(pairs)} frames have no depth within {_ms(tolerance_ns)}")
-    return tuple(FramePlaces(left, right, depths.get(left)) for left, right in pairs), tuple(lost)
+        offset_ns = float(np.median([abs(left.stamp_ns - depths[left].stamp_ns) for left in lefts]))
+        if offset_ns >= _TOLD_NS:
+            notes.append(f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)")
+    return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in lefts), tuple(notes)
 
 
-def _join_two(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[list[tuple[Place, Place]], list[str]]:
-    joined = _join_places(left.places, other.places, tolerance_ns)
-    if not joined:
-        apart = ""
-        if left.places and other.places:
-            apart_ns = nearest_apart(*([place.stamp_ns for place in topic.places] for topic in (left, other)))
-            apart = f"; the nearest ones are {_ms(apart_ns)} apart (median): tolerance_ms = in [source] allows it"
-        raise VfoaError(f"{where}: no two stamps of {left} and {other} are within {_ms(tolerance_ns)}{apart}")
-    lost = [
-        f"{topic.name}: {count} of {len(topic.places)} images have no partner within {_ms(tolerance_ns)}"
-        for topic in (left, other)
-        if (count := len(topic.places) - len(joined))
-    ]
-    # A camera takes one image at a time, but a file may contain copies
-    pairs = [each for at, each in enumerate(joined) if not at or each[0].stamp_ns != joined[at - 1][0].stamp_ns]
-    if twice := len(joined) - len(pairs):
-        why = "left out (a copy, or a clock that stood)"
-        lost.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
-    return pairs, lost
-
-
-def _join_places(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> list[tuple[Place, Place]]:
+def _join_places(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> dict[Place, Place]:
     lefts, rights = ([place.stamp_ns for place in side] for side in (left, right))
-    return [(left[one], right[other]) for one, other in join_times(lefts, rights, tolerance_ns)]
+    return {left[one]: right[other] for one, other in join_times(lefts, rights, tolerance_ns)}
 
 
-def _offset(pairs: list[tuple[Place, Place]]) -> list[str]:
-    offset_ns = float(np.median([abs(colour.stamp_ns - depth.stamp_ns) for colour, depth in pairs]))
-    return [f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)"] if offset_ns >= _TOLD_NS else []
+def _too_far(left: Topic, other: Topic, tolerance_ns: int) -> str:
+    apart = ""
+    if left.places and other.places:
+        apart_ns = nearest_apart(*([place.stamp_ns for place in topic.places] for topic in (left, other)))
+        apart = f"; the nearest ones are {_ms(apart_ns)} apart (median): tolerance_ms = in [source] allows it"
+    return f"no two stamps of {left} and {other} are within {_ms(tolerance_ns)}{apart}"
 
 
 def _ms(nanoseconds: float) -> str:
@@ -245,7 +242,7 @@ class McapClip(RecordingClip):
     """A recording in MCAP, of ROS 1, ROS 2 or Foxglove."""
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
         if path.is_file():
             return _recognised(path, "an MCAP recording") if starts_with(path, MAGIC) else ()
@@ -257,7 +254,7 @@ class BagClip(RecordingClip):
     """A bag of ROS 1 or ROS 2."""
 
     @classmethod
-    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+    def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
         return _recognised(path, "a ROS bag") if bag_parts(path) else ()
 

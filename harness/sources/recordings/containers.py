@@ -173,11 +173,9 @@ class Container(Protocol):
     @property
     def files(self) -> tuple[Path, ...]:
         """All files on which messages depend, in order."""
-        ...
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None without messages."""
-        ...
 
     def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
         """Read all messages once and index them.
@@ -187,7 +185,6 @@ class Container(Protocol):
         VfoaError
             If a file is not of this format, or a camera's message cannot be decoded.
         """
-        ...
 
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message again.
@@ -197,4 +194,3 @@ class Container(Protocol):
         VfoaError
             If the file has changed since it was indexed.
         """
-        ...

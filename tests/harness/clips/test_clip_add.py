@@ -179,7 +179,7 @@ class Slides:
         self.frames, self.rate_hz, self.notes = (1,), None, ()
 
     @classmethod
-    def recognise(cls, path):
+    def recognise(cls, path, given):
         if path.suffix not in (".slides", ".mcap"):
             return ()
         return [Recognised(root=path.parent, source={"file": path.name}, layout="slides", name="s", calibration="own")]

@@ -108,14 +108,14 @@ def test_containers_are_recognised_by_their_content(tmp_path: Path) -> None:
     found = {}
     for kind in ALL:
         path = write_take(tmp_path, kind, [shot(1)])
-        found[kind] = [name for name, cls in (("mcap", McapClip), ("rosbag", BagClip)) if cls.recognise(path)]
+        found[kind] = [name for name, cls in (("mcap", McapClip), ("rosbag", BagClip)) if cls.recognise(path, {})]
     assert found == {kind: ["mcap" if kind == "mcap" else "rosbag"] for kind in ALL}
 
 
 def test_a_database_without_its_metadata_is_read(tmp_path: Path) -> None:
     path = write_take(tmp_path, "db3", map(shot, (1, 2)))
     (path / "metadata.yaml").unlink()
-    assert BagClip.recognise(path)
+    assert BagClip.recognise(path, {})
     assert len(open_clip(path).frames) == 2
     (file,) = path.glob("*.db3")
     assert len(open_clip(file).frames) == 2

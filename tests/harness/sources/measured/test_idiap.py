@@ -60,7 +60,7 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, line: str, place: str)
 
 def test_the_real_heads_point_at_what_they_are_labelled_to_look_at(shared_data: Path) -> None:
     folder = shared_data / "idiap_vfoa"
-    (found,) = IdiapClip.recognise(folder)
+    (found,) = IdiapClip.recognise(folder, {})
     clip = open_measured("idiap_vfoa", found.root, **found.source)
     with (folder / "labels.csv").open() as file:
         labels = {(int(row["time_ns"]), row["person"]): row["looks_at"] for row in csv.DictReader(file)}
