@@ -70,10 +70,6 @@ class NewTarget(Settings):
     name: str
     rule: NameRule
 
-    def make(self, session: Session) -> None:
-        """Add it."""
-        session.add_target(self.name, self.rule)
-
 
 class ChangedTarget(Settings):
     """Another name, key or colour of a target."""
@@ -83,20 +79,12 @@ class ChangedTarget(Settings):
     key: str | None
     colour: str
 
-    def make(self, session: Session) -> None:
-        """Change it."""
-        session.change_target(self.name, new_name=self.new_name, key=self.key, colour=self.colour)
-
 
 class DeletedTarget(Settings):
     """A target to delete, and the target that replaces it in the labels."""
 
     name: str
     to: str | None = None
-
-    def make(self, session: Session) -> None:
-        """Delete it."""
-        session.delete_target(self.name, self.to)
 
 
 class PageServer(LocalServer):
@@ -185,9 +173,9 @@ def create_app(session: Session) -> Starlette:
     def states() -> dict[str, Any]:
         return {"state": session.state(), "drawn": session.drawn()}
 
-    def change_targets(asked: type[NewTarget | ChangedTarget | DeletedTarget]) -> Callable[[Request], Any]:
+    def change_targets(asked: type[Settings], make: Callable[..., None]) -> Callable[[Request], Any]:
         def answer(body: bytes) -> Response:
-            asked.model_validate_json(body).make(session)
+            make(**dict(asked.model_validate_json(body)))
             return JSONResponse({"about": session.about(), **states()})
 
         return _posted(answer)
@@ -201,9 +189,9 @@ def create_app(session: Session) -> Starlette:
             Route("/api/scene/{at:int}", scene),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
-            Route("/api/target", change_targets(NewTarget), methods=["POST"]),
-            Route("/api/target/change", change_targets(ChangedTarget), methods=["POST"]),
-            Route("/api/target/delete", change_targets(DeletedTarget), methods=["POST"]),
+            Route("/api/target", change_targets(NewTarget, session.add_target), methods=["POST"]),
+            Route("/api/target/change", change_targets(ChangedTarget, session.change_target), methods=["POST"]),
+            Route("/api/target/delete", change_targets(DeletedTarget, session.delete_target), methods=["POST"]),
         ],
         exception_handlers={
             VfoaError: lambda _, error: _refused(error),

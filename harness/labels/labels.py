@@ -146,6 +146,16 @@ def gaps(labels: Labels, subject: str, frames: Sequence[int]) -> Iterator[tuple[
             yield frames[low], frames[high - 1]
 
 
+def fill_gaps(labels: Labels, frames: Sequence[int], label: Label) -> Labels:
+    """Return labels in which every gap between two labels of a subject has this one."""
+    filled = (
+        LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+        for subject in labels.subjects
+        for first, last in gaps(labels, subject, frames)
+    )
+    return Labels([*labels.ranges, *filled])
+
+
 def ranges_of(subject: str, labels: Iterable[tuple[int, Label | None]]) -> Iterator[LabelRange]:
     """One subject's ranges from its (frame, label) in order: one for each run of equal labels; None ends a run."""
     first = last = 0
@@ -178,7 +188,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Merg
         for subject in subjects
         for row in ranges_of(subject, ((frame, _merged(_said(labels, frame, subject), rule)) for frame in frames))
     )
-    return Labels([*merged.ranges, *_fillings(merged, frames)])
+    return fill_gaps(merged, frames, Label(target=IGNORED, note=UNLABELLED))
 
 
 def to_decide(labels: Labels) -> list[LabelRange]:
@@ -188,11 +198,10 @@ def to_decide(labels: Labels) -> list[LabelRange]:
 
 def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:
     found = {name: each.at(frame, subject) for name, each in labels.items()}
-    return {name: label if label and _is_given(label) else None for name, label in found.items()}
-
-
-def _is_given(label: Label) -> bool:
-    return not label.is_suggested and not label.is_placeholder
+    return {
+        name: None if label is None or label.is_suggested or label.is_placeholder else label
+        for name, label in found.items()
+    }
 
 
 def _merged(said: Mapping[str, Label | None], rule: MergeRule) -> Label | None:
@@ -205,13 +214,6 @@ def _merged(said: Mapping[str, Label | None], rule: MergeRule) -> Label | None:
         return Label(target=IGNORED, note=DIFFER)
     words = ", ".join(f"{name} {label.target if label else '-'}" for name, label in said.items())
     return Label(target=IGNORED, note=f"{TO_DECIDE}{words}")
-
-
-def _fillings(labels: Labels, frames: Sequence[int]) -> Iterator[LabelRange]:
-    unlabelled = Label(target=IGNORED, note=UNLABELLED)
-    for subject in labels.subjects:
-        for first, last in gaps(labels, subject, frames):
-            yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=unlabelled)
 
 
 _SECONDS = re.compile(r"(-?)([0-9]{1,10})(?:\.([0-9]{1,9}))?")

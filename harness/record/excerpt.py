@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
-import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
 from harness.files.io import replacing
 from harness.record import entities
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
-from harness.record.layer_file import StreamFile
+from harness.record.layer_file import write_whole
 from harness.record.reading import id_of, reading
 from vfoa.errors import VfoaError
 
@@ -35,18 +34,16 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
     inside = [each for each in recording.frames if abs(each - frame) <= margin]
     every = key_frame_every(rate_hz)
     key = recording.frames[recording.frames.index(inside[0]) // every * every]
-    stream = rr.RecordingStream(
-        recording.application_id, recording_id=f"{id_of(recording.files[0])}-{frame}", send_properties=False
-    )
+    name = f"{id_of(recording.files[0])}-{frame}"
     with replacing(excerpt) as draft:
-        file = StreamFile(stream, draft, recording.layout(), footer=True)
-        try:
-            for layer in recording.files:
-                with reading(layer):
-                    for chunk in _cut(RrdReader(layer).stream(), key, inside[0], inside[-1]):
-                        stream.send_chunks(chunk)
-        finally:
-            file.close()
+        chunks = _all_cut(recording.files, key, inside[0], inside[-1])
+        write_whole(draft, recording.application_id, name, recording.layout(), chunks)
+
+
+def _all_cut(files: Iterable[Path], key: int, first: int, last: int) -> Iterator[Chunk]:
+    for file in files:
+        with reading(file):
+            yield from _cut(RrdReader(file).stream(), key, first, last)
 
 
 def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:

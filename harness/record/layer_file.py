@@ -10,13 +10,13 @@ import shutil
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rerun as rr
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
 from harness.record.frame_log import FrameLog
@@ -62,7 +62,7 @@ class LayerFile:
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self._logs: dict[str, FrameLog] = {}
-        self._file: StreamFile | None = None
+        self._file: _StreamFile | None = None
         self._unsent = 0
 
     @property
@@ -104,7 +104,7 @@ class LayerFile:
         for path, size in self._kept:
             os.truncate(path, size)
         self._layout = layout
-        self._file = StreamFile(self.stream, self._partial, layout, footer=False)
+        self._file = _StreamFile(self.stream, self._partial, layout, footer=False)
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
@@ -157,22 +157,17 @@ class LayerFile:
 
     def _assemble(self) -> None:
         """Write the chunks of all partial files into the complete file, and remove the partial ones."""
-        stream = rr.RecordingStream(
-            self._files.application_id, recording_id=self._files.recording_id, send_properties=False
-        )
-        whole = StreamFile(stream, self._partial, self._layout, footer=True)
-        try:
-            for path, _ in self._kept:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
-                    for chunk in RrdReader(path).stream():
-                        stream.send_chunks(chunk)
-        finally:
-            whole.close()
+        write_whole(self._partial, self._files.application_id, self._files.recording_id, self._layout, self._chunks())
         self._partial.replace(self._path)
         for path in self._path.parent.iterdir():
             if path.name.startswith(f"{self._path.name}.partial"):
                 path.unlink()
+
+    def _chunks(self) -> Iterator[Chunk]:
+        for path, _ in self._kept:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
+                yield from RrdReader(path).stream()
 
     def _send_rows(self) -> None:
         self._unsent = 0
@@ -180,7 +175,26 @@ class LayerFile:
             log.send()
 
 
-class StreamFile:
+def write_whole(
+    path: Path, application_id: str, recording_id: str, layout: rrb.Blueprint | None, chunks: Iterable[Chunk]
+) -> None:
+    """Write a recording from chunks, with the layout in which the viewer opens it.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    stream = rr.RecordingStream(application_id, recording_id=recording_id, send_properties=False)
+    whole = _StreamFile(stream, path, layout, footer=True)
+    try:
+        for chunk in chunks:
+            stream.send_chunks(chunk)
+    finally:
+        whole.close()
+
+
+class _StreamFile:
     """The file ``path``, into which a stream writes from now on.
 
     Rerun waits without end for a file that takes no more bytes. Therefore it writes into a pipe, and a thread moves

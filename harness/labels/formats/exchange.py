@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, Timeline, gaps
+from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, Timeline, fill_gaps
 from vfoa.errors import VfoaError, did_you_mean
 
 _SHOWN = 8
@@ -179,20 +179,16 @@ class Exchange:
         VfoaError
             For unknown names.
         """
-        rows = list(rows)  # the rows may be read from the file only now
-        notes = list(self.names.check(path))
-        labels, filled = Labels(rows), []
-        label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
+        rows = list(rows)  # they may be read from the file only now, with their names
+        notes, labels = list(self.names.check(path)), Labels(rows)
+        filled = fill_gaps(
+            labels, self.frames, Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
+        )
         for subject in labels.subjects:
-            rows = [
-                LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
-                for first, last in gaps(labels, subject, self.frames)
-            ]
-            if rows:
-                frames = sum(len(self.positions(row)) for row in rows)
+            added = {*filled.of(subject)} - {*labels.of(subject)}
+            if frames := sum(len(self.positions(row)) for row in added):
                 notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
-            filled += rows
-        return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
+        return Imported(labels=filled, notes=tuple(notes))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
