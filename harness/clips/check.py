@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -196,36 +198,23 @@ def list_clips() -> list[ClipRow]:
     return [_row(name, path) for name, path in clip_files().items()]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AtHand:
-    """The clips of the working directory, or of the package if there are none, whose data can be checked.
+def clips_at_hand() -> tuple[list[str], list[str]]:
+    """Return the clips that ``vfoa clips check`` checks by default, and a line for each kind that it leaves out.
 
-    ``without_data``: by environment variable, clips whose root needs one that is not set. ``packaged``: clips of the
-    package that are left out, because the working directory has clips of its own.
+    They are those of the working directory, or of the package if there are none, whose data can be here: the
+    variables in their root are set. A manifest that cannot be read is one of them.
     """
-
-    clips: tuple[str, ...]
-    without_data: dict[str, list[str]]
-    packaged: tuple[str, ...]
-
-
-def clips_at_hand() -> AtHand:
-    """Return the clips that ``vfoa clips check`` checks by default; a manifest that cannot be read is included."""
-    found = clip_files()
-    own = {name: path for name, path in found.items() if path.parent == folders("datasets")[0]}
-    here: list[str] = []
-    without_data: dict[str, list[str]] = {}
-    for name, path in (own or found).items():
-        try:
-            root = load_manifest(path, name).root or ""
-        except VfoaError:
-            root = ""
-        if unset := unset_variables(root):
-            without_data.setdefault(unset[0], []).append(name)
-        else:
-            here.append(name)
-    packaged = tuple(name for name in found if own and name not in own)
-    return AtHand(clips=tuple(here), without_data=without_data, packaged=packaged)
+    paths = clip_files()
+    own = {name: path for name, path in paths.items() if path.parent == folders("datasets")[0]}
+    here, without_data = list[str](), defaultdict[str, list[str]](list)
+    for name, path in (own or paths).items():
+        manifest, _ = _attempt(partial(load_manifest, path, name))
+        unset = unset_variables(manifest.root or "") if manifest else []
+        (without_data[unset[0]] if unset else here).append(name)
+    left_out = [f"{variable} is not set: {', '.join(absent)}" for variable, absent in without_data.items()]
+    if own and (packaged := len(paths) - len(own)):
+        left_out.append(f"{packaged} clips that came with vfoa; name one to check it")
+    return here, left_out
 
 
 def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:

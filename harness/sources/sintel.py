@@ -17,7 +17,7 @@ from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
 from harness.sources.media.images import png_size_px, read_raw, read_rgb
-from harness.sources.media.maps import read_sintel_disparity, relabel, small_ids
+from harness.sources.media.maps import read_disparity, relabel, small_ids
 from harness.sources.stereo_views import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
@@ -167,7 +167,7 @@ class SintelClip:
         disparity = None
         if "disparity" not in missing:
             path = self._path("disparities", number)
-            disparity = Disparity(disparity_px=read_sintel_disparity(path))
+            disparity = Disparity(disparity_px=read_disparity(path))
             self._check_size(path, disparity.disparity_px, number)
         instances = None if "instances" in missing else self._instances(number)
         return Truth(disparity=disparity, instances=instances, missing=missing)

@@ -24,7 +24,7 @@ from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
 from harness.sources.media.images import read_raw, read_rgb
-from harness.sources.media.maps import read_depth_file, read_disparity, read_sintel_disparity
+from harness.sources.media.maps import read_depth_file, read_disparity
 from harness.sources.media.video import Video
 from harness.sources.sintel import read_camera, read_segments
 from tests import calibrations
@@ -180,7 +180,7 @@ PARSERS: Sequence[Parser] = (
     Parser("one camera, numbers", "camera.txt", (whole.MATRIX,), _camera),
     Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
     # Images and maps
-    Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_sintel_disparity),
+    Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_disparity),
     Parser("Sintel segments", "frame.png", whole.array(picture(3, 5, 4)), read_segments),
     Parser("KITTI disparity", "frame.png", _PNG_16, read_disparity),
     *(Parser(f"{each} disparity", f"frame.{each}", _ONES, read_disparity) for each in ("npy", "pfm")),

@@ -278,24 +278,19 @@ _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix"),
     "T": ("t", "trans", "translation", "translationvector"),
 }
-_SIDES = {"1": ("1", "l", "left"), "2": ("2", "r", "right")}
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
 
 
-def _spellings() -> dict[str, str]:
-    """Lower-case names without underscores, and the role of each: ``cameramatrixleft`` is K1."""
-    found = {name: role for role, names in _OF_THE_PAIR.items() for name in names}
-    for role, names in _OF_A_CAMERA.items():
-        for number, sides in _SIDES.items():
-            for name in names:
-                found |= {f"{name}{side}": f"{role}{number}" for side in sides}
-                found |= {f"{side}{name}": f"{role}{number}" for side in sides[2:]}
-    return found
-
-
-_ROLES = _spellings()
+_ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} | {
+    spelling: f"{role}{sides[0]}"
+    for role, names in _OF_A_CAMERA.items()
+    for name in names
+    for sides in (("1", "l", "left"), ("2", "r", "right"))
+    for spelling in (*(f"{name}{side}" for side in sides), f"{sides[2]}{name}")
+}
+"""The role of each lower-case name without underscores: ``cameramatrixleft`` is K1."""
 
 
 def opencv_pair(

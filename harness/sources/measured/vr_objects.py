@@ -52,6 +52,7 @@ _INVALID_M = -9000.0
 _FLIP = np.array([1.0, -1.0, 1.0])
 _XYZ = ("x", "y", "z")
 _PHASES = (("t_scene_preview_start", "t_scene_preview_end"), ("t_response_start", "t_response_end"))
+_BOX = tuple(f"target_bbox_{what}_{axis}" for what in ("center", "size") for axis in _XYZ)
 _COPY = re.compile("clone|cursor", re.IGNORECASE)
 
 
@@ -88,9 +89,12 @@ class VrObjectsClip(FramesOfMeasurements):
     def __init__(self, settings: VrObjectsSettings, root: Path | None) -> None:
         folder = root if root is not None else Path.cwd()
         results = folder / "trial_results.csv"
-        columns = _table(results, ("ppid", "trial_num", "target", *itertools.chain(*_PHASES)))
-        things = _things(results, settings)
-        here, absent = _split(folder, settings, columns)
+        columns = _table(results, ("ppid", "trial_num", "target", "target_label", *itertools.chain(*_PHASES), *_BOX))
+        things = _things(columns, settings)
+        numbers = {row: int(text) for row, text in enumerate(columns.cells["trial_num"]) if text.isdigit()}
+        wanted = {row: number for row, number in numbers.items() if number <= settings.trials}
+        here = [row for row, number in wanted.items() if all(path.is_file() for path in _trackers(folder, number))]
+        absent = [number for row, number in wanted.items() if row not in here]
         if not here:
             raise VfoaError(
                 f"{folder / 'trackers'}: no trial from 1 to {settings.trials}; expected VR_move_T001.csv ..."
@@ -164,33 +168,25 @@ def read_trial(folder: Path, results: TableColumns, row: int) -> Trial:
 
 def _frames(trials: Sequence[Trial], things: Mapping[str, MeasuredObject], person: str) -> Iterator[MeasuredFrame]:
     start_s = next(float(trial.times_s[phase.start]) for trial in trials for phase in trial.phases)
+    names = {key: thing.name for key, thing in things.items()}
     last = -1
     for trial in trials:
-        in_place = tuple(things.values())
-        for phase, objects in zip(
-            trial.phases, (in_place, tuple(each for key, each in things.items() if key != trial.target)), strict=True
-        ):
-            names = {key: each.name for key, each in things.items()}
+        in_response = tuple(thing for key, thing in things.items() if key != trial.target)
+        for phase, objects in zip(trial.phases, (tuple(things.values()), in_response), strict=True):
             targets = looked_at(trial.times_s[phase], trial.colliders[phase], names)
-            for sample, target in zip(range(phase.start, phase.stop), targets, strict=True):
-                tenth = int((trial.times_s[sample] - start_s) * RATE_HZ)
-                if tenth == last:
-                    continue
-                last = tenth
-                is_valid = bool(trial.colliders[sample])
-                yield MeasuredFrame(
-                    time_ns=round(1e9 * (trial.times_s[sample] - start_s)),
-                    people=(
-                        MeasuredPerson(
-                            name=person,
-                            eyes_m=trial.heads_m[sample],
-                            head_pose=HeadPose(direction=unit(trial.directions[sample])),
-                            true_gaze=unit(trial.gazes[sample]) if is_valid else None,
-                            true_target=target,
-                        ),
-                    ),
-                    objects=objects,
+            times_s = trial.times_s[phase] - start_s
+            tenths = (times_s * RATE_HZ).astype(int)
+            for place in np.flatnonzero(np.diff(tenths, prepend=last)):
+                sample = phase.start + place
+                person_then = MeasuredPerson(
+                    name=person,
+                    eyes_m=trial.heads_m[sample],
+                    head_pose=HeadPose(direction=unit(trial.directions[sample])),
+                    true_gaze=unit(trial.gazes[sample]) if trial.colliders[sample] else None,
+                    true_target=targets[place],
                 )
+                yield MeasuredFrame(time_ns=round(1e9 * times_s[place]), people=(person_then,), objects=objects)
+            last = int(tenths[-1]) if len(tenths) else last
 
 
 def looked_at(times_s: Float, colliders: Sequence[str], things: Mapping[str, str]) -> list[str | None]:
@@ -214,25 +210,16 @@ def _target(collider: str, things: Mapping[str, str]) -> str | None:
     return next((name for key, name in things.items() if f"{collider}_".startswith(f"{key}_")), NOWHERE)
 
 
-def _things(path: Path, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
+def _things(results: TableColumns, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
     """The boxes of all things by upstream's id, in its order: every thing is the target of some trial."""
-    center, size = _of("target_bbox_center"), _of("target_bbox_size")
-    columns = _table(path, ("target", "target_label", *center, *size))
-    boxes = np.concatenate([_numbers(columns, center) * _FLIP, _numbers(columns, size)], axis=1)
+    boxes = _numbers(results, _BOX)
+    things = sorted(
+        zip(results.cells["target"], results.cells["target_label"], boxes, strict=True), key=lambda it: it[0]
+    )
     return {
-        key: MeasuredObject(name=name, category=name, box=settings.box(box[:3], box[3:]))
-        for key, name, box in sorted(
-            zip(columns.cells["target"], columns.cells["target_label"], boxes, strict=True), key=lambda it: it[0]
-        )
+        key: MeasuredObject(name=name, category=name, box=settings.box(box[:3] * _FLIP, box[3:]))
+        for key, name, box in things
     }
-
-
-def _split(folder: Path, settings: VrObjectsSettings, results: TableColumns) -> tuple[list[int], list[int]]:
-    """The rows of the wanted trials whose trackers are here, and the numbers of those whose are not."""
-    wanted = {row: int(text) for row, text in enumerate(results.cells["trial_num"]) if text.isdigit()}
-    wanted = {row: number for row, number in wanted.items() if number <= settings.trials}
-    here = [row for row, number in wanted.items() if all(path.is_file() for path in _trackers(folder, number))]
-    return here, [number for row, number in wanted.items() if row not in here]
 
 
 def _trackers(folder: Path, trial: int) -> tuple[Path, Path]:

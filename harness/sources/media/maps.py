@@ -84,14 +84,6 @@ def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
     return np.where(known & (disparity > 0), disparity, np.float32(np.nan))
 
 
-def read_sintel_disparity(path: Path) -> Map:
-    """Read MPI Sintel's PNG: d = 4 R + G / 64 + B / 16384, capped at 1024 (the cap is no measurement: NaN)."""
-    image = read_raw(path)
-    if image.ndim != 3 or image.dtype != np.uint8:
-        raise VfoaError(f"{path}: found {_kind(image)}; expected Sintel's 8-bit RGB disparity")
-    return _from_sintel(image)
-
-
 def read_pfm(path: Path) -> Map:
     """Read a one-channel PFM (H, W) float32: a negative scale means little-endian, rows are stored bottom up."""
     data = read_bytes(path)

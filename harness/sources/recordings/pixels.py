@@ -29,14 +29,11 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "uyvy": (1, 2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (1, 2, cv2.COLOR_YUV2RGB_YUY2),
     "yuyv": (1, 2, cv2.COLOR_YUV2RGB_YUY2),
-    "bayer_rggb8": (1, 1, cv2.COLOR_BayerRGGB2RGB),
-    "bayer_bggr8": (1, 1, cv2.COLOR_BayerBGGR2RGB),
-    "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGBRG2RGB),
-    "bayer_grbg8": (1, 1, cv2.COLOR_BayerGRBG2RGB),
-    "bayer_rggb16": (2, 1, cv2.COLOR_BayerRGGB2RGB),
-    "bayer_bggr16": (2, 1, cv2.COLOR_BayerBGGR2RGB),
-    "bayer_gbrg16": (2, 1, cv2.COLOR_BayerGBRG2RGB),
-    "bayer_grbg16": (2, 1, cv2.COLOR_BayerGRBG2RGB),
+    **{
+        f"bayer_{order}{8 * sample_bytes}": (sample_bytes, 1, getattr(cv2, f"COLOR_Bayer{order.upper()}2RGB"))
+        for order in ("rggb", "bggr", "gbrg", "grbg")
+        for sample_bytes in (1, 2)
+    },
 }
 
 
