@@ -16,7 +16,7 @@ import numpy as np
 from harness.labels.labels import IGNORED, Labels
 from harness.score.intervals import LEAST_UNITS, draw, expanded_percentiles
 from harness.score.looks import number_looks
-from harness.score.statistics import UNKNOWN, Codes, Counts, Interval, cohen_kappa, confusion_matrix
+from harness.score.statistics import UNKNOWN, Codes, Counts, Interval, cohen_kappa
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,24 +71,22 @@ class Agreement:
 
     def by_target(self) -> list[TargetAgreement]:
         """One row for each target that either of the two named, in the order of :attr:`targets`."""
-        return [self._target(code) for code in range(len(self.targets))]
+        rows = []
+        for code, target in enumerate(self.targets):
+            first, second = int(self.confusion[code].sum()), int(self.confusion[:, code].sum())
+            both = int(self.confusion[code, code])
+            table = np.array([[both, first - both], [second - both, self.n - first - second + both]])
+            kappa = cohen_kappa(table)
+            rows.append(TargetAgreement(target=target, first=first, second=second, both=both, kappa=kappa))
+        return rows
 
-    def _target(self, code: int) -> TargetAgreement:
-        first, second = int(self.confusion[code].sum()), int(self.confusion[:, code].sum())
-        both = int(self.confusion[code, code])
-        table = np.array([[both, first - both], [second - both, self.n - first - second + both]])
-        return TargetAgreement(
-            target=self.targets[code], first=first, second=second, both=both, kappa=cohen_kappa(table)
-        )
 
-
-class _Sequence(NamedTuple):
-    """One subject's compared frames by their place in the clip, and the answers of both annotators there."""
+class _Compared(NamedTuple):
+    """One subject's compared frames: place in the clip, and the answers of both annotators; and how many are not."""
 
     subject: str
-    places: tuple[int, ...]
-    first: tuple[str, ...]
-    second: tuple[str, ...]
+    places: list[int]
+    answers: list[tuple[str, str]]
     skipped: int
 
 
@@ -104,23 +102,21 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
     """
     found = []
     for first, second in combinations(labels, 2):
-        sequences = _sequences(labels[first], labels[second], frames)
-        groups: list[tuple[str | None, list[_Sequence]]] = [(None, sequences)]
-        if len(sequences) > 1:
-            groups += [(each.subject, [each]) for each in sequences]
-        found += [_agreement(first, second, subject, group, rate_hz) for subject, group in groups]
+        subjects = _compared(labels[first], labels[second], frames)
+        found.append(_agreement(first, second, None, subjects, rate_hz))
+        if len(subjects) > 1:
+            found += [_agreement(first, second, each.subject, [each], rate_hz) for each in subjects]
     return found
 
 
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
     """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
     found = []
-    for each in _sequences(first, second, frames):
-        answers = zip(each.places, each.first, each.second, strict=True)
+    for each in _compared(first, second, frames):
+        answers = enumerate(zip(each.places, each.answers, strict=True))
         # within a run of one difference, place in the clip and rank in the list grow together
-        runs = groupby(enumerate(answers), key=lambda item: (item[1][0] - item[0], item[1][1:]))
-        for (_, (one, other)), run in runs:
-            inside = [frames[place] for _, (place, *_) in run]
+        for (_, (one, other)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
+            inside = [frames[place] for _, (place, _) in run]
             if one != other:
                 found.append(
                     Difference(
@@ -135,31 +131,28 @@ def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Di
     return found
 
 
-def _sequences(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Sequence]:
+def _compared(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Compared]:
     first, second = first.confirmed(), second.confirmed()
     found = []
     for subject in sorted({*first.subjects, *second.subjects}):
         pairs = [(first.at(frame, subject), second.at(frame, subject)) for frame in frames]
-        judged = [
-            (place, one.target, other.target)
+        judged = {
+            place: (one.target, other.target)
             for place, (one, other) in enumerate(pairs)
             if one and other and IGNORED not in (one.target, other.target)
-        ]
+        }
         labelled = sum(one is not None or other is not None for one, other in pairs)
-        places, one_said, other_said = zip(*judged, strict=True) if judged else ((), (), ())
-        found.append(_Sequence(subject, places, one_said, other_said, labelled - len(judged)))
+        found.append(_Compared(subject, list(judged), list(judged.values()), labelled - len(judged)))
     return found
 
 
 def _agreement(
-    first: str, second: str, subject: str | None, group: list[_Sequence], rate_hz: float | None
+    first: str, second: str, subject: str | None, group: list[_Compared], rate_hz: float | None
 ) -> Agreement:
-    targets = tuple(sorted({name for each in group for name in (*each.first, *each.second)}))
-    coded = [(each, _codes(each.first, targets), _codes(each.second, targets)) for each in group]
-    confusion = sum(
-        (confusion_matrix(one, other, len(targets)) for _, one, other in coded),
-        start=np.zeros((len(targets), len(targets)), dtype=np.intp),
-    )
+    targets = tuple(sorted({name for each in group for pair in each.answers for name in pair}))
+    tables = [_by_look(each, targets, rate_hz) for each in group]
+    by_look = np.concatenate([np.zeros((0, len(targets), len(targets)), dtype=np.intp), *tables])
+    confusion = by_look.sum(axis=0)
     return Agreement(
         first=first,
         second=second,
@@ -168,31 +161,28 @@ def _agreement(
         skipped=sum(each.skipped for each in group),
         agreed=int(np.trace(confusion)),
         kappa=cohen_kappa(confusion),
-        interval=_interval(coded, len(targets), rate_hz),
+        interval=_interval(np.repeat(np.arange(len(tables)), [len(table) for table in tables]), by_look),
         targets=targets,
         confusion=confusion,
     )
 
 
-def _codes(names: Sequence[str], targets: Sequence[str]) -> Codes:
-    return np.array([targets.index(name) for name in names], dtype=np.intp)
+def _by_look(each: _Compared, targets: Sequence[str], rate_hz: float | None) -> Counts:
+    """The confusion of each look of the first annotator: (looks, targets, targets)."""
+    codes = np.array([[targets.index(name) for name in pair] for pair in each.answers], dtype=np.intp).reshape(-1, 2)
+    looks = number_looks(codes[:, 0], np.array(each.places, dtype=np.intp), rate_hz)
+    counts = np.zeros((looks.max(initial=-1) + 1, len(targets), len(targets)), dtype=np.intp)
+    np.add.at(counts, (looks, *codes.T), 1)
+    return counts
 
 
-def _interval(coded: Sequence[tuple[_Sequence, Codes, Codes]], categories: int, rate_hz: float | None) -> Interval:
+def _interval(subjects: Codes, by_look: Counts) -> Interval:
     """Interval of kappa from resampled looks of the first annotator, per subject; unknown with few looks."""
-    tables, subjects = [], []
-    for subject, (each, first, second) in enumerate(coded):
-        looks = number_looks(first, np.array(each.places, dtype=np.intp), rate_hz)
-        of_looks = np.zeros((len(np.unique(looks)), categories, categories))
-        np.add.at(of_looks, (looks, first, second), 1)
-        tables.append(of_looks)
-        subjects += [subject] * len(of_looks)
-    groups, confusions = np.array(subjects, dtype=np.intp), np.concatenate(tables)
-    n, df = len(groups), len(groups) - len(np.unique(groups))
+    n, df = len(subjects), len(subjects) - len(np.unique(subjects))
     if n < LEAST_UNITS or df < 1:
         return UNKNOWN
-    sums = draw(groups, by_clip=False).astype(np.intp) @ confusions.reshape(n, -1).astype(np.intp)
-    kappas = np.array([cohen_kappa(each) for each in sums.reshape(-1, categories, categories)])
+    sums = draw(subjects, by_clip=False).astype(np.intp) @ by_look.reshape(n, -1)
+    kappas = np.array([cohen_kappa(each) for each in sums.reshape(-1, *by_look.shape[1:])])
     kappas = kappas[np.isfinite(kappas)]
     if not len(kappas) or np.ptp(kappas) == 0:
         return UNKNOWN

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from harness.files.io import is_file
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import Block, has_probabilities, read_results, says_nowhere
+from harness.run.results import Block, find_blocks, has_probabilities, read_block, read_results, says_nowhere
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -70,16 +71,9 @@ class FinishedRun:
 
         Renamed targets have their present names.
         """
-        clips, configurations = self._incomparable()
-        names = self.names_now()
-        found: Counter[Pair] = Counter()
-        for record in read_results(self.directory.results):
-            found[record.clip, record.configuration] += 1
-            if record.clip not in names:
-                self._check_listed(record.clip)
-            if record.clip not in clips and record.configuration not in configurations:
-                yield renamed(record, names[record.clip])
-        self._check_complete(found)
+        names, results = self.names_now(), self.directory.results
+        for block in self.scored_blocks(find_blocks(results)):
+            yield from (renamed(record, names[block.clip]) for record in read_block(results, block))
 
     def names_now(self) -> dict[str, dict[str, str]]:
         """The present names of renamed targets by their names in the results, for each clip."""
@@ -89,43 +83,37 @@ class FinishedRun:
         }
 
     def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
-        """Return the blocks of the results that :meth:`records` reads. Raises as it does."""
-        clips, configurations = self._incomparable()
-        found: Counter[Pair] = Counter()
-        for block in blocks:
-            found[block.clip, block.configuration] += len(block.frames)
-            self._check_listed(block.clip)
-        self._check_complete(found)
-        return [each for each in blocks if each.clip not in clips and each.configuration not in configurations]
+        """Return the blocks of the results that hold comparable records.
 
-    def _incomparable(self) -> tuple[set[str], set[str]]:
-        """The clips and the configurations that are left out."""
-        clips, configurations, _ = _left_out(self.manifest)
-        if not self.manifest["configurations"].keys() - configurations:
+        Raises
+        ------
+        VfoaError
+            If there is no such record, a clip of the results is not in the manifest, or results have lost lines: they
+            would be scored as frames without a prediction.
+        """
+        run, (clips, configurations, _) = self.manifest, _left_out(self.manifest)
+        if not run["configurations"].keys() - configurations:
             raise VfoaError(
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
-        return clips, configurations
-
-    def _check_listed(self, name: str) -> None:
-        """Raise an error for results of a clip that the manifest does not have."""
-        if all(clip["name"] != name for clip in self.manifest["clips"]):
-            known = ", ".join(str(clip["name"]) for clip in self.manifest["clips"])
-            raise VfoaError(
-                f"{self.directory.manifest}: clips: found {known}; expected {name!r}, of which results.jsonl has frames"
-            )
-
-    def _check_complete(self, found: Counter[Pair]) -> None:
-        """Raise an error if results have lost lines: they would be scored as frames without a prediction."""
-        failed = {(each["clip"], each["configuration"]) for each in self.manifest.get("failed", [])}
-        for clip in self.manifest["clips"]:
-            for configuration in self.manifest["configurations"]:
-                pair, expected = (clip["name"], configuration), len(clip["frames"])
-                if pair not in failed and found[pair] != expected:
-                    raise VfoaError(
-                        f"{self.directory.results}: found {found[pair]} frames of {clip['name']} under "
-                        f"{configuration}; expected {expected}, as the run had"
-                    )
+        frames = {clip["name"]: len(clip["frames"]) for clip in run["clips"]}
+        counts: Counter[Pair] = Counter()
+        for block in blocks:
+            counts[block.clip, block.configuration] += len(block.frames)
+            if block.clip not in frames:
+                raise VfoaError(
+                    f"{self.directory.manifest}: clips: found {', '.join(frames)}; expected {block.clip!r}, of which "
+                    "results.jsonl has frames"
+                )
+        failed = {(each["clip"], each["configuration"]) for each in run.get("failed", [])}
+        for clip, configuration in product(frames, run["configurations"]):
+            count = counts[clip, configuration]
+            if (clip, configuration) not in failed and count != frames[clip]:
+                raise VfoaError(
+                    f"{self.directory.results}: found {count} frames of {clip} under {configuration}; expected "
+                    f"{frames[clip]}, as the run had"
+                )
+        return [each for each in blocks if each.clip not in clips and each.configuration not in configurations]
 
     def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
         """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
@@ -138,21 +126,16 @@ class FinishedRun:
         found = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: each for name, each in found.items() if each is not None and each.ranges}
         of_clips: dict[str, list[str]] = {}
+        changed: list[str] = []
         for clip in run["clips"]:
             for note in clip.get("notes", ()):
                 of_clips.setdefault(note, []).append(clip["name"])
-        by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
-        shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
-        unlabelled = self._unlabelled_notes([manifests[name] for name in found if name not in labels])
-        changed: list[str] = []
-        for clip in run["clips"]:
-            manifest = manifests[clip["name"]]
-            if annotator == run.get("annotator"):
-                changed += changed_label_notes(run, clip, manifest)
-            changed += changed_name_notes(clip, manifest)
-            changed += (
-                changed_content_notes(run, clip, manifest, self.directory.noted_inputs) if compare_content else ()
-            )
+            manifest, digest = manifests[clip["name"]], _labels_of_run(run, clip)
+            if annotator == run.get("annotator") and digest is not None:
+                changed += _label_notes(clip, manifest, annotator, digest)
+            changed += _name_notes(clip, manifest)
+            if compare_content:
+                changed += _content_notes(run, clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
@@ -160,15 +143,17 @@ class FinishedRun:
                 *_left_out(run)[2],
                 *run.get("notes", ()),
                 *carried_mask_notes(run["configurations"]),
-                *by_one,
-                *shared,
+                *([f"Scored against the labels of {annotator!r}."] if annotator else []),
+                *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
                 *changed,
-                *unlabelled,
+                *self._unlabelled_notes([manifests[name] for name in found if name not in labels]),
             ),
-            unknown_names={clip["name"]: unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
+            unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self.names_now(),
             says_nowhere=frozenset(name for name, each in run["configurations"].items() if says_nowhere(each)),
-            probabilistic={name: True for name, each in run["configurations"].items() if has_probabilities(each)},
+            probabilistic=dict.fromkeys(
+                name for name, each in run["configurations"].items() if has_probabilities(each)
+            ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
         )
@@ -177,7 +162,7 @@ class FinishedRun:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
         annotator = annotator or self.manifest.get("annotator")
         before = self.manifest.get(TABLE_LABELS, {})
-        now = {clip["name"]: labels_digest(_manifest(clip), annotator) for clip in self.manifest["clips"]}
+        now = {clip["name"]: _labels_digest(_manifest(clip), annotator) for clip in self.manifest["clips"]}
         if now != before:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
@@ -191,15 +176,15 @@ class FinishedRun:
             if record.clip in people:
                 people[record.clip] = max(people[record.clip], len(record.subjects))
         return [
-            f"{clip.name}: no labels, not scored; {_people(people[clip.name])} found in its frames; "
+            f"{clip.name}: no labels, not scored; {_MOST.get(people[clip.name], f'up to {people[clip.name]} people')} "
+            "found in its frames; "
             f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
             f"`vfoa annotate {clip.name}` labels it."
             for clip in clips
         ]
 
 
-def _people(most: int) -> str:
-    return "nobody" if most == 0 else "one person at most" if most == 1 else f"up to {most} people"
+_MOST = {0: "nobody", 1: "one person at most"}
 
 
 def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
@@ -233,37 +218,39 @@ def _timeline(clip: dict[str, Any]) -> Timeline | None:
     return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)
 
 
-def labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
+def _labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
     """The sha256 of a clip's label file; None if there is none."""
     path = manifest.annotations.find(annotator)
     return digest_files([("labels", path)]) if path else None
 
 
-def changed_label_notes(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
+def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
+    found: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
+    return found.get(clip["name"])
+
+
+def _label_notes(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None, digest: str) -> Iterator[str]:
     """Yield a note if the labels are not those of the run: edited since, or another file."""
-    before = _labels_of_run(run, clip)
-    if before is None or labels_digest(manifest, run.get("annotator")) == before:
-        return
-    path = manifest.annotations.find(run.get("annotator"))
-    now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
-    yield f"{clip['name']}: its labels are not those that the run was made with; {now}."
+    if _labels_digest(manifest, annotator) != digest:
+        path = manifest.annotations.find(annotator)
+        now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
+        yield f"{clip['name']}: its labels are not those that the run was made with; {now}."
 
 
-def changed_name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
+def _name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
     """Yield a note if subjects or targets have another rule, or were added or deleted: the results have the old names.
 
     Renamed targets are no difference: the results are read with their present names.
     """
     names = manifest.naming()
-    then = _names_then(clip, manifest) or names
-    if different := differences(then, names):
+    if different := differences(_names_then(clip, manifest) or names, names):
         yield (
             f"{clip['name']}: the names in {manifest.path.name} are not those that the run was made with "
             f"({different}), and its results have the old ones; to score the new ones, run it again."
         )
 
 
-def unknown_names(clip: Mapping[str, Any], manifest: ClipManifest) -> tuple[str, ...]:
+def _unknown_names(clip: Mapping[str, Any], manifest: ClipManifest) -> tuple[str, ...]:
     """Names in the results that the clip's manifest, and so its labels, do not know."""
     then = _names_then(clip, manifest)
     known = {*manifest.subjects, *manifest.targets}
@@ -279,7 +266,7 @@ def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, An
     return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
 
 
-def changed_content_notes(
+def _content_notes(
     run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest, digests: Path
 ) -> Iterator[str]:
     """Yield a note if another clip has taken this one's name. ``digests`` are noted there.
@@ -287,7 +274,7 @@ def changed_content_notes(
     Opening a clip takes time, so this is done only if its manifest or its labels differ from the run's. A clip that
     cannot be opened is not compared: scoring needs no images.
     """
-    same_labels = labels_digest(manifest, run.get("annotator")) == _labels_of_run(run, clip)
+    same_labels = _labels_digest(manifest, run.get("annotator")) == _labels_of_run(run, clip)
     if "sha256" not in clip or (same_labels and Path(clip["manifest"]) == manifest.path):
         return
     noted = read_value(digests, dict[str, str]) or {}
@@ -304,11 +291,6 @@ def changed_content_notes(
             f"{clip['name']}: the images or the calibration of {manifest.path.name} are not those that the run was "
             "made with, and its labels may be of another clip; to score this one, run it again."
         )
-
-
-def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
-    found: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
-    return found.get(clip["name"])
 
 
 def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

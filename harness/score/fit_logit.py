@@ -20,8 +20,9 @@ from harness.run.experiment import Experiment, FitRecord, FittedWeights, MethodS
 from harness.run.grid import base_of
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledRun, Outcome, Person, read_features
+from harness.score.labelled_run import LabelledRun, Person, read_features
 from harness.score.metrics import LEAST_PROBABILITY
+from harness.score.statistics import Flags
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, probabilities, shipped_weights
@@ -131,51 +132,47 @@ def _rounded(value: object) -> object:
 
 def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
     """Yield the score of every method on the left-out parts of all folds."""
-    found: dict[str, list[Outcome]] = {}
-    truths: list[bool] = []
+    found: dict[str, list[Float]] = {}
+    on_target = np.concatenate([_on_target(person) for fold in folds for person in fold.test])
     for train, test in folds:
-        limit_rad = _limit(train)
-        share = _share_nowhere(train)
+        limit_rad, share = _limit_rad(train), _share_nowhere(train)
         weights = fitted_to(train, answering=test)
         for person in test:
-            labelled = person.labelled
-            truths += [person.sequence.targets[k] is not None for k in labelled]
-            constant = [_constant(person, k, share) for k in labelled]
-            nearest = [_within(person, k, limit_rad) for k in labelled]
-            by_method: dict[str, Sequence[Outcome]] = {COMMONEST: constant, NEAREST: nearest}
-            by_method |= {name: [each[k] for k in labelled] for name, each in person.others.items()}
+            by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
+            by_method |= {name: each[person.labelled] for name, each in person.others.items()}
             for smoothing in SMOOTHINGS:
-                for name, each in ((DEFAULT, shipped_weights()), (FITTED, weights)):
-                    by_method[f"{name}, {smoothing}"] = answers(person, each, smoothing)
+                by_method[f"{DEFAULT}, {smoothing}"] = answers(person, shipped_weights(), smoothing)
+                by_method[f"{FITTED}, {smoothing}"] = answers(person, weights, smoothing)
             for name, outcomes in by_method.items():
-                found.setdefault(name, []).extend(outcomes)
-    for name, outcomes in found.items():
-        if len(outcomes) == len(truths):
-            yield score(name, outcomes, truths)
+                found.setdefault(name, []).append(outcomes)
+    for name, parts in found.items():
+        if len(outcomes := np.concatenate(parts)) == len(on_target):
+            yield score(name, outcomes, on_target)
 
 
 def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
     """Yield the score of forward fits on a part of the labels: as many seconds, spread over the people."""
+    on_target = np.concatenate([_on_target(person) for fold in folds for person in fold.test])
     for seconds in CURVE_S:
-        outcomes: list[Outcome] = []
-        truths: list[bool] = []
+        outcomes: list[Float] = []
         for train, test in folds:
             if sum(person.labelled_s for person in train) < 1.2 * seeds * seconds:
                 return
             weights = fitted_to([person.first(seconds * seeds / len(train)) for person in train], SMOOTHINGS[:1], test)
-            for person in test:
-                outcomes += answers(person, weights, "forward")
-                truths += [person.sequence.targets[k] is not None for k in person.labelled]
-        yield score(f"{seconds} s", outcomes, truths)
+            outcomes += [answers(person, weights, "forward") for person in test]
+        yield score(f"{seconds} s", np.concatenate(outcomes), on_target)
 
 
-def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> list[Outcome]:
-    """Return the outcome of the logit in each labelled frame."""
-    sequence = person.sequence
-    cases = getattr(weights, smoothing)
-    later = smoothing == "both"
+def _on_target(person: Person) -> Flags:
+    """Which labelled frames have a true target; the others are nowhere."""
+    return np.array([person.sequence.targets[k] is not None for k in person.labelled], dtype=np.bool_)
+
+
+def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Float:
+    """Return the outcome of the logit in each labelled frame: (labelled, 3)."""
+    sequence, cases = person.sequence, getattr(weights, smoothing)
     after: Sequence[Float | None] = [None] * len(sequence.seen)
-    if later:
+    if smoothing == "both":
         after = later_means(sequence.seen, sequence.gaps_s[:-1])
     found = []
     for k in person.labelled:
@@ -186,14 +183,13 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> list
         of_best = nowhere if best is None else float(chance[best])
         of_true = nowhere if target is None else float(chance[seen.ids.index(target)])
         found.append(((None if best is None else seen.ids[best]) == target, of_best, of_true))
-    return found
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
-def score(name: str, outcomes: Sequence[Outcome], on_target: Sequence[bool]) -> MethodScore:
-    """Return the rates of a method. ``on_target`` says which frames have a true target, others are nowhere."""
-    right, confidence, of_true = np.array(outcomes, dtype=np.float64).reshape(-1, 3).T
-    target = np.array(on_target, dtype=np.bool_)
-    recalls = [float(right[part].mean()) if part.any() else None for part in (target, ~target)]
+def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
+    """Return the rates of a method from its outcomes (n, 3); ``on_target`` (n,) as :func:`_on_target` gives it."""
+    right, confidence, of_true = outcomes.T
+    recalls = [float(right[part].mean()) if part.any() else None for part in (on_target, ~on_target)]
     known = [each for each in recalls if each is not None]
     log_loss = calibration = None
     if np.isfinite(of_true).all() and len(of_true):
@@ -211,33 +207,34 @@ def score(name: str, outcomes: Sequence[Outcome], on_target: Sequence[bool]) -> 
     )
 
 
-def _limit(people: Sequence[Person]) -> float:
-    rows = [(*person.nearest[k], person.sequence.targets[k] is None) for person in people for k in person.labelled] or [
-        (math.nan, False, False)
-    ]
-    angles, hits, nowhere = (np.array(column) for column in zip(*rows, strict=True))
-    return best_limit_rad(angles.astype(np.float64), hits.astype(np.bool_), nowhere.astype(np.bool_))
+def _limit_rad(people: Sequence[Person]) -> float:
+    angles, hits = np.concatenate([np.zeros((0, 2)), *(person.nearest[person.labelled] for person in people)]).T
+    nowhere = np.concatenate([np.zeros(0, dtype=np.bool_), *(~_on_target(person) for person in people)])
+    return best_limit_rad(angles, hits.astype(np.bool_), nowhere)
 
 
-def _within(person: Person, k: int, limit_rad: float) -> Outcome:
-    angle_rad, hit = person.nearest[k]
-    is_inside = angle_rad <= limit_rad
-    return (hit if is_inside else person.sequence.targets[k] is None), math.nan, math.nan
+def _within(person: Person, limit_rad: float) -> Float:
+    """The outcomes of the nearest target within a limit, or nowhere."""
+    angles, hits = person.nearest[person.labelled].T
+    right = np.where(angles <= limit_rad, hits, ~_on_target(person))
+    return np.column_stack([right, np.full((len(right), 2), math.nan)])
 
 
 def _share_nowhere(people: Sequence[Person]) -> float:
     """Share of nowhere among the labels, by Laplace's rule."""
-    targets = [person.sequence.targets[k] for person in people for k in person.labelled]
-    return (sum(each is None for each in targets) + 1) / (len(targets) + 2)
+    on_target = np.concatenate([_on_target(person) for person in people])
+    return float((~on_target).sum() + 1) / (len(on_target) + 2)
 
 
-def _constant(person: Person, k: int, share: float) -> Outcome:
-    """The outcome of a constant share of nowhere, and equal probabilities of the targets."""
-    target, count = person.sequence.targets[k], max(len(person.sequence.seen[k].ids), 1)
-    of_each = (1 - share) / count
-    says_nowhere = share >= of_each
-    is_right = target is None if says_nowhere else person.sequence.seen[k].ids[0] == target
-    return is_right, max(share, of_each), share if target is None else of_each
+def _constant(person: Person, share: float) -> Float:
+    """The outcomes of a constant share of nowhere, and equal probabilities of the targets."""
+    found = []
+    for k in person.labelled:
+        target, ids = person.sequence.targets[k], person.sequence.seen[k].ids
+        of_each = (1 - share) / max(len(ids), 1)
+        is_right = target is None if share >= of_each else ids[0] == target
+        found.append((is_right, max(share, of_each), share if target is None else of_each))
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
 def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], RunDirectory]) -> Experiment:
@@ -258,14 +255,16 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
     }
     if not wanted:
         return experiment
-    used = [each for each in experiment.configurations if each.name in wanted]
     shared: dict[str, str] = {}  # by base name, that of the first configuration with the same stages
     first: dict[str, str] = {}
-    for each in used:
-        stages = repr({key: value for key, value in each.plain().items() if key != "attention"})
-        shared.setdefault(base_of(each.name), first.setdefault(stages, base_of(each.name)))
+    for each in experiment.configurations:
+        if each.name in wanted:
+            stages = repr({key: value for key, value in each.plain().items() if key != "attention"})
+            shared.setdefault(base_of(each.name), first.setdefault(stages, base_of(each.name)))
     plain = tuple(
-        _attending(each, NearestSettings(method="nearest")) for each in used if base_of(each.name) in shared.values()
+        _attending(each, NearestSettings(method="nearest"))
+        for each in experiment.configurations
+        if each.name in wanted and base_of(each.name) in shared.values()
     )
     directory = run(replace(experiment, configurations=plain, notes=(), published=None))
     fitted: dict[str, dict[str, Any]] = {}
@@ -278,7 +277,7 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
                 "labelled clips or more"
             )
         smoothings = sorted(
-            {wanted[each.name].smoothing for each in used if shared[base_of(each.name)] == labelled.configuration}
+            {each.smoothing for name, each in wanted.items() if shared[base_of(name)] == labelled.configuration}
         )
         fitted[labelled.configuration] = {
             "weights": fitted_to(people, smoothings),
@@ -286,12 +285,11 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
                 clip: fitted_to([each for each in people if each.sequence.group != clip], smoothings) for clip in clips
             },
         }
+    with_weights = {name: each.model_copy(update=fitted[shared[base_of(name)]]) for name, each in wanted.items()}
     return replace(
         experiment,
         configurations=tuple(
-            _attending(each, wanted[each.name].model_copy(update=fitted[shared[base_of(each.name)]]))
-            if each.name in wanted
-            else each
+            _attending(each, with_weights[each.name]) if each.name in wanted else each
             for each in experiment.configurations
         ),
     )

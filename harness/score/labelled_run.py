@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from vfoa.logit import LogitSettings, Traces, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_cues import Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
-from vfoa.types import Box3D, Cues, Gaze, HeadPose, Instance, Subject, Target
+from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Target
 
 _CONES = AttentionSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -33,20 +32,17 @@ Outcome = tuple[bool, float, float]
 """Whether an answer is right; its probability, and that of the truth. NaN without probabilities."""
 
 
-class Nearest(NamedTuple):
-    """The target nearest in angle to the measured direction: its angle, radians, and whether it is the true one."""
-
-    angle_rad: float
-    is_true: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Person:
-    """One labelled person of a clip under one seed, by frame: the sequence, and the answers of other methods."""
+    """One labelled person of a clip under one seed, by frame: the sequence, and the answers of other methods.
+
+    ``nearest`` (frames, 2) is the angle of the target nearest to the measured direction, radians, and whether it is the
+    true one; ``others`` hold the outcomes (frames, 3) of each method.
+    """
 
     sequence: LabelledSequence
-    nearest: Sequence[Nearest]
-    others: Mapping[str, Sequence[Outcome]]
+    nearest: Float
+    others: Mapping[str, Float]
 
     @property
     def labelled(self) -> Sequence[int]:
@@ -152,7 +148,7 @@ def labelled_people(
     """
     settings = LogitSettings(method="logit", weights=shipped_weights())
     traces = Traces()
-    rows: dict[str, list[tuple[float, Seen, int | None, Nearest, Mapping[str, Outcome]]]] = {}
+    rows: dict[str, list[tuple[float, Seen, int | None, tuple[float, bool], Mapping[str, Outcome]]]] = {}
     for record in records:
         targets = tuple(_target(each) for each in record.targets)
         subjects = tuple(_subject(each) for each in record.subjects)
@@ -165,10 +161,10 @@ def labelled_people(
             label = labels.at(record.frame, name)
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
             target = next((each for each in right if each is None or each in seen[found.track_id].ids), UNKNOWN)
-            nearest, answers = Nearest(math.nan, False), dict[str, Outcome]()
+            nearest, answers = (math.nan, False), dict[str, Outcome]()
             if others is not None:
                 pick = Baselines(record).choose(found)
-                nearest = Nearest(pick.angle_rad, pick.in_angle in right and pick.in_angle is not None)
+                nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:
                     subject = next(each for each in subjects if each.track_id == found.track_id)
@@ -182,8 +178,8 @@ def labelled_people(
         people.append(
             Person(
                 sequence=LabelledSequence(group=clip, times_s=times_s, seen=seen_, targets=targets_, weight=weight),
-                nearest=nearest_,
-                others={name: [each.get(name, missing) for each in answers_] for name in names},
+                nearest=np.array(nearest_, dtype=np.float64),
+                others={name: np.array([each.get(name, missing) for each in answers_], np.float64) for name in names},
             )
         )
     return people
