@@ -43,8 +43,8 @@ def calibrate(
     from harness.sources.calibrate.solve import (
         format_calibration,
         preview_png,
-        read_back,
         rectified_preview,
+        rectifier_of,
         solve,
     )
     from harness.sources.calibrate.views import charuco_board, chessboard, find_views
@@ -71,11 +71,10 @@ def calibrate(
         say(f"frame {dropped.number} dropped: {dropped.reason}")
     for number, error in found.errors.items():
         say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
-    text = format_calibration(found)
-    rectified = read_back(text, size_px)
+    rectified = rectifier_of(found)
     shown = next(iter(found.errors))
     picture = rectified_preview(rectified, *views.read(shown))
-    write_together({out: text, preview: preview_png(picture)})  # all that can be refused has been by now
+    write_together({out: format_calibration(found), preview: preview_png(picture)})
     _print_result(out, preview, shown, found, rectified.calibration.baseline_m)
 
 

@@ -189,20 +189,20 @@ def add_clip(
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
     name = name or as_clip_name(found.name, default="clip")
-    bare = _manifest_text(name, chosen, found, {}, {}) if subjects or targets else None
-    manifest_path, annotations_path = _free_paths(name, bare)
-    text = _manifest_text(name, chosen, found, _from_left(subjects or {}), _from_left(targets or {}))
-    manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
-    clip, first = _open(path, manifest)
+    bare = _manifest_text(name, chosen, found, {}, {})
+    manifest_path, annotations_path = _free_paths(name, bare if subjects or targets else None)
+    clip, first = _open(path, make_manifest(parse_toml(bare, manifest_path), manifest_path))
+    rules: list[Rules] = [_from_left(subjects or {}), _from_left(targets or {})]
     if isinstance(clip, MeasuredClip):
         if subjects or targets:
             raise VfoaError(f"{path}: --subject, --target: expected none: the measurements name all people and objects")
-        own = [
+        rules = [
             {each: {"category": clip.categories[each], "instance": number} for each, number in ids.items()}
             for ids in (clip.people, clip.objects)
         ]
-        text = _manifest_text(name, chosen, found, *own)
-        manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
+    text = _manifest_text(name, chosen, found, *rules)
+    manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
+    frame = None if isinstance(first, Scene) else first
     added = Added(
         name=name,
         adapter=chosen,
@@ -212,10 +212,10 @@ def add_clip(
         first_frame=clip.frames[0],
         last_frame=clip.frames[-1],
         rate_hz=clip.rate_hz,
-        rig=None if isinstance(first, Scene) else first.rig,
-        has_right=not isinstance(first, Scene) and first.right is not None,
-        has_depth=not isinstance(first, Scene) and first.depth_m is not None,
-        notes=clip.notes if isinstance(clip, MeasuredClip) else (*clip.notes, *unknown_categories(manifest)),
+        rig=None if frame is None else frame.rig,
+        has_right=frame is not None and frame.right is not None,
+        has_depth=frame is not None and frame.depth_m is not None,
+        notes=(*clip.notes, *(() if frame is None else unknown_categories(manifest))),
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         manifest=manifest_path,

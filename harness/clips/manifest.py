@@ -33,7 +33,7 @@ from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.remote import expand
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, did_you_mean, located
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -156,17 +156,13 @@ class ClipManifest(Settings):
         VfoaError
             If the adapter or one of its settings is not known, or the source cannot be opened.
         """
-        try:
+        with located(self._path):
             adapter = ADAPTERS.load(self.adapter)
-        except VfoaError as error:
-            raise VfoaError(f"{self._path}: {error}") from None
         settings = parse(adapter.Settings, self.source, str(self._path), "source")
         root = self.resolve_root()
-        try:
+        with located(self._path):
             clip: Clip | MeasuredClip = adapter(settings, root)
             _check_times(clip)
-        except VfoaError as error:
-            raise VfoaError(f"{self._path}: {error}") from None
         return clip
 
     def labels(self, timeline: Timeline | None, annotator: str | None = None) -> Labels | None:

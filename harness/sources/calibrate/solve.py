@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
-from harness.files.io import atomic_write
 from harness.sources.calibrate.views import Dropped, View
-from harness.sources.calibration_files.read import read_cameras
-from harness.sources.rectification import Rectifier
+from harness.sources.rectification import RawCalibration, RawCamera, Rectifier
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
@@ -147,21 +143,18 @@ def format_calibration(calibration: StereoCalibration) -> str:
     return str(storage.releaseAndGetString())
 
 
-def read_back(text: str, size_px: tuple[int, int]) -> Rectifier:
-    """Parse a file's text before it is written, and return its rectifier.
+def rectifier_of(calibration: StereoCalibration) -> Rectifier:
+    """Return the rectifier of the pair.
 
     Raises
     ------
     VfoaError
         If the cameras do not stand side by side, left before right.
     """
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "stereo.yml"
-        atomic_write(path, text)
-        try:
-            return Rectifier(read_cameras([path], lambda: size_px))
-        except VfoaError as error:
-            raise VfoaError(f"calibration: {str(error).removeprefix(f'{path}: ')}; no file is written") from None
+    c = calibration
+    left = RawCamera(size_px=c.size_px, k=c.K1, d=c.D1.ravel(), r=c.R1, p=c.P1)
+    right = RawCamera(size_px=c.size_px, k=c.K2, d=c.D2.ravel(), r=c.R2, p=c.P2)
+    return Rectifier(RawCalibration(left=left, right=right, where="calibration"))
 
 
 def preview_png(picture: Image) -> bytes:
