@@ -18,11 +18,10 @@ from harness.pipeline.configuration import Configuration
 from harness.report.formats import Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
-from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
-from harness.run.loop import run_clip
+from harness.run.loop import ClipJob, run_clip
 from harness.run.plan import Plan, prepare
 from harness.run.resume import ResultsSinks
 from harness.run.runner import run_plan

@@ -13,9 +13,8 @@ from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn import DrawnClip
 from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
-from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
-from harness.run.loop import run_clip
+from harness.run.loop import ClipJob, run_clip
 from harness.run.resume import ResultsSinks
 
 if TYPE_CHECKING:

@@ -26,7 +26,8 @@ class CheckpointName(StrEnum):
 @app.command(name="list", short_help="List every model: licence, size, whether it is on this machine.")
 def list_models(as_json: Json = False) -> None:
     """List every model of the catalogue: its stage, licence, size, and whether it is on this machine."""
-    from harness.pipeline.weights import catalogue
+    from harness.pipeline.configuration import STAGES
+    from harness.pipeline.weights import catalogue, ready_stages
 
     models = catalogue()
     if as_json:
@@ -40,7 +41,10 @@ def list_models(as_json: Json = False) -> None:
         ],
         wrapped=("licence",),
     )
-    print_table(["stage", "ready to run", "chosen by"], ready_rows(), wrapped=("chosen by",))
+    ready = [(slot.name, stages) for slot in STAGES.values() for stages in [ready_stages(slot)]]
+    rows = [(name, each.name, each.options) for name, stages in ready for each in stages]
+    rows += [(name, "", "") for name, stages in ready if not stages]
+    print_table(["stage", "ready to run", "chosen by"], rows, wrapped=("chosen by",))
 
 
 @app.command(name="fetch", short_help="Fetch models from their own sites.")
@@ -128,18 +132,6 @@ def _line(found: ModelCheck) -> str:
     checksum = "checksum correct" if found.checksum_known else "checksum unknown"
     run = "" if found.inference_ms is None else f"{found.provider}, {found.inference_ms:.1f} ms, "
     return f"{found.name}: ok: {run}{checksum}" + (f"; {found.message}" if found.message else "")
-
-
-def ready_rows() -> list[list[str | None]]:
-    """Slot, name and options of each stage that can run here; a slot without one has an empty name."""
-    from harness.pipeline.configuration import STAGES
-    from harness.pipeline.weights import ready_stages
-
-    rows: list[list[str | None]] = []
-    for slot in STAGES.values():
-        ready = ready_stages(slot)
-        rows += [[slot.name, stage.name, stage.options] for stage in ready] or [[slot.name, None, None]]
-    return rows
 
 
 def _path(entry: CatalogueEntry) -> str | None:

@@ -199,8 +199,9 @@ def experiment_of(
 ) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips."""
     from harness.clips.manifest import clip_files, families
+    from harness.files.folders import names
     from harness.run.experiment import is_experiment, load_experiment
-    from vfoa.errors import VfoaError
+    from vfoa.errors import VfoaError, did_you_mean
 
     if len(what) == 1 and is_experiment(what[0]):
         return load_experiment(what[0], clips=clips, overrides=overrides, preset=preset)
@@ -208,10 +209,11 @@ def experiment_of(
         raise VfoaError(
             f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
         )
-    known = {*clip_files(), *families()}
+    clips_known = {*clip_files(), *families()}
     for name in what:
-        if not name.endswith(".toml") and name not in known:
-            raise VfoaError(_unknown_name(name))
+        if not name.endswith(".toml") and name not in clips_known:
+            hint = did_you_mean(name, [*names("experiments"), *clips_known])
+            raise VfoaError(f"run: no experiment or clip {name!r}; {hint}, or a .toml file")
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 
@@ -225,21 +227,6 @@ def _only_experiment() -> str:
         found = ", ".join(path.stem for path in here) or "no experiment"
         raise VfoaError(f"run: found {found} in ./experiments; expected an experiment or clips: vfoa run demo")
     return str(here[0])
-
-
-def _unknown_name(name: str) -> str:
-    from difflib import get_close_matches
-
-    from harness.clips.manifest import clip_files, families
-    from harness.files.folders import names
-
-    experiments, clips = names("experiments"), [*clip_files(), *families()]
-    near = get_close_matches(name, [*experiments, *clips], n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return (
-        f"run: no experiment or clip {name!r}; {hint}expected one of: {', '.join(experiments)}, an experiment's .toml "
-        "file, or clips (`vfoa clips list`)"
-    )
 
 
 def demo(

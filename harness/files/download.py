@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -20,7 +19,6 @@ _TIMEOUT_S = 30.0
 """Seconds that a server may be silent."""
 
 _PAGES = ("text/html", "application/xhtml+xml")
-_PAGE = re.compile(rb"\s*<(!doctype|html|head|body|\?xml)", re.IGNORECASE)
 
 
 def download(
@@ -127,8 +125,6 @@ def _verify(url: str, partial: Path, sha256: str | None, begins: bytes) -> None:
     found = None if sha256 is None else file_digest(partial)
     if found != sha256 or not head.startswith(begins):
         partial.unlink()
-        if _PAGE.match(head):
-            raise VfoaError(f"{url}: answered with a web page, as one that asks to log in; expected the file")
         if found != sha256:
             raise VfoaError(f"{url}: wrong checksum, removed: found sha256 {found}, expected {sha256}")
         raise VfoaError(f"{url}: another kind of file, removed: begins with {head[:8]!r}, expected {begins!r}")

@@ -237,8 +237,8 @@ def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[str, Any]:
-    """Parse ``KEY=VALUE`` of an option: the value is TOML if it is valid TOML, else a string.
+def parse_assignment(text: str, example: str) -> tuple[str, Any]:
+    """Parse ``KEY=VALUE`` of the option ``--set``: the value is TOML if it is valid TOML, else a string.
 
     Raises
     ------
@@ -247,9 +247,9 @@ def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[st
     """
     key, equals, value = text.partition("=")
     if not equals:
-        raise VfoaError(f"{option} {text}: expected KEY=VALUE, such as {example}")
+        raise VfoaError(f"--set {text}: expected KEY=VALUE, such as {example}")
     try:
-        return key.strip(), parse_toml(f"value = {value}", option)["value"]
+        return key.strip(), parse_toml(f"value = {value}", "--set")["value"]
     except VfoaError:
         return key.strip(), value.strip()
 

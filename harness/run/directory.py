@@ -271,16 +271,11 @@ class RunDirectory:
         except (OSError, ValueError) as error:
             raise unreadable(self.path, error) from None
         if not is_there:
-            raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}")
+            found = "no manifest.json in it" if self.path.is_dir() else "nothing there"
+            runs = {str(each.parent) for at in ("*", "runs/*") for each in Path().glob(f"{at}/manifest.json")}
+            hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
+            raise VfoaError(f"{self.path}: expected a run's directory, found {found}{hint}")
         return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
-
-    def _what_is_there(self) -> str:
-        """Say why this is no run's directory, and which runs are in it or, if it is missing, beside it."""
-        place = self.path if self.path.is_dir() else self.path.parent
-        near = sorted({str(each.parent) for under in ("*", "runs/*") for each in place.glob(f"{under}/manifest.json")})
-        if self.path.is_dir():
-            return f"no manifest.json in it{'; runs in it: ' if near else ''}{', '.join(near)}"
-        return f"nothing there; {did_you_mean(str(self.path), near)}" if near else "nothing there"
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""

@@ -16,11 +16,10 @@ from harness.pipeline.cache import Account, open_cache
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.perception import Perception
-from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import SharedFilesFactory
-from harness.run.loop import run_clip
+from harness.run.loop import ClipJob, ClipOutcome, checkpoints, first_frame, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.resume import ResultsSinks
 from harness.sources import MeasuredClip

@@ -7,24 +7,30 @@ continue.
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Generic, NamedTuple, Self, TypeVar
 
+from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
+from harness.files.digests import KNOWN
+from harness.files.io import UnchangedFiles
+from harness.labels.labels import Labels
+from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import Configuration
+from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.measures import Measurer
-from harness.pipeline.perception import SharedFrame, one_at_a_time, pose_frames, prefetch
+from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import Timings, guarded, timed
-from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
+from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
-from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
+from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext, SinkFactory
 from harness.run.records import to_record
-from harness.run.resume import Checkpoint, pause_s, write_checkpoint
-from harness.sources import MeasuredClip
+from harness.run.resume import Checkpoint, pause_s, read_checkpoint, write_checkpoint
+from harness.sources import Clip, MeasuredClip
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.temporal import WindowStart
@@ -32,7 +38,100 @@ from vfoa.logit import LogitSettings, weigh_again
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
-T = TypeVar("T")
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipJob:
+    """A clip under some configurations. It is pickled, so it holds only settings, paths and factories.
+
+    ``run_id`` is the random id of the run, for its recordings. Finished frames go to the ``sinks`` in their order.
+    ``drawn`` holds the shapes drawn on the clip. ``digest`` is that of the clip's content, of which every frame must be
+    read (None: not checked), and ``known`` are digests by the stamp of their files. ``cache`` is None if no output of a
+    stage is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread reads and another
+    one perceives in advance; 0 for no thread.
+    """
+
+    manifest: ClipManifest
+    frames: tuple[int, ...]
+    labels: Labels | None
+    configurations: tuple[Configuration, ...]
+    directory: RunDirectory
+    run_id: str = field(default_factory=new_run_id)
+    sinks: tuple[SinkFactory, ...] = ()
+    drawn: DrawnClip | None = None
+    digest: str | None = None
+    known: Mapping[str, str] = field(default_factory=dict)
+    cache: ClipCache | None = None
+    read_ahead: int = 0
+    perceive_ahead: int = 0
+
+    @property
+    def sink_names(self) -> list[str]:
+        """A name for each sink factory: its position and its class."""
+        return [f"{place} {type(factory).__name__}" for place, factory in enumerate(self.sinks, start=1)]
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """The (clip, configuration) pairs of the job."""
+        return [(self.manifest.name, configuration.name) for configuration in self.configurations]
+
+    def unchanged(self, clip: Clip | MeasuredClip) -> Callable[[], AbstractContextManager[None]]:
+        """The blocks in which the clip is read as it was when the run began (:class:`.unchanged.UnchangedFiles`).
+
+        Raises
+        ------
+        VfoaError
+            If it has changed already.
+        """
+        if self.digest is None:
+            return nullcontext
+        KNOWN.add(self.known)
+        return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
+
+    def perception(
+        self,
+        clip: Clip,
+        *,
+        begins: Mapping[str, int] | None = None,
+        starts: Mapping[str, WindowStart] | None = None,
+    ) -> Perception:
+        """Percepts and scenes of the clip for the job's configurations; ``begins`` and ``starts`` as there."""
+        parallel = self.perceive_ahead > 0
+        return Perception(
+            self.configurations, clip, self.cache, drawn=self.drawn, parallel=parallel, begins=begins, starts=starts
+        )
+
+    def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
+        """The outcome of the job, from each configuration's error in order (None: it is finished)."""
+        failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
+        return ClipOutcome(failures=failures, tallies=tallies or {})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipOutcome:
+    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache by stage key."""
+
+    failures: Mapping[Pair, VfoaError]
+    tallies: Mapping[str, Tally] = field(default_factory=dict)
+
+
+def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
+    """Read the usable checkpoints of a job by configuration name; ``tell`` is called with a line about each."""
+    frames = frozenset(job.frames)
+    found: dict[str, Checkpoint] = {}
+    for clip, name in job.pairs:
+        read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
+        if read is not None:
+            found[name] = read
+            tell(f"{clip} under {name}: continues after frame {read.frame}")
+        elif misfit is not None:
+            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it starts again with the first frame")
+    return found
+
+
+def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
+    """Return the first frame that a job must read: that of the configuration that is least advanced."""
+    begin = min(job.frames, default=0)
+    return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
@@ -99,6 +198,9 @@ def attend_to(
             for runner in runners:
                 runner.fail(error)
     return runners
+
+
+T = TypeVar("T")
 
 
 class SmoothingBuffer(Generic[T]):

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_readable, unreadable
-from harness.files.parsing import parse_json
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 VERSION = 1
 _START = b'{"version":%d,' % VERSION
+"""The first bytes of each line."""
 
 
 def to_line(record: FrameRecord) -> str:
@@ -163,15 +163,7 @@ def _check_form(line: bytes, path: Path, number: int) -> None:
     if not line.endswith(b"\n"):
         raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
     if not line.startswith(_START):
-        _check_version(line, path, number)
-
-
-def _check_version(line: bytes, path: Path, number: int) -> None:
-    """Accept a line that another program wrote (spaces, another order of keys), if it has the right version."""
-    value = parse_json(line, f"{path}:{number}")
-    version = value.get("version") if isinstance(value, dict) else None
-    if version != VERSION:
-        raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")
+        raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
 
 
 def _check_first(seen: dict[tuple[str, str, int], int], record: _Place, path: Path, number: int) -> None:

@@ -10,11 +10,10 @@ from typing import Any, Self
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
-from harness.run.loop import run_clip
+from harness.run.loop import ClipJob, run_clip
 from harness.run.results import read_results
 from harness.run.resume import ResultsSinks
 from vfoa.errors import VfoaError

@@ -12,12 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.pipeline.cache_store import Store
-from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import SinkContext
 from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches
-from harness.run.loop import run_clip
+from harness.run.loop import ClipJob, ClipOutcome, run_clip
 from harness.run.plan import prepare
 
 

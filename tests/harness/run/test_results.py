@@ -130,21 +130,16 @@ def test_an_empty_file_holds_no_frames(tmp_path: Path) -> None:
     assert list(read_results(_write(tmp_path / "results.jsonl"))) == []
 
 
-def test_another_program_may_write_the_same_json_differently(tmp_path: Path) -> None:
-    spaced = json.dumps(dict(reversed(json.loads(to_line(RECORD)).items()))) + "\n"
-    assert list(read_results(_write(tmp_path / "results.jsonl", spaced))) == [RECORD]
-
-
 @pytest.mark.parametrize(
     ("second", "expected"),
     [
         (to_line(RECORD)[:-40], "cut short"),
         (to_line(replace(RECORD, frame=2)).rstrip("\n"), "cut short"),
         (to_line(RECORD)[:-40] + "\n", "not a frame's record"),
-        ("\n", "not JSON"),
-        ("[]\n", "expected version 1, found None"),
-        (to_line(RECORD).replace('"version":1', '"version":2'), "expected version 1, found 2"),
-        (to_line(RECORD).replace('"version":1,', ""), "expected version 1, found None"),
+        ("\n", "expected a record that begins with"),
+        ("[]\n", "expected a record that begins with"),
+        (to_line(RECORD).replace('"version":1', '"version":2'), "expected a record that begins with"),
+        (to_line(RECORD).replace('"version":1,', ""), "expected a record that begins with"),
         (to_line(RECORD).replace('"frame":1', '"frame":"1"'), r"Expected `int`, got `str` - at `\$\.frame`"),
         (to_line(replace(RECORD, frame=2)).replace('"time_ns"', '"time"'), "missing required field `time_ns`"),
         (to_line(replace(RECORD, frame=2)).replace('"focus":1', '"focus":7'), r"attends to instances \[7\]"),
