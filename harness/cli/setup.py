@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -62,7 +61,7 @@ class Finding:
 
 def doctor(as_json: Json = False) -> None:
     """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work."""
-    findings = [*_python(), *_packages(), *_folders(), *_weights(), *_providers(), *_browser()]
+    findings = [*_packages(), *_folders(), *_weights(), *_providers(), *_browser()]
     if as_json:
         print_json([asdict(finding) for finding in findings])
     else:
@@ -75,20 +74,11 @@ def doctor(as_json: Json = False) -> None:
         raise typer.Exit(2)
 
 
-def _python() -> Iterator[Finding]:
-    old = sys.version_info < (3, 11)
-    yield Finding(
-        what="Python",
-        state=f"{platform.python_version()}, {platform.machine()}",
-        fix="install Python 3.11 or newer" if old else None,
-        required=True,
-    )
-
-
 def _packages() -> Iterator[Finding]:
     """Import each package: one that is installed can still lack a library of the system."""
     from importlib import import_module
 
+    yield Finding(what="Python", state=f"{platform.python_version()}, {platform.machine()}")
     for name in _MODULES:
         try:
             module = import_module(name)

@@ -10,7 +10,7 @@ that belongs to the clip (its ground truth, files of other programs) and is buil
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -159,59 +159,58 @@ class StageChoice:
         return {STAGES[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
 
 
+_SLOTS: Sequence[tuple[str, str, Registry, Mapping[str, str]]] = (
+    (
+        "stereo",
+        "matcher",
+        vfoa.stereo.MATCHERS,
+        {"truth": "ground_truth:TruthMatcher", "files": "outputs.maps:FileMatcher"},
+    ),
+    (
+        "segmentation",
+        "model",
+        vfoa.segmentation.SEGMENTERS,
+        {
+            "truth": "ground_truth:TruthSegmenter",
+            "coco_panoptic": "outputs.maps:CocoPanoptic",
+            DRAWN: "drawn:DrawnMasks",
+        },
+    ),
+    (
+        "heads",
+        "detector",
+        vfoa.heads.DETECTORS,
+        {"truth": "ground_truth:TruthHeads", "files": "outputs.heads:FileHeads", DRAWN: "drawn:DrawnHeads"},
+    ),
+    (
+        "head_pose",
+        "model",
+        vfoa.head_pose.MODELS,
+        {
+            "truth": "ground_truth:TruthHeadPose",
+            "simulated": "ground_truth:SimulatedHeadPose",
+            "files": "outputs.directions:FileHeadPose",
+        },
+    ),
+    (
+        "gaze",
+        "model",
+        vfoa.gaze.MODELS,
+        {
+            "truth": "ground_truth:TruthGaze",
+            "simulated": "ground_truth:SimulatedGaze",
+            "files": "outputs.directions:FileGaze",
+        },
+    ),
+)
 STAGES: dict[str, StageKind] = {
-    slot.name: slot
-    for slot in (
-        StageKind(
-            name="stereo",
-            key="matcher",
-            library=vfoa.stereo.MATCHERS,
-            of_clip={
-                "truth": "harness.pipeline.ground_truth:TruthMatcher",
-                "files": "harness.pipeline.outputs.maps:FileMatcher",
-            },
-        ),
-        StageKind(
-            name="segmentation",
-            key="model",
-            library=vfoa.segmentation.SEGMENTERS,
-            of_clip={
-                "truth": "harness.pipeline.ground_truth:TruthSegmenter",
-                "coco_panoptic": "harness.pipeline.outputs.maps:CocoPanoptic",
-                DRAWN: "harness.pipeline.drawn:DrawnMasks",
-            },
-        ),
-        StageKind(
-            name="heads",
-            key="detector",
-            library=vfoa.heads.DETECTORS,
-            of_clip={
-                "truth": "harness.pipeline.ground_truth:TruthHeads",
-                "files": "harness.pipeline.outputs.heads:FileHeads",
-                DRAWN: "harness.pipeline.drawn:DrawnHeads",
-            },
-        ),
-        StageKind(
-            name="head_pose",
-            key="model",
-            library=vfoa.head_pose.MODELS,
-            of_clip={
-                "truth": "harness.pipeline.ground_truth:TruthHeadPose",
-                "simulated": "harness.pipeline.ground_truth:SimulatedHeadPose",
-                "files": "harness.pipeline.outputs.directions:FileHeadPose",
-            },
-        ),
-        StageKind(
-            name="gaze",
-            key="model",
-            library=vfoa.gaze.MODELS,
-            of_clip={
-                "truth": "harness.pipeline.ground_truth:TruthGaze",
-                "simulated": "harness.pipeline.ground_truth:SimulatedGaze",
-                "files": "harness.pipeline.outputs.directions:FileGaze",
-            },
-        ),
+    name: StageKind(
+        name=name,
+        key=key,
+        library=library,
+        of_clip={stage: f"harness.pipeline.{place}" for stage, place in of_clip.items()},
     )
+    for name, key, library, of_clip in _SLOTS
 }
 
 

@@ -35,6 +35,8 @@ from harness.clips.manifest import clips_here
 from harness.files.folders import find, names
 from harness.files.parsing import parse_assignment, read_toml
 from harness.pipeline.configuration import (
+    OFF,
+    STAGES,
     TABLES,
     Configuration,
     check_all_used,
@@ -110,13 +112,7 @@ def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mappi
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
     # for clips of recorded 3D poses, which have no images
-    "measured": {
-        "stereo": {"matcher": "none"},
-        "segmentation": {"model": "none"},
-        "heads": {"detector": "none"},
-        "head_pose": {"model": "none"},
-        "gaze": {"model": "none"},
-    },
+    "measured": {slot.name: {slot.key: OFF} for slot in STAGES.values()},
     # half the disparities of a quarter of the pixels, where objects and heads are; masks carried by optical flow, while
     # the next ones are found; in an image 1024 px wide, faces are found from 25 px on; clouds and heads of fewer points
     "realtime": {

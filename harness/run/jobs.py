@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from harness.files.digests import KNOWN
@@ -43,14 +43,6 @@ LONGEST_STRETCH = 32
 """Most frames of a stretch, so that nobody waits long for it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Done:
-    """The errors of configurations that failed, and the use of the cache."""
-
-    failures: Mapping[Pair, VfoaError]
-    account: Account
-
-
 def run_jobs(
     plan: Plan,
     directory: RunDirectory,
@@ -59,8 +51,10 @@ def run_jobs(
     executor: Executor,
     progress: Progress,
     tell: Callable[[str], None] = lambda line: None,
-) -> Done:
-    """Run the unfinished jobs of a plan; ``tell`` is called with a message when a job continues from a checkpoint.
+) -> tuple[dict[Pair, VfoaError], Account]:
+    """Run the unfinished jobs of a plan; return the errors of those that failed, and the use of the cache.
+
+    ``tell`` is called with a message when a job continues from a checkpoint.
 
     If there are enough clips to keep every worker busy, a job is a clip. Otherwise the workers share a clip through the
     cache: each perceives stretches of it under all configurations, so that nothing is decoded or computed twice. The
@@ -87,7 +81,7 @@ def run_jobs(
         for job, outcome in zip(jobs, executor.run(run_clip, jobs, progress, _lost), strict=True):
             failures.update(outcome.failures)
             account.add(job.manifest.name, outcome.tallies)
-    return Done(failures=failures, account=account)
+    return failures, account
 
 
 def _share(

@@ -203,17 +203,8 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
 
 
 _PACKAGES = (
-    "vfoa",
-    "filterpy",
-    "mcap",
-    "numpy",
-    "onnxruntime",
-    "open3d",
-    "open3d-cpu",
-    "opencv-contrib-python-headless",
-    "pandas",
-    "rerun-sdk",
-    "scipy",
+    *("vfoa", "filterpy", "mcap", "numpy", "onnxruntime", "open3d", "open3d-cpu"),
+    *("opencv-contrib-python-headless", "pandas", "rerun-sdk", "scipy"),
 )
 
 

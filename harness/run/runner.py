@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,12 @@ from typing import Any
 from harness.files.digests import KNOWN, digest_files
 from harness.files.folders import read_value, write_value
 from harness.files.io import changed_during_run
-from harness.pipeline.cache import cache_lines
+from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
 from harness.remote import forget_copies
-from harness.run.directory import RunDirectory, differences, locked, new_run_id
+from harness.run.directory import Pair, RunDirectory, differences, locked, new_run_id
 from harness.run.executors import Progress
-from harness.run.jobs import Done, executor, run_jobs, skip
+from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from vfoa.errors import VfoaError
 
@@ -90,16 +90,18 @@ def run_plan(
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
-                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell)
+                failures, account = run_jobs(
+                    plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell
+                )
         except KeyboardInterrupt:
             kept = f"{directory.kept_frames()} frames are kept in {directory.path}"
             tell(f"interrupted: {kept}; the same command continues")
             raise
         with KNOWN.used() as checked:
-            _check_unchanged(plan, identity, done, cache)
-        _finish(plan, directory, of_run, done, started)
+            _check_unchanged(plan, identity, failures, account, cache)
+        _finish(plan, directory, of_run, failures, account, started)
         write_value(directory.noted_inputs, {**digests, **checked})
-    for line in cache_lines(done.account.rows()):
+    for line in cache_lines(account.rows()):
         tell(line)
     return directory
 
@@ -114,7 +116,9 @@ def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
     return True
 
 
-def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: Store | None) -> None:
+def _check_unchanged(
+    plan: Plan, identity: dict[str, Any], failures: Mapping[Pair, VfoaError], account: Account, cache: Store | None
+) -> None:
     """Check that every clip is unchanged since the run began; cached outputs of a changed clip are removed.
 
     If every configuration failed, for example because an image vanished, their errors say more and are kept.
@@ -129,13 +133,20 @@ def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: St
     for one in plan.clips:
         if one.manifest.open().digest() != before[one.manifest.name]:
             if cache:
-                done.account.forget(one.manifest.name, cache)
-            if all((one.manifest.name, each.name) in done.failures for each in plan.experiment.configurations):
+                account.forget(one.manifest.name, cache)
+            if all((one.manifest.name, each.name) in failures for each in plan.experiment.configurations):
                 continue
             raise VfoaError(changed_during_run(one.manifest.name))
 
 
-def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: Done, started: str) -> None:
+def _finish(
+    plan: Plan,
+    directory: RunDirectory,
+    of_run: dict[str, Any],
+    failures: Mapping[Pair, VfoaError],
+    account: Account,
+    started: str,
+) -> None:
     """Join the results, and write the manifest that marks the run as finished.
 
     Raises
@@ -143,8 +154,8 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: D
     VfoaError
         If no configuration could be finished on any clip.
     """
-    failed = [directory.failure(pair, done.failures[pair]) for pair in plan.pairs if pair in done.failures]
-    finished = [pair for pair in plan.pairs if pair not in done.failures]
+    failed = [directory.failure(pair, failures[pair]) for pair in plan.pairs if pair in failures]
+    finished = [pair for pair in plan.pairs if pair not in failures]
     if not finished:
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
@@ -154,7 +165,7 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: D
         {
             **of_run,
             "failed": failed,
-            "cache": done.account.rows(),
+            "cache": account.rows(),
             "labels_sha256": {
                 name: digest_files([("labels", path)]) if path else None for name, path in labels.items()
             },

@@ -27,7 +27,7 @@ from harness.remote import expand
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
-from vfoa.types import Float, Head, Instances, StereoFrame
+from vfoa.types import Head, Instances, StereoFrame
 
 KEYS = ("frame", "subject")
 
@@ -151,11 +151,10 @@ class HeadTable:
             ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),
             lambda row: f"instance_id: expected 1 to 65535, found {columns.cells['instance_id'][row]!r}",
         )
-        for row in np.flatnonzero(~_is_box(self._boxes) | ~(np.isnan(self._faces[:, 0]) | _is_box(self._faces))):
-            try:
-                self._head(int(row))
-            except ValueError as error:  # its text says which box has no area
-                raise VfoaError(f"{columns.where(int(row))}: {error}") from None
+        for names, boxes in ((BOX, self._boxes), (FACE, self._faces)):
+            has_area = (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
+            said = f"{', '.join(names)}: expected a box with an area"
+            table.reject(~(has_area | np.isnan(boxes[:, 0])), lambda row, said=said: said)  # type: ignore[misc]
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""
@@ -177,11 +176,6 @@ class HeadTable:
             landmarks_px=None if math.isnan(landmarks[0]) else landmarks.reshape(5, 2),
             instance_id=None if math.isnan(instance) else int(instance),
         )
-
-
-def _is_box(boxes: Float) -> NDArray[np.bool_]:
-    """Whether each box (n, 4) has an area."""
-    return (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
 
 
 def read_heads(path: Path, clip: Clip) -> HeadTable:

@@ -145,7 +145,9 @@ def test_a_page_that_asks_to_log_in_is_not_taken_for_the_file(
     site: Site, target: Path, kind: str | None, sha256: str | None, begins: bytes
 ) -> None:
     site.kind, site.files["/model.onnx"] = kind, b"\n<!DOCTYPE html><title>Log in</title>"
-    with pytest.raises(VfoaError, match=r"/model\.onnx: (answered with a web page|wrong checksum|another kind of file)"):
+    with pytest.raises(
+        VfoaError, match=r"/model\.onnx: (answered with a web page|wrong checksum|another kind of file)"
+    ):
         download(site.url("/model.onnx"), target, sha256=sha256, begins=begins)
     assert list(target.parent.iterdir()) == []
 
