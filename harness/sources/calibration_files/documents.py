@@ -197,8 +197,6 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
         If a key is missing or wrong, the sizes differ, or a camera is no pinhole with a known distortion.
     """
     pairs = tuple(zip((left, right), where, strict=True))
-    for document, place in pairs:
-        _expect_names(document, ("T_BS",), place, "EuRoC's sensor.yaml")
     lenses = [_pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs]
     body_from_left, body_from_right = (
         numbers(document["T_BS"], f"{place}: T_BS", 16).reshape(4, 4) for document, place in pairs

@@ -122,7 +122,13 @@ class FramesOfMeasurements:
     """A clip (:class:`harness.sources.MeasuredClip`) of measurements in memory; adapters fill it.
 
     ``where`` opens messages: the file or folder that was read. ``fixed`` objects are in every frame that has no object
-    of that name itself.
+    of that name itself. ``people`` and ``objects`` are ids by name, from 1, people first and the manifest's objects
+    last, so that other ids do not change; ``categories`` are those of all of them.
+
+    Raises
+    ------
+    VfoaError
+        If there is no frame, times do not ascend, or an object has two categories.
     """
 
     def __init__(
@@ -142,6 +148,19 @@ class FramesOfMeasurements:
         for (before, after), number in zip(itertools.pairwise(times), self.frames[1:], strict=True):
             if after <= before:
                 raise VfoaError(f"{where}: frame {number}: its time is not after that of the frame before it")
+        names = dict.fromkeys(person.name for frame in self._frames.values() for person in frame.people)
+        self.people = {name: number for number, name in enumerate(names, start=1)}
+        self.categories = dict.fromkeys(self.people, PERSON)
+        moving = itertools.chain.from_iterable(frame.objects for frame in self._frames.values())
+        for each in (*self._fixed, *moving):
+            known = self.categories.setdefault(each.name, each.category)
+            if known != each.category and each.name not in self.people:
+                raise VfoaError(
+                    f"{where}: object {each.name!r}: found the categories {known!r} and {each.category!r}; expected one"
+                )
+        things = [name for name in self.categories if name not in self.people]
+        things.sort(key=lambda name: name in settings.objects)
+        self.objects = {name: number for number, name in enumerate(things, start=len(self.people) + 1)}
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -163,46 +182,6 @@ class FramesOfMeasurements:
     def notes(self) -> tuple[str, ...]:
         """No notes: nothing was left out."""
         return ()
-
-    @cached_property
-    def people(self) -> dict[str, int]:
-        """Ids by name, from 1."""
-        names = dict.fromkeys(person.name for frame in self._frames.values() for person in frame.people)
-        return {name: number for number, name in enumerate(names, start=1)}
-
-    @cached_property
-    def objects(self) -> dict[str, int]:
-        """Ids by name, after those of the people. The manifest's objects come last, so that other ids do not change."""
-        names = [name for name in self._objects_by_name if name not in self.people]
-        names.sort(key=lambda name: name in self._settings.objects)
-        return {name: number for number, name in enumerate(names, start=len(self.people) + 1)}
-
-    @cached_property
-    def _objects_by_name(self) -> dict[str, list[str]]:
-        """The categories of every object by its name, which may be that of a person."""
-        found: dict[str, list[str]] = {}
-        for each in (*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)):
-            categories = found.setdefault(each.name, [])
-            if each.category not in categories:
-                categories.append(each.category)
-        return found
-
-    @cached_property
-    def categories(self) -> dict[str, str]:
-        """The category of every person and object, by name.
-
-        Raises
-        ------
-        VfoaError
-            If an object has two categories.
-        """
-        for name in self.objects:
-            if len(found := self._objects_by_name[name]) > 1:
-                raise VfoaError(
-                    f"{self._where}: object {name!r}: found the categories {found[0]!r} and {found[1]!r}; expected one"
-                )
-        named = {name: self._objects_by_name[name][0] for name in self._objects_by_name if name not in self.people}
-        return dict.fromkeys(self.people, PERSON) | named
 
     def time_ns(self, number: int) -> int:
         """Time of a frame, nanoseconds."""
@@ -237,23 +216,22 @@ class FramesOfMeasurements:
 
     def truth(self, number: int) -> Truth:
         """Return the true gaze and target of people, where a source knows them; their heads are as measured."""
-        people = self._frame(number).people
+        measured = self._frame(number).people
         if not self._knows_truth:
             return Truth()
-        return Truth(
-            people=tuple(
-                PersonTruth(
-                    name=person.name,
-                    instance_id=self.people[person.name],
-                    head_box_px=np.full(4, np.nan),
-                    eye_origin_left=person.eyes_m,
-                    head_direction=None if person.head_pose is None else person.head_pose.direction,
-                    gaze_direction=person.true_gaze,
-                    target=person.true_target,
-                )
-                for person in people
+        people = (
+            PersonTruth(
+                name=person.name,
+                instance_id=self.people[person.name],
+                head_box_px=np.full(4, np.nan),
+                eye_origin_left=person.eyes_m,
+                head_direction=None if person.head_pose is None else person.head_pose.direction,
+                gaze_direction=person.true_gaze,
+                target=person.true_target,
             )
+            for person in measured
         )
+        return Truth(people=tuple(people))
 
     @cached_property
     def _knows_truth(self) -> bool:

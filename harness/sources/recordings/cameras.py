@@ -21,7 +21,6 @@ from harness.sources.recordings.topics import (
     RecordingSettings,
     Streams,
     Topic,
-    are_rectified,
     find_camera,
     has_no_frames,
     is_aligned,
@@ -64,7 +63,9 @@ class PairCameras:
         assert streams.right is not None
         pair = streams.left, streams.right
         self._streams, self._container, self._where = streams, container, where
-        self._rectified = are_rectified(pair) if settings.rectified is None else settings.rectified
+        self._rectified = settings.rectified
+        if self._rectified is None:  # the names of ROS's image_proc
+            self._rectified = all("image_rect" in topic.name for topic in pair)
         self._for_all_times: Rectifier | None = None
         if settings.camera is not None:
             self._for_all_times = Rectifier(settings.camera.pair(where))

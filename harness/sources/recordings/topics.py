@@ -114,11 +114,6 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
     )
 
 
-def are_rectified(pair: tuple[Topic, Topic]) -> bool:
-    """Whether both image topics have the names of ROS's ``image_proc`` for rectified images."""
-    return all("image_rect" in topic.name for topic in pair)
-
-
 def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:
     """Return the topic of this name.
 
