@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -143,15 +144,11 @@ def _parsed(fail_on: str) -> tuple[str, float]:
     """The kind of a check and its points."""
     from vfoa.errors import VfoaError
 
-    kind, given, points = fail_on.partition("=")
-    try:
-        limit = float(points) if given else 0.0
-    except ValueError:
-        limit = -1.0
-    has_limit = kind == "significant-drop" or (kind in ("drop", "possible-drop") and given)
-    if not has_limit or not 0 <= limit <= 100 or (kind == "possible-drop" and limit == 0):
+    found = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d+(?:\.\d+)?))?", fail_on)
+    points = float(found[2] or 0) if found else -1.0
+    if not found or not 0 <= points <= 100 or (found[1] == "possible-drop" and points == 0):
         raise VfoaError(f"compare: --fail-on: found {fail_on!r}; expected {_KINDS}, in points of FRR up to 100")
-    return kind, limit
+    return found[1], points
 
 
 def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]:
@@ -175,18 +172,18 @@ def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]
         )
     lines = []
     for each in found:
-        dropped = f"{each.configuration}: {100 * each.difference:+.1f} points against {each.reference}"
-        if kind != "possible-drop":
-            if each.difference < -points / 100 and (kind == "drop" or each.verdict == "worse"):
-                lines.append(dropped)
-            continue
-        if each.smallest_p / 2 >= SIGNIFICANCE:
-            raise VfoaError(
-                f"compare: --fail-on possible-drop: cannot pass: {each.configuration} has {each.counted_units}; "
-                "expected at least 5. Use --fail-on drop=POINTS, or more clips"
-            )
-        if (p := each.inferiority_p(points / 100)) >= SIGNIFICANCE:
-            lines.append(f"{dropped}; a drop of {points:g} is not ruled out (one-sided {format_p(p)})")
+        line = f"{each.configuration}: {100 * each.difference:+.1f} points against {each.reference}"
+        fails = each.difference < -points / 100 and (kind == "drop" or each.verdict == "worse")
+        if kind == "possible-drop":
+            if each.smallest_p / 2 >= SIGNIFICANCE:
+                raise VfoaError(
+                    f"compare: --fail-on possible-drop: cannot pass: {each.configuration} has {each.counted_units}; "
+                    "expected at least 5. Use --fail-on drop=POINTS, or more clips"
+                )
+            p = each.inferiority_p(points / 100)
+            fails = p >= SIGNIFICANCE
+            line += f"; a drop of {points:g} is not ruled out (one-sided {format_p(p)})"
+        lines += [line] if fails else []
     return lines
 
 

@@ -36,7 +36,9 @@ def scores_table(scores: Scores) -> Table:
 
 
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
-    events = row.events
+    events, said, nowhere = row.events, row.nowhere, [""] * 5
+    if said:
+        nowhere[:] = *map(str, (said.true, said.found, said.matched)), csv_share(said.precision), csv_share(said.recall)
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
         *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),
@@ -44,7 +46,7 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
         "" if math.isnan(row.interval.low) else row.interval.unit,
         *map(csv_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
         *(str(row.visible), csv_share(row.frr_visible)),
-        *_nowhere_cells(row),
+        *nowhere,
         *map(str, (events.true, events.found, events.matched)),
         *map(csv_share, events.rates),
         *(csv_share(row.baselines[name]) for name in BASELINES),
@@ -57,13 +59,6 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
 def _unknown_names(row: ScoreRow, scores: Scores) -> str:
     clips = scores.unknown_names if row.clip is None else (row.clip,)
     return " ".join(dict.fromkeys(name for clip in clips for name in scores.unknown_names.get(clip, ())))
-
-
-def _nowhere_cells(row: ScoreRow) -> tuple[str, ...]:
-    found = row.nowhere
-    if found is None:
-        return ("",) * 5
-    return (*map(str, (found.true, found.said, found.right)), csv_share(found.precision), csv_share(found.recall))
 
 
 _cell = lru_cache(maxsize=None)(csv_cell)

@@ -207,9 +207,17 @@ def nowhere_table(scores: Scores) -> Table:
         "Looking at nothing",
         "Clip | Configuration | True | Said | Both | Precision % | Recall %",
         (
-            (row.clip or ALL, row.configuration, of.true, of.said, of.right, percent(of.precision), percent(of.recall))
+            (
+                row.clip or ALL,
+                row.configuration,
+                of.true,
+                of.found,
+                of.matched,
+                percent(of.precision),
+                percent(of.recall),
+            )
             for row in scores.by_clip()
-            if (of := row.nowhere) and (of.true or of.said)
+            if (of := row.nowhere) and (of.true or of.found)
         ),
         words=2,
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),

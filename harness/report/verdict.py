@@ -9,6 +9,9 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
+
+import numpy as np
 
 from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.oracle_ablation import without_oracles
@@ -116,17 +119,17 @@ def compared_rows(scores: Scores) -> list[ScoreRow]:
 
 
 def _against_baseline(row: ScoreRow) -> str:
-    best = row.best_baseline
     words = {
         "yes": "beats the best baseline",
         "not shown": "is not shown to beat the best baseline",
         "no": "does not beat the best baseline",
     }
-    rate = f"{row.configuration} is right in {100 * row.frr:.1f} % of {row.n} frames"
-    ends = ""
-    if not math.isnan(row.interval.low):
-        ends = f" (95 %: {100 * row.interval.low:.1f} to {100 * row.interval.high:.1f}{_only(row.interval)})"
-    return f"{rate}{ends} and {words[row.beats]}, {best.replace('_', ' ')}, at {100 * row.baselines[best]:.1f} %."
+    best, (low, high) = row.best_baseline, (row.interval.low, row.interval.high)
+    ends = "" if math.isnan(low) else f" (95 %: {100 * low:.1f} to {100 * high:.1f}{_only(row.interval)})"
+    return (
+        f"{row.configuration} is right in {100 * row.frr:.1f} % of {row.n} frames{ends} and {words[row.beats]}, "
+        f"{best.replace('_', ' ')}, at {100 * row.baselines[best]:.1f} %."
+    )
 
 
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
@@ -141,23 +144,22 @@ def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
     )
     beaten = [each for each in against[best] if each.is_significant and each.difference > 0]
     tied = [each for each in against[best] if not each.is_significant]
-    told = []
+    gains = [f"{100 * each.difference:.1f}" for each in sorted(beaten, key=lambda each: each.difference)]
+    told, untold = [], []
     if len(beaten) > _MOST_NAMES:
-        gains = [each.difference for each in beaten]
-        told = [f"{best} beats {len(beaten)} others by {100 * min(gains):.1f} to {100 * max(gains):.1f} points"]
+        told = [f"{best} beats {len(beaten)} others by {gains[0]} to {gains[-1]} points"]
     elif beaten:
         parts = [f"{each.reference} by {100 * each.difference:.1f} points{_ends(each, ' (', ')')}" for each in beaten]
         told = [f"{best} beats {_joined(parts)}"]
     if len(tied) > _MOST_NAMES:
-        return told, [f"{best} cannot be told from {len(tied)} others"]
-    if len(tied) > 1:
-        return told, [f"{best} cannot be told from {_joined([each.reference for each in tied])}"]
-    if not tied:
-        return told, []
-    (each,) = tied
-    apart = f"{_joined([name for name in names if name in (best, each.reference)])} cannot be told apart"
-    points = f" ({100 * each.difference:.1f} points{_ends(each, ', ')})"
-    return told, [apart if math.isnan(each.difference) else f"{apart}{points}"]
+        untold = [f"{best} cannot be told from {len(tied)} others"]
+    elif len(tied) > 1:
+        untold = [f"{best} cannot be told from {_joined([each.reference for each in tied])}"]
+    elif tied:
+        (each,) = tied
+        points = "" if math.isnan(each.difference) else f" ({100 * each.difference:.1f} points{_ends(each, ', ')})"
+        untold = [f"{_joined([name for name in names if name in (best, each.reference)])} cannot be told apart{points}"]
+    return told, untold
 
 
 def _seen_from(name: str, each: Comparison) -> Comparison:
@@ -236,23 +238,20 @@ def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFram
     by_subject = [{(each.clip, each.subject): each for each in frames} for frames in configurations]
     pooled = []
     for key, first in by_subject[0].items():
-        others = [each[key] for each in by_subject[1:] if key in each]
-        if len(others) < len(by_subject) - 1:
-            continue
-        right = [dict(zip(each.frames, each.correct, strict=True)) for each in (first, *others)]
-        kept = [i for i, frame in enumerate(first.frames) if all(frame in each for each in right)]
-        frames = tuple(first.frames[i] for i in kept)
-        pooled.append(
-            ScoredFrames(
-                clip=first.clip,
-                subject=first.subject,
-                frames=frames,
-                looks=tuple(first.looks[i] for i in kept),
-                truth=tuple(first.truth[i] for i in kept),
-                correct=tuple(sum(each[frame] for each in right) for frame in frames),
-                seeds=sum(each.seeds for each in (first, *others)),
+        parts = [each[key] for each in by_subject if key in each]
+        if len(parts) == len(by_subject):
+            frames = reduce(np.intersect1d, [each.frames for each in parts])
+            kept = np.searchsorted(first.frames, frames)
+            pooled.append(
+                replace(
+                    first,
+                    frames=frames,
+                    looks=first.looks[kept],
+                    truth=first.truth[kept],
+                    correct=np.sum([each.correct[np.searchsorted(each.frames, frames)] for each in parts], axis=0),
+                    seeds=sum(each.seeds for each in parts),
+                )
             )
-        )
     return pooled
 
 

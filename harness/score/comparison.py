@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -15,7 +15,6 @@ from harness.run.directory import RunDirectory
 from harness.score.finished_run import read_scores
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, standard_error
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import Scores
 from harness.score.scored_frames import Pairs, ScoredFrames, pair
 from harness.score.statistics import (
     SIGNIFICANCE,
@@ -60,12 +59,12 @@ class Comparison:
     better: int
     worse: int
     difference: float
-    interval: Interval
+    interval: Interval = UNKNOWN
     unit: Literal["clip", "look"]
     p: float
-    p_holm: float
-    family: int
-    detectable: float
+    p_holm: float = 1.0
+    family: int = 1
+    detectable: float = math.nan
     units: Units | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -168,8 +167,6 @@ def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
     units = pairs.units
-    merged = None if units is None else units.merged()
-    p = 1.0 if merged is None else sign_flip_p(merged.values)
     return Comparison(
         reference=reference,
         configuration=configuration,
@@ -179,12 +176,8 @@ def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
         better=pairs.better,
         worse=pairs.worse,
         difference=math.nan if units is None else units.rate,
-        interval=UNKNOWN,
         unit="clip" if units is not None and units.speaks_of_clips else "look",
-        p=p,
-        p_holm=p,
-        family=1,
-        detectable=math.nan,
+        p=1.0 if units is None else sign_flip_p(units.merged().values),
         units=units,
     )
 
@@ -341,11 +334,7 @@ def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     VfoaError
         If a run cannot be scored, two runs are the same directory, or their labels differ.
     """
-    found = {}
-    for run in _distinct(runs):
-        scored = read_scores(RunDirectory(run))
-        found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
-    return compare(found)
+    return compare({f"{run}/{name}": frames for run, name, frames in _scored(_distinct(runs))})
 
 
 def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Comparison, ...]:
@@ -356,25 +345,25 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
     VfoaError
         If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
     """
-    reference = read_scores(RunDirectory(baseline))
-    scored = [(run, read_scores(RunDirectory(run))) for run in _distinct([baseline, *runs])[1:]]
-    return with_holm(
-        [_with_same(one, name, run, reference, baseline) for run, one in scored for name in _compared(one)]
-    )
-
-
-def _compared(scored: Scores) -> list[str]:
-    return without_oracles(scored.scored_configurations)
-
-
-def _with_same(scored: Scores, name: str, run: Path, reference: Scores, baseline: Path) -> Comparison:
+    _distinct([baseline, *runs])
+    reference, found = read_scores(RunDirectory(baseline)), []
     known = reference.scored_configurations
-    if name not in known:
-        raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
-    (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": scored.frames_of(name)})
-    if one.n == 0:
-        raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
-    return one
+    for run, name, frames in _scored(runs):
+        if name not in known:
+            raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
+        (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": frames})
+        if one.n == 0:
+            raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
+        found.append(one)
+    return with_holm(found)
+
+
+def _scored(runs: Iterable[Path]) -> Iterator[tuple[Path, str, list[ScoredFrames]]]:
+    """Yield the scored frames of each configuration of the runs, without the oracle ablation."""
+    for run in runs:
+        scores = read_scores(RunDirectory(run))
+        for name in without_oracles(scores.scored_configurations):
+            yield run, name, scores.frames_of(name)
 
 
 def _distinct(runs: Sequence[Path]) -> list[Path]:

@@ -126,8 +126,8 @@ class Event(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EventCounts:
-    """Numbers of true events, predicted events, and matching pairs."""
+class MatchCounts:
+    """Numbers of what is true (events, or frames), what was found, and what matches; and the rates of detection."""
 
     true: int
     found: int
@@ -135,19 +135,19 @@ class EventCounts:
 
     @property
     def recall(self) -> float:
-        """Share of the true events that were found; NaN without true events."""
+        """Share of the true ones that were found; NaN without any."""
         return self.matched / self.true if self.true else math.nan
 
     @property
     def precision(self) -> float:
-        """Share of the found events that are true; NaN without found events."""
+        """Share of the found ones that are true; NaN without any."""
         return self.matched / self.found if self.found else math.nan
 
     @property
     def f_measure(self) -> float:
-        """Harmonic mean of recall and precision; NaN without any events."""
-        events = self.true + self.found
-        return 2 * self.matched / events if events else math.nan
+        """Harmonic mean of recall and precision; NaN without any."""
+        both = self.true + self.found
+        return 2 * self.matched / both if both else math.nan
 
     @property
     def rates(self) -> tuple[float, float, float]:
@@ -187,7 +187,7 @@ def match_events(true: list[Event], found: list[Event]) -> int:
     return matched
 
 
-def count_events(sequences: Iterable[tuple[Codes, Codes, Codes]]) -> EventCounts:
+def count_events(sequences: Iterable[tuple[Codes, Codes, Codes]]) -> MatchCounts:
     """Events of several sequences together; each is (truth codes, predicted codes, positions), all (n,)."""
     true = found = matched = 0
     for truth, predicted, positions in sequences:
@@ -195,4 +195,4 @@ def count_events(sequences: Iterable[tuple[Codes, Codes, Codes]]) -> EventCounts
         true += len(true_events)
         found += len(found_events)
         matched += match_events(true_events, found_events)
-    return EventCounts(true=true, found=found, matched=matched)
+    return MatchCounts(true=true, found=found, matched=matched)

@@ -20,7 +20,7 @@ from harness.run.records import FrameRecord
 from harness.run.results import MeasureLog
 from harness.score.baselines import BASELINES
 from harness.score.intervals import rate_interval
-from harness.score.looks import EventCounts, count_events
+from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.outcomes import OutcomeLog, Outcomes, Reference
 from harness.score.scored_frames import ScoredFrames, units_of
@@ -32,25 +32,6 @@ Beats = Literal["yes", "not shown", "no"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NowhereCounts:
-    """Counts for a method that can say "looks at nothing": frames in which it is true, said, and both."""
-
-    true: int
-    said: int
-    right: int
-
-    @property
-    def precision(self) -> float:
-        """Share of right frames among those in which it was said; NaN if it never was."""
-        return self.right / self.said if self.said else math.nan
-
-    @property
-    def recall(self) -> float:
-        """Share of the frames in which it is true that were found; NaN if it never is."""
-        return self.right / self.true if self.true else math.nan
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreRow:
     """The scores of one configuration on one clip, on one subject of it, or on all clips together.
 
@@ -58,8 +39,9 @@ class ScoreRow:
     their looks and clips. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of
     these, ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks
     (see :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values
-    of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` is None for a method that cannot say
-    "looks at nothing". ``visible`` and ``visible_correct`` count the frames whose line of sight no label calls blocked.
+    of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` counts the
+    frames in which "looks at nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and
+    ``visible_correct`` count the frames whose line of sight no label calls blocked.
     ``baselines`` are the rates of :mod:`harness.score.metrics`, ``beats`` says whether the best of them is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
     ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
@@ -78,8 +60,8 @@ class ScoreRow:
     interval: Interval
     wilson: Interval
     metrics: Mapping[str, float]
-    events: EventCounts
-    nowhere: NowhereCounts | None
+    events: MatchCounts
+    nowhere: MatchCounts | None
     visible: int
     visible_correct: int
     baselines: Mapping[str, float]
@@ -161,10 +143,10 @@ class Scores:
             ScoredFrames(
                 clip=clip,
                 subject=subject,
-                frames=seeds[0].frames,
-                looks=tuple(seeds[0].looks.tolist()),
-                truth=tuple(str(verdict.truth) for verdict in seeds[0].verdicts if verdict.outcome != "unscored"),
-                correct=tuple(np.sum([each.correct for each in seeds], axis=0).tolist()),
+                frames=np.array(seeds[0].frames, dtype=np.intp),
+                looks=seeds[0].looks,
+                truth=np.array([each.truth for each in seeds[0].verdicts if each.outcome != "unscored"], np.object_),
+                correct=np.sum([each.correct for each in seeds], axis=0, dtype=np.intp),
                 seeds=len(seeds),
             )
             for (clip, subject), seeds in found.items()
@@ -288,9 +270,9 @@ def _seed_rates(group: list[Outcomes]) -> tuple[float, ...]:
 _FLAGS = ("correct", "no_hit", "nowhere", "says_nowhere", "blocked")
 
 
-def _nowhere(columns: Mapping[str, Flags]) -> NowhereCounts:
+def _nowhere(columns: Mapping[str, Flags]) -> MatchCounts:
     true, said = columns["nowhere"], columns["says_nowhere"]
-    return NowhereCounts(true=_count(true), said=_count(said), right=_count(true & said))
+    return MatchCounts(true=_count(true), found=_count(said), matched=_count(true & said))
 
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:

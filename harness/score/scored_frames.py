@@ -16,20 +16,20 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoredFrames:
-    """A subject's scored frames in one clip.
+    """A subject's scored frames in one clip; arrays are (n,).
 
-    ``frames`` are their numbers, ``looks`` the number of the look of each, ``truth`` its true target. ``correct``
-    counts the seeds, of ``seeds``, under which each is right; with one seed it is 0 or 1.
+    ``frames`` are their numbers, ascending, ``looks`` the number of the look of each, ``truth`` its true target.
+    ``correct`` counts the seeds, of ``seeds``, under which each is right; with one seed it is 0 or 1.
     """
 
     clip: str
     subject: str
-    frames: tuple[int, ...]
-    looks: tuple[int, ...]
-    truth: tuple[str, ...]
-    correct: tuple[int, ...]
+    frames: Codes
+    looks: Codes
+    truth: NDArray[np.object_]
+    correct: Codes
     seeds: int = 1
 
 
@@ -72,9 +72,8 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         ours, theirs = _common(each, other)
         if len(ours) == 0:
             continue
-        right, was_right = (np.array(correct, dtype=np.intp) for correct in (other.correct, each.correct))
-        gains = right[theirs] - was_right[ours]
-        begins = np.flatnonzero(np.diff(np.array(each.looks)[ours], prepend=np.nan) != 0)
+        gains = other.correct[theirs] - each.correct[ours]
+        begins = np.flatnonzero(np.diff(each.looks[ours], prepend=np.nan) != 0)
         codes += [clips.setdefault(each.clip, len(clips))] * len(begins)
         tracks += [len(frames)] * len(begins)
         frames.append(np.diff(begins, append=len(ours)) * float(repeats))
@@ -92,20 +91,14 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
 
 
 def _common(one: ScoredFrames, other: ScoredFrames) -> tuple[Codes, Codes]:
-    """The indices of the common frames in both, in the order of the first. Raises as :func:`pair` does."""
-    if one.frames == other.frames and one.truth == other.truth:
-        everything = np.arange(len(one.frames))
-        return everything, everything
-    places = {frame: place for place, frame in enumerate(other.frames)}
-    pairs = [(place, places[frame]) for place, frame in enumerate(one.frames) if frame in places]
-    for ours, theirs in pairs:
-        if one.truth[ours] != other.truth[theirs]:
-            raise VfoaError(
-                f"{one.clip}: frame {one.frames[ours]}: {one.subject} looks at {one.truth[ours]!r} in one and at "
-                f"{other.truth[theirs]!r} in the other; expected the same labels"
-            )
-    ours_theirs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    return ours_theirs[:, 0], ours_theirs[:, 1]
+    """The indices of the common frames in both. Raises as :func:`pair` does."""
+    _, ours, theirs = np.intersect1d(one.frames, other.frames, assume_unique=True, return_indices=True)
+    for place in np.flatnonzero(one.truth[ours] != other.truth[theirs])[:1]:
+        raise VfoaError(
+            f"{one.clip}: frame {one.frames[ours[place]]}: {one.subject} looks at {one.truth[ours[place]]!r} in one "
+            f"and at {other.truth[theirs[place]]!r} in the other; expected the same labels"
+        )
+    return ours, theirs
 
 
 def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:

@@ -14,7 +14,8 @@ from __future__ import annotations
 import base64
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -34,7 +35,6 @@ Box = tuple[int, int, int, int]
 BUDGET_BYTES = 1_000_000
 """Most bytes of all thumbnails of a page: with them, a page stays under 3 MB."""
 
-_Place = tuple[str, str]
 _Frame = tuple[str, int]
 
 
@@ -103,11 +103,16 @@ def read_thumbnails(
     VfoaError
         If one of their files cannot be read.
     """
-    wrong: dict[_Place, dict[int, None]] = {}
+    wrong: defaultdict[tuple[str, str], set[int]] = defaultdict(set)
     for verdict in verdicts:
         if verdict.outcome == "wrong":
-            wrong.setdefault((verdict.clip, verdict.configuration), {})[verdict.frame] = None
-    lines = {place: _lines(lines_path(run, *place), frames) for place, frames in wrong.items()}
+            wrong[verdict.clip, verdict.configuration].add(verdict.frame)
+    lines = {
+        (*place, frame): line
+        for place, frames in wrong.items()
+        for frame, line in _lines(lines_path(run, *place))
+        if frame in frames
+    }
     sizes = _sizes(run, lines)
     chosen = _fitting(sizes, budget)
     return Thumbnails(
@@ -116,8 +121,7 @@ def read_thumbnails(
             (clip, configuration, frame): _renamed(
                 _decode(line, lines_path(run, clip, configuration)), (names_now or {}).get(clip, {})
             )
-            for (clip, configuration), found in lines.items()
-            for frame, line in found.items()
+            for (clip, configuration, frame), line in lines.items()
             if (clip, frame) in chosen
         },
         wrong=len(sizes),
@@ -128,47 +132,36 @@ def _renamed(thumbnail: Thumbnail, names: Mapping[str, str]) -> Thumbnail:
     return replace(thumbnail, boxes=[(key, names.get(name, name), box) for key, name, box in thumbnail.boxes])
 
 
-def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:
-    """The lines of these frames, not yet decoded."""
-    found: dict[int, bytes] = {}
-    if path.is_file():
-        with path.open("rb") as file:
-            for line in file:
-                if (number := _number(line, path)) in frames:
-                    found[number] = line
-    return found
-
-
 _LINE = re.compile(rb'\{"frame":(\d+),')
 
 
-def _number(line: bytes, path: Path) -> int:
-    """The frame of a line, from its beginning: decoding all lines takes longer than all else."""
-    found = _LINE.match(line)
-    if not found:
-        raise VfoaError(f"{path}: not the thumbnails of a run: found a line without a frame")
-    return int(found[1])
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield frames and lines; only the frame is decoded, because decoding all lines takes longer than all else."""
+    if path.is_file():
+        with path.open("rb") as file:
+            for line in file:
+                if not (found := _LINE.match(line)):
+                    raise VfoaError(f"{path}: not the thumbnails of a run: found a line without a frame")
+                yield int(found[1]), line
 
 
-def _sizes(run: Path, lines: Mapping[_Place, Mapping[int, bytes]]) -> dict[_Frame, int]:
+def _sizes(run: Path, lines: Mapping[tuple[str, str, int], bytes]) -> dict[_Frame, int]:
     """The bytes that each frame with a picture takes in a page, clip by clip in the order of the frames."""
-    sizes: dict[_Frame, int] = {}
-    for (clip, _), found in lines.items():
-        for frame, line in found.items():
-            sizes[clip, frame] = sizes.get((clip, frame), 0) + len(line)
+    sizes: dict[str, Counter[int]] = {}
+    for (clip, _, frame), line in lines.items():
+        sizes.setdefault(clip, Counter())[frame] += len(line)
     weighed = {}
-    for clip in dict.fromkeys(clip for clip, _ in lines):
+    for clip, of_clip in sizes.items():
         folder = str(picture_path(run, clip, 0).parent)  # text: a path for each picture costs more than its size
-        for frame in sorted(frame for of, frame in sizes if of == clip):
+        for frame in sorted(of_clip):
             with suppress(OSError):  # no picture
                 size = os.stat(f"{folder}/{_picture_name(frame)}").st_size
-                weighed[clip, frame] = sizes[clip, frame] + 4 * size // 3
+                weighed[clip, frame] = of_clip[frame] + 4 * size // 3
     return weighed
 
 
 def _fitting(sizes: Mapping[_Frame, int], budget: int) -> dict[_Frame, None]:
-    frames: Sequence[_Frame] = list(sizes)
-    step = 1
+    frames, step = list(sizes), 1
     while sum(sizes[each] for each in frames[::step]) > budget and step < len(frames):
         step += 1
     return dict.fromkeys(frames[::step])

@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -67,10 +68,10 @@ class _Scored:
             ScoredFrames(
                 clip=f"clip {k}" if self.looks >= 6 else "clip",
                 subject=f"girl {k}",
-                frames=tuple(range(LOOK)),
-                looks=(0,) * LOOK,
-                truth=("cup",) * LOOK,
-                correct=(1,) * self.right + (0,) * (LOOK - self.right),
+                frames=np.arange(LOOK),
+                looks=np.zeros(LOOK, dtype=np.intp),
+                truth=np.full(LOOK, "cup", dtype=np.object_),
+                correct=(np.arange(LOOK) < self.right).astype(np.intp),
             )
             for k in range(self.looks)
         ]

@@ -18,10 +18,10 @@ def _clips(*right: Sequence[int], first: int = 0) -> list[ScoredFrames]:
         ScoredFrames(
             clip=f"clip {number}",
             subject="girl",
-            frames=tuple(range(first, first + LOOK * len(looks))),
-            looks=tuple(look for look in range(len(looks)) for _ in range(LOOK)),
-            truth=("cup",) * (LOOK * len(looks)),
-            correct=tuple(frame < each for each in looks for frame in range(LOOK)),
+            frames=np.arange(first, first + LOOK * len(looks)),
+            looks=np.repeat(np.arange(len(looks)), LOOK),
+            truth=np.full(LOOK * len(looks), "cup", dtype=np.object_),
+            correct=np.array([frame < each for each in looks for frame in range(LOOK)], dtype=np.intp),
         )
         for number, looks in enumerate(right)
     ]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from harness.score.looks import LEAST_S, Event, EventCounts, count_events, find_events, match_events, number_looks
+from harness.score.looks import LEAST_S, Event, MatchCounts, count_events, find_events, match_events, number_looks
 from harness.score.statistics import Codes
 
 
@@ -61,7 +61,7 @@ def _codes(text: str) -> Codes:
     return np.array([CODES[sign] for sign in text], dtype=np.intp)
 
 
-def _count(truth: str, found: str) -> EventCounts:
+def _count(truth: str, found: str) -> MatchCounts:
     return count_events([(_codes(truth), _codes(found), np.arange(len(truth), dtype=np.intp))])
 
 
@@ -72,15 +72,15 @@ def test_an_example_written_out_by_hand() -> None:
     #        a b  a  b a b      a   b  -    found: AA, B, (no prediction), AA, B, A, BBB, AA, BB, --- : nine events
     # A1 takes the first AA (the second AA stays over), B1 the B of one frame, A2 the AA, -1 the ---; C1 nothing.
     counts = _count(truth, found)
-    assert counts == EventCounts(true=5, found=9, matched=4)
+    assert counts == MatchCounts(true=5, found=9, matched=4)
     assert counts.recall == 4 / 5
     assert counts.precision == 4 / 9
     assert counts.f_measure == pytest.approx(2 * (4 / 5) * (4 / 9) / (4 / 5 + 4 / 9))
 
 
 def test_a_long_event_matches_only_one_of_two_that_it_covers() -> None:
-    assert _count("AABAA", "AAAAA") == EventCounts(true=3, found=1, matched=1)
-    assert _count("AAAAA", "AABAA") == EventCounts(true=1, found=3, matched=1)
+    assert _count("AABAA", "AAAAA") == MatchCounts(true=3, found=1, matched=1)
+    assert _count("AAAAA", "AABAA") == MatchCounts(true=1, found=3, matched=1)
 
 
 def test_events_are_longest_runs() -> None:
@@ -93,12 +93,12 @@ def test_frames_that_are_not_scored_end_a_run() -> None:
 
 
 def test_a_perfect_prediction_matches_every_event() -> None:
-    assert _count("AABBA-", "AABBA-") == EventCounts(true=4, found=4, matched=4)
+    assert _count("AABBA-", "AABBA-") == MatchCounts(true=4, found=4, matched=4)
 
 
 def test_no_prediction_is_no_event() -> None:
     counts = _count("AAB", "???")
-    assert counts == EventCounts(true=2, found=0, matched=0)
+    assert counts == MatchCounts(true=2, found=0, matched=0)
     assert counts.recall == 0
     assert math.isnan(counts.precision)
     assert counts.f_measure == 0
@@ -106,12 +106,12 @@ def test_no_prediction_is_no_event() -> None:
 
 def test_sequences_are_counted_together_but_never_joined() -> None:
     sequence = (_codes("AA"), _codes("AA"), np.arange(2, dtype=np.intp))
-    assert count_events([sequence, sequence]) == EventCounts(true=2, found=2, matched=2)
+    assert count_events([sequence, sequence]) == MatchCounts(true=2, found=2, matched=2)
 
 
 def test_no_frames_have_no_events() -> None:
     counts = count_events([(_codes(""), _codes(""), _codes(""))])
-    assert counts == EventCounts(true=0, found=0, matched=0)
+    assert counts == MatchCounts(true=0, found=0, matched=0)
     assert all(math.isnan(rate) for rate in counts.rates)
 
 

@@ -183,7 +183,7 @@ def test_a_method_that_says_nothing_is_looked_at_is_scored_on_it() -> None:
     records = [frame_record([cup], [each], frame=k) for k, each in enumerate([unsure, unsure, sure, sure], start=1)]
     row = _row(score(records, Reference(labels={"clip": labels("none", "cup", "cup", "none")})))
     assert row.nowhere is not None
-    assert (row.nowhere.true, row.nowhere.said, row.nowhere.right) == (2, 2, 1)
+    assert (row.nowhere.true, row.nowhere.found, row.nowhere.matched) == (2, 2, 1)
     assert (row.nowhere.precision, row.nowhere.recall) == (0.5, 0.5)
     assert (row.coverage, row.no_hit) == (1.0, 0)
 
@@ -192,7 +192,7 @@ def test_a_method_that_says_so_by_giving_no_attention_has_answered() -> None:
     reference = Reference(labels={"clip": labels("cup", "none")}, says_nowhere=frozenset({"one"}))
     row = _row(score(answers(["none", "none"]), reference))
     assert row.nowhere is not None
-    assert (row.nowhere.said, row.nowhere.right, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
+    assert (row.nowhere.found, row.nowhere.matched, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
     assert row.error_types["no_hit"] == 0
 
 
