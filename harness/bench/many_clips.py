@@ -13,7 +13,8 @@ import math
 import resource
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -26,7 +27,7 @@ from harness.report.formats import UNKNOWN, Table, to_markdown
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from harness.run.executors.cluster import cpu_seconds, local_cluster
+from harness.run.executors.cluster import connect
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
 from vfoa.errors import VfoaError
@@ -43,6 +44,24 @@ class Cost:
     seconds: float
     cpu_seconds: float
     results: bytes
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[str]:
+    """Yield the address of a new scheduler on this machine with this many single-threaded worker processes."""
+    from distributed import LocalCluster
+
+    # any free port: the default is 8787 on all networks, which another cluster may use
+    dashboard = {"dashboard_address": "127.0.0.1:0"}
+    options = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", **dashboard}
+    with LocalCluster(**options, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
+def cpu_seconds(address: str) -> float:
+    """CPU seconds that the workers of the scheduler at ``address`` have used so far."""
+    with connect(address) as client:
+        return float(sum(client.run(time.process_time).values()))
 
 
 def measure_many_clips(clips: int, times: int, folder: Path) -> Mapping[str, list[Cost]]:

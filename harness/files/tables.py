@@ -1,4 +1,4 @@
-"""Tables with a header, read strictly: CSV, or Parquet by the file's suffix. A blank cell is an unknown value."""
+"""CSV tables with a header, read strictly. A blank cell is an unknown value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files.io import atomic_write, read_bytes, read_text
+from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
@@ -90,7 +90,7 @@ class TableColumns:
 
     def where(self, row: int) -> str:
         """The place of a row for messages."""
-        return _place(self.path, self.lines[row])
+        return f"{self.path}:{self.lines[row]}"
 
     def integers(self, column: str) -> NDArray[np.int64]:
         """The whole numbers (n,) of a required column.
@@ -166,7 +166,7 @@ def read_rows(
     _, header = next(rows)
     return [
         TableRow(
-            where=_place(path, line), cells={column: cell for column, cell in zip(header, cells, strict=True) if cell}
+            where=f"{path}:{line}", cells={column: cell for column, cell in zip(header, cells, strict=True) if cell}
         )
         for line, cells in rows
     ]
@@ -188,8 +188,7 @@ def read_columns(path: Path, columns: Sequence[str], required: Sequence[str]) ->
 def read_header(path: Path) -> tuple[str, ...]:
     """The first row of a table; empty if the file cannot be read as one."""
     try:
-        rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
-        return tuple(next(rows)[1])
+        return tuple(next(_csv_rows(path))[1])
     except (VfoaError, StopIteration):
         return ()
 
@@ -212,23 +211,16 @@ def _checked_rows(
     path: Path, columns: Sequence[str], required: Sequence[str], version: str | None = None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
-    rows = _parquet_rows(path) if path.suffix == ".parquet" and not version else _csv_rows(path, version)
+    rows = _csv_rows(path, version)
     line, header = next(rows, (1, None))
     if header is None:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
-    yield line, _checked_header(header, columns, required, _place(path, line))
+    yield line, _checked_header(header, columns, required, f"{path}:{line}")
     for line, cells in rows:
         if len(cells) != len(header):
             found = f"found {len(cells)} cells; expected {len(header)}, as in the header"
-            raise VfoaError(f"{_place(path, line)}: {found}")
+            raise VfoaError(f"{path}:{line}: {found}")
         yield line, cells
-
-
-def _place(path: Path, line: int) -> str:
-    """A line of a file for messages. Rows of Parquet have no lines: they are counted below the header, 0."""
-    if path.suffix != ".parquet":
-        return f"{path}:{line}"
-    return f"{path}: row {line}" if line else f"{path}: header"
 
 
 def _finite_number(cell: str) -> float | None:
@@ -254,25 +246,6 @@ def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, lis
                 yield reader.line_num + above, [cell.strip() for cell in cells]
     except csv.Error as error:
         raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
-
-
-def _parquet_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    import pyarrow as pa  # type: ignore[import-untyped]
-    from pyarrow import parquet
-
-    try:
-        table = parquet.read_table(pa.BufferReader(read_bytes(path)))
-        columns = [column.to_pylist() for column in table.columns]
-    except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
-        raise VfoaError(f"{path}: not Parquet: {(str(error).splitlines() or [''])[0]}") from None
-    yield 0, list(table.column_names)
-    for number, values in enumerate(zip(*columns, strict=True), start=1):
-        yield number, [_cell(value) for value in values]
-
-
-def _cell(value: object) -> str:
-    """Convert a value of a Parquet column to the text of a CSV cell; null and NaN are blank."""
-    return "" if value is None or value != value else str(value)
 
 
 def _checked_header(found: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:

@@ -55,6 +55,11 @@ class SettingsTable:
     settings: tuple[SettingDescription, ...]
 
     @property
+    def name(self) -> str:
+        """The name of the choice: ``sgbm``."""
+        return self.choice.partition(" = ")[2].strip('"')
+
+    @property
     def title(self) -> str:
         """A heading: ``stereo, matcher = "sgbm"``."""
         return f"{self.table}, {self.choice}" if self.choice else self.table
@@ -78,7 +83,7 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
         raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
     found = [each for table in ([wanted] if only else TABLES) for each in _tables_of(table)]
     if choice:
-        named = {each.choice.partition(" = ")[2].strip('"'): each for each in found}
+        named = {each.name: each for each in found}
         if choice not in named:
             raise VfoaError(f"settings: {wanted}: no {choice!r}; {did_you_mean(choice, named)}")
         found = [named[choice]]
@@ -87,8 +92,7 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
 
 def choice_names() -> list[str]:
     """Every argument of :func:`settings_tables` that names one choice of a stage or step: ``stereo.sgbm``."""
-    stages = [f"{slot.name}.{name}" for slot in STAGES.values() for name in slot.names() if name != OFF]
-    return [*stages, *(f"{step}.{method}" for step, methods in STEPS.items() for method in methods if method)]
+    return [f"{each.table}.{each.name}" for each in settings_tables() if each.name]
 
 
 def setting_keys() -> list[str]:

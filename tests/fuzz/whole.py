@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-import pandas as pd
 from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
@@ -101,10 +100,8 @@ def idiap_arrays(path: Path) -> None:
 
 
 def measured(path: Path) -> None:
-    """The table of the path's name; people in Parquet, too."""
-    tables = measured_tables(path.parent, range(1, 5))
-    if path.suffix == ".parquet":
-        pd.read_csv(tables / "people.csv").to_parquet(path, compression=None)
+    """The table of the path's name."""
+    measured_tables(path.parent, range(1, 5))
 
 
 # Calibrations

@@ -149,14 +149,10 @@ def load(checkpoint: Path) -> Gaze360:
     found = _read_tensors(checkpoint)
     network = Gaze360()
     expected = {_PREFIX + name: tensor for name, tensor in network.state_dict().items()}
-    for name, tensor in expected.items():
-        if name not in found and not name.endswith(_COUNTER):
-            raise VfoaError(f"{checkpoint}: no tensor {name}; expected Gaze360's {_shape(tensor)}")
-    for name, tensor in found.items():
-        if name not in expected:
-            raise VfoaError(f"{checkpoint}: unexpected tensor {name}; expected only those of Gaze360")
-        if _shape(tensor) != _shape(expected[name]):
-            raise VfoaError(f"{checkpoint}: tensor {name}: found {_shape(tensor)}, expected {_shape(expected[name])}")
+    for name in dict.fromkeys((*expected, *found)):
+        shape, wanted = (_shape(tensors.get(name)) for tensors in (found, expected))
+        if shape != wanted and (name in found or not name.endswith(_COUNTER)):
+            raise VfoaError(f"{checkpoint}: tensor {name}: found {shape}, expected {wanted}, as in Gaze360")
     network.load_state_dict({name.removeprefix(_PREFIX): tensor for name, tensor in (expected | found).items()})
     return network.eval()
 
@@ -178,6 +174,8 @@ def _read_tensors(checkpoint: Path) -> dict[str, Any]:
 
 
 def _shape(tensor: Any) -> str:
+    if tensor is None:
+        return "nothing"
     return str(list(tensor.shape)) if isinstance(tensor, torch.Tensor) else type(tensor).__name__
 
 

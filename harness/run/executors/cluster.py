@@ -60,24 +60,6 @@ def connect(address: str) -> Iterator[Client]:
         logger.setLevel(level)
 
 
-@contextmanager
-def local_cluster(workers: int) -> Iterator[str]:
-    """Yield the address of a new scheduler on this machine with this many single-threaded worker processes."""
-    from distributed import LocalCluster
-
-    # any free port: the default is 8787 on all networks, which another cluster may use
-    dashboard = {"dashboard_address": "127.0.0.1:0"}
-    options = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", **dashboard}
-    with LocalCluster(**options, silence_logs=50) as cluster:
-        yield cluster.scheduler_address
-
-
-def cpu_seconds(address: str) -> float:
-    """CPU seconds that the workers of the scheduler at ``address`` have used so far."""
-    with connect(address) as client:
-        return float(sum(client.run(time.process_time).values()))
-
-
 def _check_workers(client: Client, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=PATIENCE_SECONDS)

@@ -1,4 +1,4 @@
-"""Measurements from a pair of tables, CSV or Parquet, which every tracker can write.
+"""Measurements from a pair of CSV tables, which every tracker can write.
 
 ``people.csv``: a row for each frame and person; a frame in which nobody was seen has one row with a blank person::
 
@@ -52,7 +52,6 @@ PEOPLE_COLUMNS = (
     *(f"{cue}_{column}" for cue in CUES for column in ("x", "y", "z", "sigma_deg", "sigma_rad")),
 )
 OBJECT_COLUMNS = ("frame", "object", *POSITION, "category", *SIZE, *QUATERNION)
-_SUFFIXES = (".csv", ".parquet")
 _UNIT_TOLERANCE = 0.01
 
 
@@ -98,9 +97,9 @@ class MeasuredTables(FramesOfMeasurements):
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
         folder = path if path.is_dir() else path.parent
-        files = [path] if path.is_file() else [folder / f"people{suffix}" for suffix in _SUFFIXES]
-        people = [file for file in files if file.suffix in _SUFFIXES and file.is_file() and _is_of_people(file)]
-        objects = [folder / f"objects{suffix}" for suffix in _SUFFIXES if (folder / f"objects{suffix}").is_file()]
+        files = [path] if path.is_file() else [folder / "people.csv"]
+        people = [file for file in files if file.suffix == ".csv" and file.is_file() and _is_of_people(file)]
+        objects = [file for file in [folder / "objects.csv"] if file.is_file()]
         return tuple(
             Recognised(
                 root=folder,

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from harness.bench.many_clips import local_cluster
 from harness.run.executors import InProcess
-from harness.run.executors.cluster import local_cluster
 from harness.run.jobs import executor
 from vfoa.errors import VfoaError
 

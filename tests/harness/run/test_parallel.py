@@ -19,11 +19,12 @@ from typing import Any
 import cv2
 import pytest
 
+from harness.bench.many_clips import local_cluster
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import recordings
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from harness.run.executors.cluster import Cluster, connect, local_cluster
+from harness.run.executors.cluster import Cluster, connect
 from harness.run.experiment import load_experiment
 from harness.run.loop import run_clip
 from harness.run.results import read_results

@@ -1,4 +1,4 @@
-"""Measurements from tables: what is read, from CSV and Parquet, and what is refused with its place."""
+"""Measurements from tables: what is read, from CSV, and what is refused with its place."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyarrow import csv, parquet
 from scipy.spatial.transform import Rotation
 
 from tests.adapter_contract import check_contract
@@ -46,16 +44,6 @@ def test_people_objects_and_cues_stand_where_the_tables_say(tmp_path: Path) -> N
     np.testing.assert_array_equal(anna.view.gaze.direction, unit(-ANNA))
     assert (anna.view.head_pose.sigma_rad, anna.view.gaze.sigma_rad) == (math.radians(5), math.radians(8))
     assert ben.view.gaze is None
-
-
-def test_parquet_holds_the_same_clip(tmp_path: Path) -> None:
-    folder = measured_tables(tmp_path)
-    for name in ("people", "objects"):
-        parquet.write_table(csv.read_csv(folder / f"{name}.csv"), folder / f"{name}.parquet")
-    ours = open_measured("measured", folder, objects_file="objects.csv")
-    theirs = open_measured("measured", folder, people_file="people.parquet", objects_file="objects.parquet")
-    assert theirs.frames == ours.frames
-    assert all(repr(theirs.scene(number)) == repr(ours.scene(number)) for number in ours.frames)
 
 
 def test_a_blank_person_is_a_frame_in_which_nobody_was_seen(tmp_path: Path) -> None:
@@ -131,12 +119,3 @@ def test_an_object_has_one_category(tmp_path: Path) -> None:
     (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,it,cup,0,0,1,,,\n2,it,mug,0,0,1,,,\n")
     with pytest.raises(VfoaError, match="'it': found the categories 'cup' and 'mug'"):
         open_measured("measured", tmp_path, objects_file="objects.csv")
-
-
-def test_a_file_that_is_no_parquet_is_named(tmp_path: Path) -> None:
-    (tmp_path / "people.parquet").write_bytes(b"PAR1 or not")
-    with pytest.raises(VfoaError, match=r"people.parquet: not Parquet"):
-        open_measured("measured", tmp_path, people_file="people.parquet")
-    parquet.write_table(pa.table({"frame": [1], "mood": ["fine"]}), tmp_path / "people.parquet")
-    with pytest.raises(VfoaError, match=r"no column 'mood'"):
-        open_measured("measured", tmp_path, people_file="people.parquet")
