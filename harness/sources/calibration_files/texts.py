@@ -32,6 +32,14 @@ def floats(text: str) -> list[float] | None:
         return None
 
 
+def _values(text: str, count: int, where: str, expected: str) -> Float:
+    """The finite numbers (count,) of a text; a single one is positive."""
+    found = np.array(floats(text) or [])
+    if found.size != count or not np.isfinite(found).all() or (count == 1 and found[0] <= 0):
+        raise VfoaError(f"{where}: found {text[:60]!r}; expected {expected}")
+    return found
+
+
 # KITTI: "P2: 12 numbers" (object and odometry sets) or "P_rect_02:" (raw recordings)
 
 
@@ -48,10 +56,7 @@ def read_kitti(path: Path, text: str, cameras: tuple[int, int]) -> Calibration:
 
     def values(key: str, count: int) -> Float:
         number, rest = lines[key]
-        found = floats(rest)
-        if found is None or len(found) != count:
-            raise VfoaError(f"{path}:{number}: found {rest.strip()[:60]!r}; expected {count} numbers")
-        return np.array(found)
+        return _values(rest.strip(), count, f"{path}:{number}", f"{count} numbers")
 
     matrices = []
     for camera in cameras:
@@ -97,10 +102,7 @@ def read_middlebury(path: Path, text: str) -> Calibration:
             raise VfoaError(
                 f"{path}: no {name}; expected Middlebury's calib.txt: cam0, cam1, baseline (mm), width, height"
             )
-        found = floats(texts[name]) or []
-        if len(found) != count or not np.isfinite(found).all() or (count == 1 and found[0] <= 0):
-            raise VfoaError(f"{path}: {name}: found {texts[name][:60]!r}; expected {expected}")
-        return np.array(found)
+        return _values(texts[name], count, f"{path}: {name}", expected)
 
     k_left, k_right = (values(name, 9, "a matrix of 3 x 3 numbers").reshape(3, 3) for name in ("cam0", "cam1"))
     baseline_mm, width, height = (

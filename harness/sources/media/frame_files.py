@@ -8,7 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,37 +25,22 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 _IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
-class NumberedNames(Mapping[int, str]):
-    """Names by frame number, ascending. An hour of video has 90,000: those that follow one pattern are not kept."""
+class PatternNames(Mapping[int, str]):
+    """Names that differ in a number of at least so many digits, by this number: an hour of video has 90,000."""
 
-    def __init__(self, names: dict[int, str]) -> None:
-        self._names: Mapping[int, str] | range = names
-        if (steps := _steps([*names])) and (pattern := _pattern(names)):
-            self._names, self._pattern = steps, pattern
+    def __init__(self, numbers: range, before: str, digits: int, after: str) -> None:
+        self._numbers, self._before, self._digits, self._after = numbers, before, digits, after
 
     def __getitem__(self, number: int) -> str:
-        if not isinstance(self._names, range):
-            return self._names[number]
-        if number not in self._names:
+        if number not in self._numbers:
             raise KeyError(number)
-        return self._pattern.name(number)
+        return f"{self._before}{number:0{self._digits}d}{self._after}"
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self._names)
+        return iter(self._numbers)
 
     def __len__(self) -> int:
-        return len(self._names)
-
-
-class _Pattern(NamedTuple):
-    """Names that differ in a number of at least so many digits."""
-
-    before: str
-    digits: int
-    after: str
-
-    def name(self, number: int) -> str:
-        return f"{self.before}{number:0{self.digits}d}{self.after}"
+        return len(self._numbers)
 
 
 class FolderFiles(Mapping[int, Path]):
@@ -121,12 +106,12 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
 
 
-def number_names(names: Iterable[str], where: str) -> NumberedNames:
+def number_names(names: Iterable[str], where: str) -> Mapping[int, str]:
     """File names by frame number, ascending: the number is the one run of digits that differs between them."""
     names = sorted(names)
     runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
     if len(names) == 1:
-        return NumberedNames(_unique([((runs[names[0]] or [0])[-1], names[0])], where))
+        return _compact(_unique([((runs[names[0]] or [0])[-1], names[0])], where))
     first = names[0]
     if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
         raise VfoaError(
@@ -139,24 +124,19 @@ def number_names(names: Iterable[str], where: str) -> NumberedNames:
             f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; "
             "expected one, or a pattern with %d for the frame number"
         )
-    return NumberedNames(_unique(((runs[name][varying[0]], name) for name in names), where))
+    return _compact(_unique(((runs[name][varying[0]], name) for name in names), where))
 
 
-def _pattern(names: Mapping[int, str]) -> _Pattern | None:
-    """The pattern that gives every name from its number, if there is one."""
-    first, name = next(iter(names.items()))
-    for run in _DIGITS.finditer(name):
-        found = _Pattern(name[: run.start()], len(run[0]), name[run.end() :])
-        if int(run[0]) == first and all(found.name(number) == name for number, name in names.items()):
-            return found
-    return None
-
-
-def _steps(numbers: Sequence[int]) -> range | None:
-    """Ascending numbers as a range, if their steps are equal."""
-    step = (numbers[-1] - numbers[0]) // max(1, len(numbers) - 1)
-    found = range(numbers[0], numbers[-1] + 1, max(1, step))
-    return found if [*found] == numbers else None
+def _compact(names: dict[int, str]) -> Mapping[int, str]:
+    """The names; those with numbers at equal steps that follow one pattern are not kept."""
+    first, last = min(names), max(names)
+    numbers = range(first, last + 1, max(1, (last - first) // max(1, len(names) - 1)))
+    if [*numbers] == [*names]:
+        for run in _DIGITS.finditer(names[first]):
+            pattern = PatternNames(numbers, names[first][: run.start()], len(run[0]), names[first][run.end() :])
+            if all(pattern[number] == name for number, name in names.items()):
+                return pattern
+    return names
 
 
 def printf_name(pattern: str, number: int) -> str:

@@ -18,29 +18,13 @@ from vfoa.types import Image
 
 Codec = Literal["h264", "hevc", "vp9", "av1"]
 
-_NAMES: dict[str, Codec] = {
-    "h264": "h264",
-    "x264": "h264",
-    "avc": "h264",
-    "h265": "hevc",
-    "hevc": "hevc",
-    "x265": "hevc",
+_CODECS: dict[Codec, tuple[str, ...]] = {
+    "h264": ("h264", "x264", "avc"),
+    "hevc": ("h265", "hevc", "x265"),
+    "vp9": ("vp9",),
+    "av1": ("av1",),
 }
-_NAMES |= {"vp9": "vp9", "av1": "av1"}
-
-
-def codec_of(form: str, where: str) -> Codec:
-    """The codec that a packet names: Foxglove's ``h265``, FFmpeg's ``libx264`` or ``hevc_nvenc;yuv420p``.
-
-    Raises
-    ------
-    VfoaError
-        If it is another one.
-    """
-    for name, codec in _NAMES.items():
-        if name in form.lower():
-            return codec
-    raise VfoaError(f"{where}: a video in {form!r}; expected h264, h265, vp9 or av1")
+"""Words in a packet's description, such as Foxglove's ``h265``, FFmpeg's ``libx264`` or ``hevc_nvenc;yuv420p``."""
 
 
 def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
@@ -59,7 +43,10 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
 
 
 def _decoder(form: str, where: str) -> Any:
-    codec = codec_of(form, where)
+    """A decoder of the codec that a packet names."""
+    codec = next((codec for codec, words in _CODECS.items() if any(word in form.lower() for word in words)), None)
+    if codec is None:
+        raise VfoaError(f"{where}: a video in {form!r}; expected h264, h265, vp9 or av1")
     return av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")  # FFmpeg's av1 needs a graphics card
 
 
