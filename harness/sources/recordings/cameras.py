@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from harness.sources.depth_optics import DepthOptics, DepthRegistration, without
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, reading
 from harness.sources.recordings.topics import (
+    Place,
     RecordingSettings,
     Streams,
     Topic,
@@ -30,15 +32,28 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map, StereoFrame, StereoRig
 
 
+class Recording(NamedTuple):
+    """The topics of a clip's frames, the messages, the settings, and the recording's name for error messages."""
+
+    streams: Streams
+    container: Container
+    settings: RecordingSettings
+    where: str
+
+    def read(self, topic: Topic, place: Place) -> tuple[bytes, str]:
+        """A message of a topic, and its place for error messages."""
+        return self.container.read(topic, place), f"{self.where}: {topic.name}"
+
+
 class PairCameras:
     """The rectifier of each pair: of a file or numbers for all times, or of the calibrations recorded at its time.
 
     Parameters
     ----------
-    topics, streams, container, where
-        All topics of the recording, those of its frames, its messages, and its name for error messages.
-    settings, folder
-        The settings, and the folder of their ``calibration``.
+    topics, recording
+        All topics of the recording, and what is read of it.
+    folder
+        The folder of the settings' ``calibration``.
     size
         Gives (width, height) of the images.
 
@@ -50,19 +65,10 @@ class PairCameras:
 
     notes: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        topics: Collection[Topic],
-        streams: Streams,
-        container: Container,
-        settings: RecordingSettings,
-        folder: Path,
-        size: ImageSize,
-        where: str,
-    ) -> None:
+    def __init__(self, topics: Collection[Topic], recording: Recording, folder: Path, size: ImageSize) -> None:
+        streams, _, settings, where = self._recording = recording
         assert streams.right is not None
         pair = streams.left, streams.right
-        self._streams, self._container, self._where = streams, container, where
         self._rectified = settings.rectified
         if self._rectified is None:  # the names of ROS's image_proc
             self._rectified = all("image_rect" in topic.name for topic in pair)
@@ -89,14 +95,14 @@ class PairCameras:
         assert right is not None
         if left.shape != right.shape:
             raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
-        found, depth = self._at(*stamps_ns), self._streams.depth
+        found, depth = self._at(*stamps_ns), self._recording.streams.depth
         if depth is not None and depth_m is not None:
             if depth_m.shape != left.shape[:2]:
                 raise VfoaError(f"{depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
             if not found.keeps_left:
                 raise VfoaError(
-                    f"{depth.name} belongs to {self._streams.left.name} before rectification, which rotates it; "
-                    "expected rectified images with depth"
+                    f"{depth.name} belongs to the left image before rectification, which rotates it; expected "
+                    "rectified images with depth"
                 )
         left, right = found.rectify(left, right)
         rig = found.calibration.rig(left.shape[1], left.shape[0])
@@ -107,10 +113,10 @@ class PairCameras:
         if self._for_all_times is not None:
             return self._for_all_times
         left, right = (
-            camera_at(topic, stamp_ns, self._container, self._where)
+            camera_at(topic, stamp_ns, self._recording)
             for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
         )
-        where = f"{self._where}: {' and '.join(topic.name for topic in self._topics)}"
+        where = f"{self._recording.where}: {' and '.join(topic.name for topic in self._topics)}"
         raw = RawCalibration(left=left, right=right, where=where)
         return _rectifier(raw.rectified() if self._rectified else raw)
 
@@ -120,20 +126,20 @@ _rectifier = lru_cache(maxsize=2)(Rectifier)
 _optics = lru_cache(maxsize=2)(DepthOptics)
 
 
-def camera_at(topic: Topic, stamp_ns: int, container: Container, where: str) -> RawCamera:
+def camera_at(topic: Topic, stamp_ns: int, recording: Recording) -> RawCamera:
     """A camera's last calibration before a time, or its first one if all came later."""
     after = bisect.bisect_right(topic.places, stamp_ns, key=lambda place: place.stamp_ns)
     if not topic.places:
-        raise VfoaError(f"{where}: {topic.name}: none of its calibrations can be read")
+        raise VfoaError(f"{recording.where}: {topic.name}: none of its calibrations can be read")
     place = topic.places[max(after - 1, 0)]
-    return camera(topic.type, container.read(topic, place), f"{where}: {topic.name}")
+    return camera(topic.type, *recording.read(topic, place))
 
 
 _MOST_MESSAGES = 200
 """Most messages read per topic: static transforms are sent at the beginning."""
 
 
-def find_transform(topics: Iterable[Topic], container: Container, target: str, source: str, where: str) -> Float | None:
+def find_transform(topics: Iterable[Topic], recording: Recording, target: str, source: str) -> Float | None:
     """The motion (4, 4) from frame ``source`` to frame ``target`` by the shortest chain of the recording's transforms.
 
     None if no chain connects them.
@@ -142,7 +148,7 @@ def find_transform(topics: Iterable[Topic], container: Container, target: str, s
     for topic in topics:
         if topic.type.kind == "transforms":
             for place in topic.places[:_MOST_MESSAGES]:
-                for parent, child, motion in _transforms(topic, container.read(topic, place), where):
+                for parent, child, motion in _transforms(topic, *recording.read(topic, place)):
                     steps[child][parent], steps[parent][child] = motion, np.asarray(np.linalg.inv(motion), np.float64)
     motions, waiting = {source: np.eye(4)}, [source]
     for frame in waiting:
@@ -155,7 +161,6 @@ def find_transform(topics: Iterable[Topic], container: Container, target: str, s
 
 def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, str, Float]]:
     """Frames (parent, child) and parent_from_child of each transform in a message."""
-    where = f"{where}: {topic.name}"
     with reading(topic.type, where):
         for each in fields_of(topic.type, data, where)("transforms"):
             moved = each.transform
@@ -166,16 +171,16 @@ def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, st
             yield parent, child, _motion(rotation, translation)
 
 
-def find_extrinsics(topics: Iterable[Topic], container: Container, where: str) -> Float | None:
+def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | None:
     """The pose colour_from_depth sent by RealSense's driver (``.../extrinsics/depth_to_color``); None if there is none.
 
     ``realsense2_camera_msgs/Extrinsics``: the rotation is by columns, as in librealsense's rs2_extrinsics.
     """
     for topic in topics:
         if topic.type.kind == "extrinsics" and topic.name.endswith("depth_to_color") and topic.places:
-            message_where = f"{where}: {topic.name}"
-            with reading(topic.type, message_where):
-                field = fields_of(topic.type, container.read(topic, topic.places[0]), message_where)
+            data, where = recording.read(topic, topic.places[0])
+            with reading(topic.type, where):
+                field = fields_of(topic.type, data, where)
                 return _motion(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
     return None
 
@@ -191,12 +196,8 @@ class DepthCamera:
 
     Parameters
     ----------
-    topics
-        All topics of the recording.
-    streams
-        The colour topic (left) and the depth topic.
-    container, settings, where
-        The recording, settings that its topics do not contain, and its name for error messages.
+    topics, recording
+        All topics of the recording, and what is read of it: colour is its left topic.
 
     Raises
     ------
@@ -204,16 +205,10 @@ class DepthCamera:
         If a calibration is missing, or depth is of another camera without a known pose.
     """
 
-    def __init__(
-        self,
-        topics: Collection[Topic],
-        streams: Streams,
-        container: Container,
-        settings: RecordingSettings,
-        where: str,
-    ) -> None:
+    def __init__(self, topics: Collection[Topic], recording: Recording) -> None:
+        streams, _, settings, where = self._recording = recording
         assert streams.depth is not None
-        self._container, self._settings, self._where = container, settings, where
+        self._settings, self._where = settings, where
         self._colour, self._depth = streams.left, streams.depth
         if settings.calibration is not None:
             raise VfoaError(
@@ -274,9 +269,9 @@ class DepthCamera:
     def _find_motion(self, topics: Collection[Topic]) -> Float:
         """The pose colour_from_depth in the recording."""
         colour, depth = self._colour, self._depth
-        found = find_extrinsics(topics, self._container, self._where)
+        found = find_extrinsics(topics, self._recording)
         if found is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
-            found = find_transform(topics, self._container, colour.frame_id, depth.frame_id, self._where)
+            found = find_transform(topics, self._recording, colour.frame_id, depth.frame_id)
         if found is None:
             raise VfoaError(
                 f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "
@@ -291,7 +286,7 @@ class DepthCamera:
         if info is None:
             assert self._settings.camera is not None
             return self._settings.camera.camera(size_px)
-        camera = camera_at(info, stamp_ns, self._container, self._where)
+        camera = camera_at(info, stamp_ns, self._recording)
         return without_distortion(camera) if self._is_rectified(topic) else camera
 
     def _is_rectified(self, topic: Topic) -> bool:

@@ -14,7 +14,7 @@ from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
 from harness.sources.recordings.bags import BagContainer, bag_parts
-from harness.sources.recordings.cameras import DepthCamera, PairCameras
+from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
 from harness.sources.recordings.containers import Container, starts_with, window_of
 from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in
 from harness.sources.recordings.pixels import read_depth, read_image
@@ -141,11 +141,11 @@ class RecordingClip:
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
         self._optics: PairCameras | DepthCamera
-        recorded = topics, self._streams, self._container, settings
+        recording = Recording(self._streams, self._container, settings, self._where)
         if self._streams.right is None:
-            self._optics = DepthCamera(*recorded, self._where)
+            self._optics = DepthCamera(topics, recording)
         else:
-            self._optics = PairCameras(*recorded, self._folder, self._size_px, self._where)
+            self._optics = PairCameras(topics, recording, self._folder, self._size_px)
         self._lost = (*paired, *unused_depth(topics, self._streams), *self._optics.notes)
 
     @property
