@@ -127,43 +127,46 @@ _TUM_CAMERAS = {
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
     """Return every way to read a folder as colour with depth; none for anything else."""
-    return tuple(_tum(path) or _folders(path)) if path.is_dir() else ()
+    if not path.is_dir():
+        return ()
+    for lists in _TUM_LISTS:
+        if all((path / name).is_file() for name in lists):
+            return (_recognised(path, {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}),)
+    found = []
+    for colour, depth in _pairs(path):
+        with suppress(VfoaError):  # no common number
+            found.append(_recognised(path, {"colour": colour, "depth": depth}))
+    return tuple(found)
 
 
-def _tum(path: Path) -> list[Recognised]:
-    lists = next((each for each in _TUM_LISTS if all((path / name).is_file() for name in each)), None)
-    if lists is None:
-        return []
-    source: dict[str, Any] = {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}
-    known = next((name for name in _TUM_CAMERAS if name in path.name.lower()), None)
-    calibration = _calibration_file(path, source)
+def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
+    """Files of colour and depth, with the calibration of one camera beside them or, of TUM's cameras, published."""
+    colours = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).colours
+    calibration = None
+    files = {each.name.lower(): each for each in path.iterdir() if each.is_file()}
+    for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
+        with suppress(VfoaError):
+            height, width = read_rgb(next(iter(colours.values()))).shape[:2]
+            read_one_camera(file, (width, height))
+            source["calibration"] = calibration = file.name
+            break
+    known = next((name for name in _TUM_CAMERAS if name in path.name.lower() and "depth_scale" in source), None)
     if calibration is None and known is not None:
-        fx, fy, cx, cy = _TUM_CAMERAS[known]
-        source["camera"] = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
+        source["camera"] = dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), _TUM_CAMERAS[known], strict=True))
         calibration = f"as published for {known}, without its lens distortion"
-    layout = f"TUM RGB-D: {' and '.join(dict.fromkeys(lists))}, 5000 counts a metre"
-    return [Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)]
+    scale = f", {source['depth_scale']:g} counts a metre (TUM RGB-D)" if "depth_scale" in source else ""
+    layout = f"colour {source['colour']!r} and depth {source['depth']!r}: {len(colours)} frames{scale}"
+    return Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
 
 
-def _folders(path: Path) -> Iterator[Recognised]:
-    """Yield pairs of files whose paths differ by a word for colour and the word depth, and share numbers."""
+def _pairs(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield globs of files whose paths differ by a word for colour and the word depth."""
     patterns = _patterns(path)
     depths = {pattern: first for pattern, first in patterns.items() if "depth" in pattern.lower()}
     for depth, first in depths.items():
-        try:
+        with suppress(VfoaError):
             read_depth_file(first, None)
-        except VfoaError:
-            continue
-        colours = [each for each in patterns if each not in depths and _is_colour_of(each, depth)]
-        for colour in colours:
-            try:
-                frames = find_depth_frames(path, colour, depth, DEPTH_TOLERANCE_MS)
-            except VfoaError:
-                continue  # no common number
-            source: dict[str, Any] = {"colour": colour, "depth": depth}
-            calibration = _calibration_file(path, source)
-            layout = f"colour {colour!r} and depth {depth!r}: {len(frames.colours)} frames"
-            yield Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
+            yield from ((colour, depth) for colour in patterns if colour not in depths and _is_colour_of(colour, depth))
 
 
 def _patterns(root: Path) -> dict[str, Path]:
@@ -188,16 +191,3 @@ def _is_colour_of(colour: str, depth: str) -> bool:
         return False
     said = folders[0] if in_folders else Path(colour).name.lower()
     return any(word in said for word in _COLOUR_WORDS)
-
-
-def _calibration_file(path: Path, source: dict[str, Any]) -> str | None:
-    """Add the only calibration of one camera in the folder to the source and name it; None if there is none."""
-    files = {each.name.lower(): each for each in path.iterdir() if each.is_file()}
-    for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
-        with suppress(VfoaError):
-            frames = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS)
-            height, width = read_rgb(next(iter(frames.colours.values()))).shape[:2]
-            read_one_camera(file, (width, height))
-            source["calibration"] = file.name
-            return file.name
-    return None
