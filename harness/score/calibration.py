@@ -208,14 +208,12 @@ class CalibrationLog(PartLog[CalibrationData]):
         for (_, name), data in self.parts.items():
             if data.sets:
                 by_name.setdefault(name, []).extend(data.sets)
+        found = {name: np.array(sets) for name, sets in by_name.items()}
         return [
             SetCoverage(
-                configuration=name,
-                n=len(sets),
-                covered=sum(covered for covered, _ in sets),
-                mean_size=float(np.mean([size for _, size in sets])),
+                configuration=name, n=len(sets), covered=int(sets[:, 0].sum()), mean_size=float(sets[:, 1].mean())
             )
-            for name, sets in by_name.items()
+            for name, sets in found.items()
         ]
 
     def direction_checks(self) -> list[DirectionCheck]:
@@ -329,11 +327,9 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
 
 def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     """A note for each configuration whose directions do not fit on some of its clips."""
-    by_configuration: dict[str, list[DirectionCheck]] = {}
-    for each in checks:
-        by_configuration.setdefault(each.configuration, []).append(each)
-    notes = []
-    for name, of_name in by_configuration.items():
+    notes, found = [], list(checks)
+    for name in dict.fromkeys(each.configuration for each in found):
+        of_name = [each for each in found if each.configuration == name]
         unfit = [each for each in of_name if not each.fits]
         if unfit:
             clips = f"{len(unfit)} of {len(of_name)} clips ({', '.join(each.clip for each in unfit)})"
@@ -342,11 +338,11 @@ def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     return notes
 
 
-def _median_deg(angles_rad: list[float | None]) -> float | None:
-    middle = _median(angles_rad)
-    return None if middle is None else float(np.degrees(middle))
-
-
-def _median(values: list[float | None]) -> float | None:
+def _median(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
+
+
+def _median_deg(angles_rad: Iterable[float | None]) -> float | None:
+    middle = _median(angles_rad)
+    return None if middle is None else float(np.degrees(middle))

@@ -107,28 +107,21 @@ class Comparison:
         names = f"{self.configuration} vs {self.reference}"
         if self.n == 0:
             return f"{names}: no common frame"
-        corrected = f"{format_p(self.p_holm)}, corrected for {self.family} comparisons" if self.family > 1 else ""
+        low, high = 100 * self.interval.low, 100 * self.interval.high
+        ends = "no interval" if math.isnan(low) else f"95 % {low:+.1f} to {high:+.1f}"
+        basis = self.counted_units
+        if self.unit == "look":
+            only = "this clip" if self.clips == 1 else "these clips"
+            basis = f"{basis} of {_counted(self.clips, 'clip')}, {only} only"
+        p = format_p(self.p)
+        if self.family > 1:
+            p = f"{format_p(self.p_holm)}, corrected for {self.family} comparisons"
         verdict = f"significantly {self.verdict}" if self.is_significant else self.verdict
-        return (
-            f"{names}: {100 * self.difference:+.1f} points{self._interval_in_words}, {self._basis}, "
-            f"{corrected or format_p(self.p)}: {verdict}{self._detectable_in_words}"
-        )
+        return f"{names}: {100 * self.difference:+.1f} points ({ends}), {basis}, {p}: {verdict}{self._seen}"
 
     @property
-    def _interval_in_words(self) -> str:
-        if math.isnan(self.interval.low):
-            return " (no interval)"
-        return f" (95 % {100 * self.interval.low:+.1f} to {100 * self.interval.high:+.1f})"
-
-    @property
-    def _basis(self) -> str:
-        if self.unit == "clip":
-            return self.counted_units
-        only = "this clip" if self.clips == 1 else "these clips"
-        return f"{self.counted_units} of {_counted(self.clips, 'clip')}, {only} only"
-
-    @property
-    def _detectable_in_words(self) -> str:
+    def _seen(self) -> str:
+        """The difference that would be seen, in words."""
         if self.is_significant or math.isnan(self.detectable):
             return ""
         if math.isinf(self.detectable):

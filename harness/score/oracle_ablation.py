@@ -6,7 +6,7 @@ Scoring a run imports none of its stages: only an experiment with steps does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -25,31 +25,18 @@ if TYPE_CHECKING:
 _TRUTH = "truth"
 
 
-@dataclass(frozen=True, slots=True)
-class Replacement:
-    """A stage whose output the ground truth can replace: its name, its slot, and whether a frame has it."""
-
-    name: str
-    slot: str
-    is_known: Callable[[Truth], bool]
+def _all_people(truth: Truth, attribute: str) -> bool:
+    return truth.people is not None and all(getattr(each, attribute) is not None for each in truth.people)
 
 
-REPLACEMENTS = (
-    Replacement("disparity", "stereo", lambda truth: truth.disparity is not None),
-    Replacement("instances", "segmentation", lambda truth: truth.instances is not None),
-    Replacement("heads", "heads", lambda truth: truth.people is not None),
-    Replacement(
-        "head_pose",
-        "head_pose",
-        lambda truth: truth.people is not None and all(each.head_direction is not None for each in truth.people),
-    ),
-    Replacement(
-        "gaze",
-        "gaze",
-        lambda truth: truth.people is not None and all(each.gaze_direction is not None for each in truth.people),
-    ),
-)
-"""The stages, in the order of the pipeline, in which they are replaced."""
+REPLACEMENTS: Mapping[str, tuple[str, Callable[[Truth], bool]]] = {
+    "disparity": ("stereo", lambda truth: truth.disparity is not None),
+    "instances": ("segmentation", lambda truth: truth.instances is not None),
+    "heads": ("heads", lambda truth: truth.people is not None),
+    "head_pose": ("head_pose", lambda truth: _all_people(truth, "head_direction")),
+    "gaze": ("gaze", lambda truth: _all_people(truth, "gaze_direction")),
+}
+"""What the ground truth can replace, in the order of the pipeline: its stage, and whether a frame has it."""
 
 
 def with_oracle_ablation(experiment: Experiment) -> Experiment:
@@ -72,32 +59,30 @@ def with_oracle_ablation(experiment: Experiment) -> Experiment:
     return replace(experiment, configurations=tuple(configurations), notes=(*experiment.notes, *notes))
 
 
-def _known_replacements(clips: tuple[str, ...]) -> tuple[list[Replacement], list[str]]:
+def _known_replacements(clips: tuple[str, ...]) -> tuple[list[str], list[str]]:
     replacements, notes = list(REPLACEMENTS), []
     for name in clips:
         clip = load_manifest(name).open()
         truth = clip.truth(clip.frames[0])
-        missing = [replacement for replacement in REPLACEMENTS if not replacement.is_known(truth)]
+        missing = [replaced for replaced, (_, is_known) in REPLACEMENTS.items() if not is_known(truth)]
         if missing:
-            unknown = ", ".join(replacement.name for replacement in missing)
-            notes.append(f"Oracle ablation: {name} has no true {unknown}; these stages are not replaced.")
-        replacements = [replacement for replacement in replacements if replacement not in missing]
+            notes.append(f"Oracle ablation: {name} has no true {', '.join(missing)}; these stages are not replaced.")
+        replacements = [replaced for replaced in replacements if replaced not in missing]
     return replacements, notes
 
 
-def _steps_of(base: Configuration, replacements: list[Replacement]) -> Iterator[Configuration]:
+def _steps_of(base: Configuration, replacements: list[str]) -> Iterator[Configuration]:
     from harness.pipeline.configuration import StageChoice
     from harness.pipeline.ground_truth import OracleSettings
 
     current = base
-    for replacement in replacements:
-        choice = current.choices[replacement.slot]
+    for replaced in replacements:
+        slot, _ = REPLACEMENTS[replaced]
+        choice = current.choices[slot]
         if choice is None or (choice.name == _TRUTH and getattr(choice.settings, "every", 1) == 1):
             continue
-        truth = StageChoice(slot=replacement.slot, name=_TRUTH, settings=OracleSettings())
-        current = replace(
-            current, name=f"{current.name}+{replacement.name}", choices={**current.choices, replacement.slot: truth}
-        )
+        truth = StageChoice(slot=slot, name=_TRUTH, settings=OracleSettings())
+        current = replace(current, name=f"{current.name}+{replaced}", choices={**current.choices, slot: truth})
         yield current
 
 
@@ -137,8 +122,17 @@ def steps(scores: Scores) -> list[Step]:
     for name, row in scored.items():
         before = _step_before(name, scored)
         if before is not None:
-            found.append(_step(scores, row, scored[before], name.removeprefix(f"{before}+")))
-        elif any(f"{name}+{each.name}" in scored for each in REPLACEMENTS):
+            units = pair(scores.frames_of(before), scores.frames_of(name)).units
+            found.append(
+                Step(
+                    configuration=name,
+                    replaced=name.removeprefix(f"{before}+"),
+                    row=row,
+                    gained=row.frr - scored[before].frr,
+                    interval=None if units is None else difference_interval(units),
+                )
+            )
+        elif any(f"{name}+{replaced}" in scored for replaced in REPLACEMENTS):
             found.append(Step(configuration=name, replaced=None, row=row))
     return found
 
@@ -146,15 +140,4 @@ def steps(scores: Scores) -> list[Step]:
 def _step_before(name: str, configurations: Collection[str]) -> str | None:
     """The configuration of which this is the next step; None if it is no step."""
     before, _, replaced = name.rpartition("+")
-    return before if before in configurations and replaced in {each.name for each in REPLACEMENTS} else None
-
-
-def _step(scores: Scores, row: ScoreRow, before: ScoreRow, replaced: str) -> Step:
-    units = pair(scores.frames_of(before.configuration), scores.frames_of(row.configuration)).units
-    return Step(
-        configuration=row.configuration,
-        replaced=replaced,
-        row=row,
-        gained=row.frr - before.frr,
-        interval=None if units is None else difference_interval(units),
-    )
+    return before if before in configurations and replaced in REPLACEMENTS else None

@@ -229,12 +229,14 @@ def _row(
 ) -> ScoreRow | None:
     if not group:
         return None
-    columns = {name: np.concatenate([getattr(each, name) for each in group]) for name in _FLAGS}
-    correct, no_hit = columns["correct"], columns["no_hit"]
-    answered = np.concatenate([each.predicted >= 0 for each in group]) & ~no_hit
+
+    def column(name: str) -> Flags:
+        return np.concatenate([getattr(each, name) for each in group])
+
+    correct, no_hit, visible, baselines = column("correct"), column("no_hit"), ~column("blocked"), column("baselines")
+    answered = (column("predicted") >= 0) & ~no_hit
     error_types = Counter(error_type for each in group for error_type in each.error_types)
     units = units_of(group, [each.correct for each in group])
-    baselines: Flags = np.concatenate([each.baselines for each in group])
     return ScoreRow(
         clip=clip,
         subject=subject,
@@ -250,9 +252,9 @@ def _row(
         wilson=wilson_interval(_count(correct), len(correct)),
         metrics={name: float(metric(group)) for name, metric in metrics.items()},
         events=count_events((each.truth, each.predicted, each.positions) for each in group),
-        nowhere=_nowhere(columns) if configuration in says_nowhere else None,
-        visible=_count(~columns["blocked"]),
-        visible_correct=_count(correct & ~columns["blocked"]),
+        nowhere=_matches(column("nowhere"), column("says_nowhere")) if configuration in says_nowhere else None,
+        visible=_count(visible),
+        visible_correct=_count(correct & visible),
         baselines=dict(zip(BASELINES, baselines.mean(axis=0).tolist(), strict=True)),
         beats=_beats(group, baselines),
         error_types={error_type: error_types[error_type] for error_type in ERROR_TYPES},
@@ -267,12 +269,8 @@ def _seed_rates(group: list[Outcomes]) -> tuple[float, ...]:
     return tuple(float(np.concatenate(each).mean()) for each in by_seed.values()) if len(by_seed) > 1 else ()
 
 
-_FLAGS = ("correct", "no_hit", "nowhere", "says_nowhere", "blocked")
-
-
-def _nowhere(columns: Mapping[str, Flags]) -> MatchCounts:
-    true, said = columns["nowhere"], columns["says_nowhere"]
-    return MatchCounts(true=_count(true), found=_count(said), matched=_count(true & said))
+def _matches(true: Flags, found: Flags) -> MatchCounts:
+    return MatchCounts(true=_count(true), found=_count(found), matched=_count(true & found))
 
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:

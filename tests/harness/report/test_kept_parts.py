@@ -44,7 +44,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
                 for each in subject["attention"]:
                     each["total"] /= total
                 subject["fit"] = {"tail": 0.01 * (place % 90), "claimed_error_rad": 0.1, "implied_error_rad": 0.3}
-        lines[place] = json.dumps(record)
+        lines[place] = json.dumps(record, separators=(",", ":"))
     directory.results.write_text("\n".join(lines) + "\n")
     large_run.write_labels(tmp_path, FRAMES, 2, 0)
     rescore(directory)
@@ -122,7 +122,7 @@ def test_nothing_is_read_where_nothing_has_changed(run: RunDirectory, read: Read
 
 def test_another_record_is_read_again(run: RunDirectory, read: Read) -> None:
     lines = run.results.read_bytes().splitlines(keepends=True)
-    lines[65] = lines[65].replace(b'"missing": null', b'"missing": "no_eyes_3d"', 1)
+    lines[65] = lines[65].replace(b'"missing":null', b'"missing":"no_eyes_3d"', 1)
     run.results.write_bytes(b"".join(lines))
     _, seen = _score_both_ways(run, read)
     assert seen == [("configuration-0", 61)]
@@ -161,7 +161,7 @@ def test_any_edits_are_scored_as_from_nothing(run: RunDirectory, read: Read, set
             case "result":
                 lines = whole.splitlines(keepends=True)
                 place = rng.randrange(len(lines))
-                lines[place] = lines[place].replace(b'"missing": null', b'"missing": "no_eyes_3d"', 1)
+                lines[place] = lines[place].replace(b'"missing":null', b'"missing":"no_eyes_3d"', 1)
                 run.results.write_bytes(b"".join(lines))
             case "result back":
                 run.results.write_bytes(whole)
