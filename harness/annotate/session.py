@@ -109,6 +109,8 @@ class Session:
     def about(self) -> dict[str, Any]:
         """The clip and its names, which labelling does not change, as JSON."""
         shown = None if self._blind else self._predictions
+        rules = {**self.manifest.targets, **self.manifest.subjects}
+        left = {name: NameRule(category="") for name in self._left_over}
         return {
             "clip": self.manifest.name,
             "annotator": self._annotator,
@@ -120,7 +122,7 @@ class Session:
             "times_s": self._times_s,
             "subjects": self._store.subjects,
             "names": self._store.names(),
-            "looks": {name: asdict(look) for name, look in looks(self._rules).items()},
+            "looks": {name: asdict(look) for name, look in looks({**rules, **left}).items()},
             "keys": KEYS,
             "colours": COLOURS,
             "categories": self._categories,
@@ -314,11 +316,6 @@ class Session:
         """Close the files."""
         self._store.close()
         self._drawing.close()
-
-    @property
-    def _rules(self) -> dict[str, NameRule]:
-        left = {name: NameRule(category="") for name in self._left_over}
-        return {**self.manifest.targets, **self.manifest.subjects, **left}
 
     @property
     def _left_over(self) -> list[str]:

@@ -14,7 +14,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from harness.files.digests import digest_files
-from harness.labels.labels import Label, Labels
+from harness.labels.labels import Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
 from harness.record.composed import clip_names
@@ -33,10 +33,6 @@ from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
 """The property of a layer that lists the inputs of each of its stretches."""
-
-
-_Names = tuple[tuple[str, ...], tuple[str, ...]]
-"""Subjects and targets of a clip."""
 
 
 class _Stretch(msgspec.Struct, frozen=True):
@@ -109,7 +105,7 @@ class _Layer:
         results: Path,
         files: ClipFiles,
         configuration: str,
-        names: _Names,
+        names: tuple[tuple[str, ...], tuple[str, ...]],
         labels: Labels | None,
         names_now: Mapping[str, str],
     ) -> None:
@@ -147,8 +143,9 @@ class _Layer:
         """The digest of all inputs of a stretch."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
-            (max(first, each.first_frame), min(last, each.last_frame), each.subject, *_plain(each.label))
+            (max(first, each.first_frame), min(last, each.last_frame), each.subject, label.target, label.point_px)
             for each in (self._labels.ranges if self._labels else ())
+            for label in [each.label]
             if each.first_frame <= last and each.last_frame >= first
         ]
         names = self._subjects, self._targets, self._labels is None
@@ -185,10 +182,6 @@ class _Layer:
         properties_of = {**_properties(self._files.clip, self._configuration, outcomes), _MADE_FROM: made_from}
         layer.stream.send_property(self._configuration, rr.AnyValues(**properties_of))
         layer.close(complete=True)
-
-
-def _plain(label: Label) -> tuple[object, ...]:
-    return label.target, label.point_px
 
 
 def _stretches(path: Path, recording_id: str) -> list[_Stretch]:

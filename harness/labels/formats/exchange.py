@@ -150,12 +150,6 @@ class Exchange:
             times_ns = [time - own[0] for time in own]
         return [(time + offset_ns + 500_000) // 1_000_000 for time in times_ns]
 
-    @property
-    def step_ms(self) -> int:
-        """Duration of the last frame, ms."""
-        steps = np.diff(self.times_ms)
-        return max(1, round(float(np.median(steps)))) if len(steps) else 1000
-
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""
         return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))
@@ -247,11 +241,13 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
     times = exchange.times_ms
     if times and times[0] < 0:
         raise VfoaError(f"--offset: the clip's first frame would be at {times[0] / 1000:g} s; expected 0 or later")
+    steps = np.diff(times)
+    last_ms = max(1, round(float(np.median(steps)))) if len(steps) else 1000
     for row in labels.ranges:
         positions = exchange.positions(row)
         if positions:
             after = positions[-1] + 1
-            end = times[after] if after < len(times) else times[-1] + exchange.step_ms
+            end = times[after] if after < len(times) else times[-1] + last_ms
             yield times[positions[0]], end, row
 
 
