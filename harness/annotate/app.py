@@ -14,9 +14,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib import resources
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -52,16 +52,8 @@ class Shown(Settings):
     """Query of a picture: the subject of a head, or a part of a view (``u0,v0,u1,v1``), and the greatest width."""
 
     subject: str | None = None
-    region: str | None = Field(default=None, pattern=r"^[0-9]{1,6}(,[0-9]{1,6}){3}$")
+    region: Annotated[RegionPx | None, BeforeValidator(lambda text: text.split(","))] = None
     width: int | None = Field(default=None, ge=1, le=20_000)
-
-    @property
-    def region_px(self) -> RegionPx | None:
-        """The part as numbers."""
-        if self.region is None:
-            return None
-        u0, v0, u1, v1 = map(int, self.region.split(","))
-        return u0, v0, u1, v1
 
 
 class NewTarget(Settings):
@@ -152,7 +144,7 @@ def create_app(session: Session) -> Starlette:
             raise HTTPException(404)
         shown = Shown.model_validate({**request.query_params})
         at = request.path_params["at"]
-        coded = session.picture(view, at, shown.subject, region=shown.region_px, width=shown.width)
+        coded = session.picture(view, at, shown.subject, region=shown.region, width=shown.width)
         if coded is None:
             raise HTTPException(404, "no head there")
         return Response(coded, media_type="image/jpeg")

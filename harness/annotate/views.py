@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
+from pydantic import NonNegativeInt
 
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
@@ -22,7 +23,8 @@ from vfoa.stereo import MATCHERS
 from vfoa.types import Disparity, FrameResult, Image, Instance, Instances, Mask, Scene, StereoFrame, Target
 
 View = Literal["left", "right", "disparity", "head"]
-RegionPx = tuple[int, int, int, int]
+RegionPx = tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt, NonNegativeInt]
+"""u0, v0, u1, v1."""
 Outline = list[list[list[int]]]
 """Polygons of points (u, v)."""
 

@@ -172,6 +172,7 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
         wait_for(lambda: _tabs_in_front(browser, tmp_path) == {subject}, at_most_s=LOADED_S)
         assert browser.find_element("id", "place").text == place
 
+    set_width(browser, 500, 400)  # fewer pixels: software draws them
     browser.get(failures)
     shows(10, ANN, "1 of 3")
     browser.find_element("id", "next").click()
