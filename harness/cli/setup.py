@@ -61,7 +61,7 @@ class Finding:
 
 def doctor(as_json: Json = False) -> None:
     """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work."""
-    findings = [*_packages(), *_folders(), *_weights(), *_providers(), *_browser()]
+    findings = [*_packages(), *_folders(), *_weights(), *_surroundings()]
     if as_json:
         print_json([asdict(finding) for finding in findings])
     else:
@@ -121,17 +121,15 @@ def _weights() -> Iterator[Finding]:
         yield Finding(what=f"{slot} (default {choice.name if choice else 'none'})", state=f"ready: {ready}", fix=fix)
 
 
-def _providers() -> Iterator[Finding]:
+def _surroundings() -> Iterator[Finding]:
+    """The providers of networks, and the browser of the pages."""
+    import webbrowser
+
     from vfoa.onnx import available_providers
 
     providers = available_providers()
     fix = None if len(providers) > 1 else "for CUDA: onnxruntime-gpu in place of onnxruntime; then --provider cuda"
     yield Finding(what="providers of networks", state=", ".join(providers), fix=fix)
-
-
-def _browser() -> Iterator[Finding]:
-    import webbrowser
-
     try:
         state, fix = webbrowser.get().__class__.__name__, None
     except webbrowser.Error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -244,7 +245,9 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
     """
     ready = []
     for name in slot.library.builtin:
-        needed = default_weights(slot, name)
+        needed: tuple[str, ...] | None = None
+        with suppress(ValueError):  # its settings must name them
+            needed = tuple(weights_of(slot.settings_class(name)()))
         chosen: tuple[str, ...] = (f"{slot.name}.{slot.key}={name}",)
         if needed is None or not all(map(_find, needed)):
             networks = (entry for entry in catalogue().values() if entry.stage == f"{slot.name}.{name}")
@@ -255,14 +258,6 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
         licences = {entry.licence for entry in catalogue().values() if entry.file in needed}
         ready.append(ReadyStage(slot=slot.name, name=name, settings=chosen, licences=tuple(sorted(licences))))
     return ready
-
-
-def default_weights(slot: StageKind, name: str) -> tuple[str, ...] | None:
-    """Return the weights files that a stage opens by default; None if its settings must name them."""
-    try:
-        return tuple(weights_of(slot.settings_class(name)()))
-    except ValueError:
-        return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
