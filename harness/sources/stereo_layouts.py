@@ -194,7 +194,6 @@ def _small(view: Image) -> NDArray[np.float32]:
 
 
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
-_SHOWN = 4
 
 
 def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -227,17 +226,13 @@ def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
 
 
 def _refuse_unpaired(path: Path) -> None:
-    images = [path.name]
-    if path.is_dir():
-        images = [file for files in _files_by_folder(path, IMAGE_SUFFIXES).values() for file in files]
-    if not images:
-        return
-    shown = ", ".join(images[:_SHOWN]) + (" ..." if len(images) > _SHOWN else "")
-    raise VfoaError(
-        f"{path}: no two views are seen in the names of {len(images)} images ({shown}); expected --set left=FILES "
-        "--set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; in the manifest: left = and "
-        "right = in [source]), or --set layout=images_side_by_side --set both=FILES"
-    )
+    files = _files_by_folder(path, IMAGE_SUFFIXES).values() if path.is_dir() else [[path.name]]
+    if images := [name for names in files for name in names]:
+        raise VfoaError(
+            f"{path}: no two views are seen in the names of {len(images)} images ({images[0]} ...); expected --set "
+            "left=FILES --set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; in the "
+            "manifest: left = and right = in [source]), or --set layout=images_side_by_side --set both=FILES"
+        )
 
 
 def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> list[Recognised]:
@@ -250,13 +245,9 @@ def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> li
         rectified=given.get("rectified") is True,
         baseline_m=float(baseline) if isinstance(baseline, int | float) and baseline > 0 else None,
     )
-    calibrations: list[tuple[str, ...]] = []
-    incomplete: list[str] = []
+    calibrations, incomplete = list[tuple[str, ...]](), list[str]()
     if "calibration" not in given and "camera" not in given:
         calibrations, incomplete = find_calibrations(layout.root, lambda: layout.size_px, options)
-        if not calibrations:  # KITTI's raw recordings: one file for all drives of a day
-            of_the_day = [("../calib_cam_to_cam.txt",)]
-            calibrations, _ = find_calibrations(layout.root, lambda: layout.size_px, options, of_the_day)
 
     def recognised(files: tuple[str, ...]) -> Recognised:
         source: dict[str, Any] = {**layout.source}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -122,16 +122,18 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
 
 
 def find_calibrations(
-    root: Path, size: ImageSize, options: Options = NO_OPTIONS, candidates: Iterable[tuple[str, ...]] | None = None
+    root: Path, size: ImageSize, options: Options = NO_OPTIONS
 ) -> tuple[list[tuple[str, ...]], list[str]]:
     """Return every file, or pair of files, that calibrates images of this (width, height), scaled if necessary.
 
-    Paths are relative to ``root``. The second list has a note for every calibration that cannot be used alone.
-    ``options.cameras`` applies to KITTI's files. ``candidates`` are by default all files in the folder and in two
-    levels of folders below it.
+    Paths are relative to ``root``: all files in the folder and in two levels of folders below it or, if none of them is
+    a calibration, KITTI's for all drives of a day. The second list has a note for every calibration that cannot be used
+    alone. ``options.cameras`` applies to KITTI's files.
     """
-    found, incomplete = [], []
-    for names in candidates or _candidates(root):
+    found, incomplete = list[tuple[str, ...]](), list[str]()
+    for names in (*_candidates(root), _OF_THE_DAY):
+        if found and names == _OF_THE_DAY:
+            break
         # camera numbers of KITTI mean nothing for another file
         its_options = options if names[0].endswith(".txt") else replace(options, cameras=None)
         try:
@@ -142,6 +144,9 @@ def find_calibrations(
         except VfoaError:
             continue
     return found, incomplete
+
+
+_OF_THE_DAY = ("../calib_cam_to_cam.txt",)
 
 
 def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
