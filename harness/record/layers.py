@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,29 +36,22 @@ class LayerNames:
 
 
 def layer_names(configurations: Mapping[str, Plain]) -> dict[str, LayerNames]:
-    """The layers of each configuration of a run, by the configuration's name."""
-    masks, reconstructions = _first_alike(configurations, _MASKS), _first_alike(configurations, _RECONSTRUCTION)
-    return {
-        name: LayerNames(configuration=name, masks=masks[name], reconstruction=reconstructions[name])
-        for name in configurations
-    }
+    """The layers of each configuration of a run, by the configuration's name.
 
-
-def _first_alike(configurations: Mapping[str, Plain], tables: Iterable[str]) -> dict[str, str]:
-    """For each configuration the first one with equal settings in these tables."""
+    Configurations share a layer if their settings are equal in the tables on which it depends; where masks are drawn,
+    depth cuts them out, so that they depend on the matcher, too.
+    """
+    names: dict[str, LayerNames] = {}
     first: dict[str, str] = {}
-    tables = tuple(tables)
-    keys = {
-        name: json.dumps([each.get(table) for table in (*tables, *_of_drawn(each))])
-        for name, each in configurations.items()
-    }
-    return {name: first.setdefault(key, name) for name, key in keys.items()}
-
-
-def _of_drawn(configuration: Plain) -> tuple[str, ...]:
-    """The further tables on which drawn masks depend, since depth cuts them out."""
-    drawn = configuration.get("drawn") or {}
-    return ("drawn", "stereo") if drawn.get("targets") or drawn.get("heads") else ()
+    for name, plain in configurations.items():
+        drawn = plain.get("drawn") or {}
+        also = ("drawn", "stereo") if drawn.get("targets") or drawn.get("heads") else ()
+        masks, reconstruction = (
+            first.setdefault(json.dumps([(table, plain.get(table)) for table in (*tables, *also)]), name)
+            for tables in (_MASKS, _RECONSTRUCTION)
+        )
+        names[name] = LayerNames(configuration=name, masks=masks, reconstruction=reconstruction)
+    return names
 
 
 def recording_id(run_id: str, clip: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import KW_ONLY, dataclass
 from types import TracebackType
 from typing import Any, ClassVar, Self
 
@@ -104,6 +104,7 @@ class SharedLayers:
         return self._reconstructions[name]
 
 
+@dataclass
 class Recorder:
     """Records one clip under one configuration, as a context manager (:mod:`harness.record.layers` lists the files).
 
@@ -119,37 +120,26 @@ class Recorder:
         The state of the files after an earlier run.
     """
 
-    def __init__(
-        self,
-        files: ClipFiles,
-        layers: LayerNames,
-        *,
-        rate_hz: float | None,
-        subjects: Sequence[str] = (),
-        targets: Sequence[str] = (),
-        resumed: SinkState | None = None,
-    ) -> None:
-        self._resumed = resumed
-        self._files, self._layers = files, layers
-        self._rate_hz = rate_hz
-        self._names = (*targets, *subjects)
-
-    @property
-    def path(self) -> Path:
-        """The file of the configuration's own layer."""
-        return self._files.attention(self._layers.configuration)
+    files: ClipFiles
+    layers: LayerNames
+    _: KW_ONLY
+    rate_hz: float | None
+    subjects: Sequence[str] = ()
+    targets: Sequence[str] = ()
+    resumed: SinkState | None = None
 
     def __enter__(self) -> Self:
-        self._shared = SharedLayers.join(self._files, self._rate_hz, self._names)
-        self._layer = LayerFile(self.path, self._files)
-        if self._resumed:
-            self._layer.resume(self._resumed.values["own"])
-            self._shared.resume(self._layers, self._resumed.values["shared"])
+        self._names = (*self.targets, *self.subjects)
+        self._shared = SharedLayers.join(self.files, self.rate_hz, self._names)
+        self._layer = LayerFile(self.files.attention(self.layers.configuration), self.files)
+        if self.resumed:
+            self._layer.resume(self.resumed.values["own"])
+            self._shared.resume(self.layers, self.resumed.values["shared"])
         return self
 
     def state(self) -> SinkState | None:
         """The extent of the flushed files; None between key frames of the videos."""
-        shared = self._shared.state(self._layers)
+        shared = self._shared.state(self.layers)
         if shared is None:
             return None
         own = self._layer.state()
@@ -164,16 +154,16 @@ class Recorder:
             self._layer.close(complete=error is None)
             complete = error is None
         finally:
-            self._shared.leave(self._layers, complete=complete)
+            self._shared.leave(self.layers, complete=complete)
 
     def write(self, frame: FinishedFrame) -> None:
         """Record one frame."""
         self._open(frame)
-        self._shared.write(frame, self._layers)
+        self._shared.write(frame, self.layers)
         record, colours = frame.record, self._shared.colours
         log = self._layer.part("attention")
         log.begin(record.frame, record.time_ns)
-        log_attention(log, self._layers.configuration, frame.result, record, colours, self._names)
+        log_attention(log, self.layers.configuration, frame.result, record, colours, self._names)
         for log_further in self._shared.further:
             log_further(log, frame)
         log.end()
@@ -189,7 +179,7 @@ class Recorder:
             has_right=frame is not None and frame.right is not None,
             has_measured_depth=frame is not None and frame.depth_m is not None,
             eye=eye_controls(first.result.scene),
-            rate_hz=self._rate_hz,
+            rate_hz=self.rate_hz,
         )
-        self._layer.open(file_layout(self._layers, shown))
+        self._layer.open(file_layout(self.layers, shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)
