@@ -352,7 +352,9 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
                 "choose another --out"
             )
         if not path.exists() or os.fstat(file.fileno()).st_ino != path.stat().st_ino:
-            raise VfoaError(f"{folder}: another run has just ended here; run again")
+            with locked(folder, tell):  # the holder has just removed the file
+                yield
+            return
         try:
             if holder:
                 tell(f"{folder}: took over the lock of {holder}, which has ended")

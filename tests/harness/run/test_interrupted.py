@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import cv2
 import pytest
 
 from harness.files import digests
 from harness.files.digests import KnownDigests
+from harness.files.io import take_lock
 from harness.pipeline.cache_store import Store
 from harness.run import runner
 from harness.run.directory import LOCK, locked
@@ -127,6 +128,21 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over_and_said(tmp_path: P
     with locked(tmp_path, said.append):
         pass
     assert said == [f"{tmp_path}: took over the lock of process 1234 on elsewhere, which has ended"]
+
+
+def test_a_lock_that_its_holder_has_just_removed_is_taken_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    removed: list[Path] = []
+
+    def take(file: IO[str]) -> bool:
+        if not removed:
+            removed.append(tmp_path / LOCK)
+            removed[0].unlink()
+        return take_lock(file)
+
+    monkeypatch.setattr("harness.run.directory.take_lock", take)
+    with locked(tmp_path, print):
+        assert (tmp_path / LOCK).read_text().startswith(f"process {os.getpid()} on ")
+    assert list(tmp_path.iterdir()) == []
 
 
 @dataclass(frozen=True)
