@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -86,13 +87,13 @@ def page_data(
     plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
     by_clip = _by_clip(scores.verdicts)
     clips, packs = [], {}
-    values = pack_attention(scores.clips, by_clip, attention)
+    stride, has_cues, values = pack_attention(scores.clips, by_clip, attention)
     for number, clip in enumerate(scores.clips):
         subjects = by_clip.get(clip, {})
         track = _clip_data(clip, subjects, numbers, names, attention)
         packs[f"clip-{number}"] = pack_json(track)
-        if values.packs[clip]:
-            packs[f"attention-{number}"] = values.packs[clip]
+        if values[clip]:
+            packs[f"attention-{number}"] = values[clip]
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
         frames = {verdict.frame for judged in subjects.values() for each in judged.values() for verdict in each}
@@ -107,8 +108,8 @@ def page_data(
         "configurations": [{"name": name, "oracle": name not in plain} for name in numbers],
         "scored": [{"name": name, "oracle": name not in plain} for name in scored],
         "clips": clips,
-        "stride": values.stride,
-        "cues": values.has_cues,
+        "stride": stride,
+        "cues": has_cues,
         "run": served and served.run,
         "recordings": served and _recordings(served),
         "overall": [_row(row, {}, scored) for row in scores.overall()],
@@ -191,10 +192,10 @@ def _pictures(
     pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}
     if not pictures:
         return None
-    seen: dict[str, dict[int, dict[int, Any]]] = {}
-    for subject, judged in subjects.items():
-        for configuration, verdicts in judged.items():
-            seen.setdefault(subject, {})[numbers[configuration]] = _seen(verdicts, thumbnails)
+    seen = {
+        subject: {numbers[configuration]: _seen(verdicts, thumbnails) for configuration, verdicts in judged.items()}
+        for subject, judged in subjects.items()
+    }
     return {"pictures": pictures, "seen": seen}
 
 
@@ -216,9 +217,9 @@ def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict
 
 
 def _recordings(served: Served) -> dict[str, dict[str, str]]:
-    found: dict[str, dict[str, str]] = {}
+    found: defaultdict[str, dict[str, str]] = defaultdict(dict)
     for (clip, configuration), name in served.recordings.items():
-        found.setdefault(clip, {})[configuration] = name
+        found[clip][configuration] = name
     return found
 
 

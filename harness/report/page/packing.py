@@ -138,11 +138,11 @@ class AttentionLog(PartLog[AttentionPart]):
         return Colours(name for (of, _), part in self.parts.items() if of == clip for name in part.targets)
 
 
-def aligned(columns: Mapping[str, bytearray], frames: Sequence[int]) -> Bytes:
+def aligned(columns: Mapping[str, bytearray], frames: Sequence[int], parts: Sequence[str]) -> Bytes:
     """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
     place = {frame: i for i, frame in enumerate(np.frombuffer(columns["frames"], dtype="<i8").tolist())}
     rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
-    values = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in PARTS])
+    values = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in parts])
     return np.where(rows >= 0, values[:, rows], UNKNOWN).astype(np.uint8)
 
 
@@ -150,39 +150,36 @@ def _byte(value: float | None) -> int:
     return UNKNOWN if value is None else min(max(round(SCALE * value), 0), SCALE)
 
 
-@dataclass(frozen=True, slots=True)
-class PackedAttention:
-    """Packs of attention by clip, with the values of every ``stride`` frames."""
-
-    stride: int
-    has_cues: bool
-    packs: Mapping[str, str]
-
-
 def pack_attention(
     clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: AttentionLog
-) -> PackedAttention:
-    """Pack as much of the attention as fits: totals of every frame or every second, third ..., then gaze and head."""
-    parts = {clip: _values(clip, by_clip.get(clip, {}), attention, 1) for clip in clips}
-    whole = {clip: pack(totals + cues) for clip, (totals, cues) in parts.items()}
+) -> tuple[int, bool, dict[str, str]]:
+    """Pack as much of the attention as fits: totals of every frame or every second, third ..., then gaze and head.
+
+    Returns the stride of the frames, whether gaze and head are among the values, and the packs by clip.
+    """
+
+    def packed(stride: int, parts: Sequence[str]) -> dict[str, str]:
+        values = {clip: _values(clip, by_clip.get(clip, {}), attention, stride, parts) for clip in clips}
+        return {clip: pack(each) if each else "" for clip, each in values.items()}
+
+    whole = packed(1, PARTS)
     if sum(map(len, whole.values())) <= MOST_BYTES:
-        return PackedAttention(1, True, {clip: text if parts[clip][0] else "" for clip, text in whole.items()})
-    totals = {clip: pack(each) if each else "" for clip, (each, _) in parts.items()}
+        return 1, True, whole
+    totals = packed(1, PARTS[:1])
     stride = -(-sum(map(len, totals.values())) // MOST_BYTES)
-    if stride > 1:
-        thinned = {clip: _values(clip, by_clip.get(clip, {}), attention, stride)[0] for clip in clips}
-        totals = {clip: pack(each) if each else "" for clip, each in thinned.items()}
-    return PackedAttention(stride, False, totals)
+    return stride, False, packed(stride, PARTS[:1]) if stride > 1 else totals
 
 
-def _values(clip: str, subjects: Mapping[str, Judged], attention: AttentionLog, stride: int) -> tuple[bytes, bytes]:
-    """Totals, and gaze and head, of all timelines of a clip in the order of the page's data."""
+def _values(
+    clip: str, subjects: Mapping[str, Judged], attention: AttentionLog, stride: int, parts: Sequence[str]
+) -> bytes:
+    """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
         frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
         for configuration in judged:
             for columns in attention.track(clip, configuration, subject).values():
-                total, *others = aligned(columns, frames)
+                total, *others = aligned(columns, frames, parts)
                 totals.append(total.tobytes())
                 cues += [each.tobytes() for each in others]
-    return b"".join(totals), b"".join(cues)
+    return b"".join(totals + cues)

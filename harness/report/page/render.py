@@ -158,6 +158,7 @@ def render_comparison(comparisons: Sequence[Comparison]) -> str:
         table=table.title,
         packs={"tables": pack_json([plain_table(table)])},
         script=script("compare"),
+        data={},
     )
 
 
