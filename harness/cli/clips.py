@@ -248,11 +248,13 @@ def fetch_clips(
 
 
 def _import_idiap(root: Path) -> None:
-    """Write the ground truth as labels of the clip, unless it has some."""
+    """Print the files' checksums; write the ground truth as labels of the clip, unless it has some."""
     from harness.annotate.convert import import_labels, open_exchange
-    from harness.clips.fetch import LABELS
+    from harness.clips.fetch import HEADS, LABELS
     from harness.clips.manifest import load_manifest
 
+    for file in (HEADS, LABELS):
+        say(f"{root / file.name}: sha256 {file.sha256}")
     manifest = load_manifest("idiap_vfoa")
     place = manifest.annotations.place()
     if place.exists():

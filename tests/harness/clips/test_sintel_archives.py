@@ -110,7 +110,6 @@ def test_the_command_fetches_every_part_and_shows_a_bar_on_a_terminal(
     stderr = stream()
     monkeypatch.setattr(sys, "stderr", stderr)
     fetch_clips("sintel", tmp_path / "sintel")
-    shown = [archive in stderr.getvalue() for archive in ARCHIVES.values()]
-    assert shown == [stream is Terminal] * 3
+    assert ("sintel" in stderr.getvalue()) == (stream is Terminal)
     assert (tmp_path / "sintel/training/segmentation/README").is_file()
     assert len(SintelClip(SintelSettings.model_validate({"scene": "alley"}), tmp_path / "sintel").frames) == 3
