@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -91,24 +92,9 @@ Clip = Annotated[
 OneClip = Annotated[
     str | None, typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=clip_names)
 ]
-OneConfiguration = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="CONFIGURATION",
-        help="Only recordings under this configuration.",
-        autocompletion=configuration_names,
-    ),
-]
-RunConfiguration = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="CONFIGURATION",
-        help="Configuration of the run, if it has several.",
-        autocompletion=configuration_names,
-    ),
-]
+_chosen = partial(typer.Option, "--config", metavar="CONFIGURATION", autocompletion=configuration_names)
+OneConfiguration = Annotated[str | None, _chosen(help="Only recordings under this configuration.")]
+RunConfiguration = Annotated[str | None, _chosen(help="Configuration of the run, if it has several.")]
 Out = Annotated[
     str | None,
     typer.Option(
