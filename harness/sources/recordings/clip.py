@@ -244,10 +244,8 @@ class McapClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
-        if path.is_file():
-            return _recognised(path, "an MCAP recording") if starts_with(path, MAGIC) else ()
-        files = () if bag_parts(path) else files_in(path)
-        return _recognised(path, f"an MCAP recording in {_files(files)}") if files else ()
+        is_mcap = starts_with(path, MAGIC) or (path.is_dir() and not bag_parts(path) and files_in(path))
+        return (_recognised(path, "an MCAP recording"),) if is_mcap else ()
 
 
 class BagClip(RecordingClip):
@@ -256,16 +254,10 @@ class BagClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
-        return _recognised(path, "a ROS bag") if bag_parts(path) else ()
+        return (_recognised(path, "a ROS bag"),) if bag_parts(path) else ()
 
 
-def _recognised(path: Path, layout: str) -> tuple[Recognised, ...]:
-    calibration = "the recording's topics"
-    if path.is_file():
-        source = {"recording": path.name}
-        return (Recognised(root=path.parent, source=source, layout=layout, name=path.stem, calibration=calibration),)
-    return (Recognised(root=path, source={}, layout=layout, name=path.name, calibration=calibration),)
-
-
-def _files(files: Sequence[Path]) -> str:
-    return f"{len(files)} {'file' if len(files) == 1 else 'files'}"
+def _recognised(path: Path, layout: str) -> Recognised:
+    root, source = (path.parent, {"recording": path.name}) if path.is_file() else (path, {})
+    name = path.stem if path.is_file() else path.name
+    return Recognised(root=root, source=source, layout=layout, name=name, calibration="the recording's topics")
