@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import rerun as rr
@@ -183,6 +183,7 @@ def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
     return {number: f"{name} {totals[number]:.2f}" if number in totals else name for number, name in names.items()}
 
 
+@cache
 def _style(points: float, colour: Colour) -> dict[str, object]:
     return {"radii": rr.Radius.ui_points(points), "colors": [colour]}
 
