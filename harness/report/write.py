@@ -56,22 +56,34 @@ def write_scores(directory: RunDirectory, logs: RecordLogs, manifest: Mapping[st
     ``comparisons.csv .md`` and ``report.html``. ``manifest`` and ``times`` are as for
     :func:`harness.report.page.render.render_page`.
     """
-    scores, reliabilities, checks = logs.scores(), logs.calibration.reliabilities(), logs.tables()
+    scores = logs.scores()
     texts = {
-        **render_tables(scores, reliabilities, checks),
+        **render_tables(scores, logs.calibration.reliabilities(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
-        "report.html": render_page(
-            scores,
-            logs.attention,
-            manifest,
-            times=times,
-            reliabilities=reliabilities,
-            checks=checks,
-            thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
-        ),
+        "report.html": _page(directory, logs, scores, manifest, times),
     }
     write_together({directory.path / name: text for name, text in texts.items()})
     return scores
+
+
+def _page(
+    directory: RunDirectory,
+    logs: RecordLogs,
+    scores: Scores,
+    manifest: Mapping[str, Any],
+    times: StageTimes,
+    served: Served | None = None,
+) -> str:
+    return render_page(
+        scores,
+        logs.attention,
+        manifest,
+        times=times,
+        reliabilities=logs.calibration.reliabilities(),
+        checks=logs.tables(),
+        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
+        served=served,
+    )
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -109,17 +121,8 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
     run = FinishedRun.read(directory)
     logs = RecordLogs(run.reference())
     logs.watch(run.records())
-    scores = logs.scores()
-    return render_page(
-        scores,
-        logs.attention,
-        run.manifest,
-        times=stage_times(directory.timings),
-        reliabilities=logs.calibration.reliabilities(),
-        checks=logs.tables(),
-        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
-        served=Served(run=str(directory.path.resolve()), recordings=recordings),
-    )
+    served = Served(run=str(directory.path.resolve()), recordings=recordings)
+    return _page(directory, logs, logs.scores(), run.manifest, stage_times(directory.timings), served)
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from harness.record.appearance import Colours, attention_by_name
 from harness.run.records import FrameRecord
 from harness.score.part_log import PartLog
+from harness.score.statistics import Codes
 from harness.score.verdicts import Verdict, find_subject
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -138,12 +139,13 @@ class AttentionLog(PartLog[AttentionPart]):
         return Colours(name for (of, _), part in self.parts.items() if of == clip for name in part.targets)
 
 
-def aligned(columns: Mapping[str, bytearray], frames: Sequence[int], parts: Sequence[str]) -> Bytes:
+def aligned(columns: Mapping[str, bytearray], frames: Codes, parts: Sequence[str]) -> Bytes:
     """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
-    place = {frame: i for i, frame in enumerate(np.frombuffer(columns["frames"], dtype="<i8").tolist())}
-    rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
-    values = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in parts])
-    return np.where(rows >= 0, values[:, rows], UNKNOWN).astype(np.uint8)
+    own = np.frombuffer(columns["frames"], dtype="<i8")
+    _, here, there = np.intersect1d(own, frames, assume_unique=True, return_indices=True)
+    values = np.full((len(parts), len(frames)), UNKNOWN, dtype=np.uint8)
+    values[:, there] = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in parts])[:, here]
+    return values
 
 
 def _byte(value: float | None) -> int:
@@ -176,7 +178,7 @@ def _values(
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
-        frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
+        frames = np.array(sorted({verdict.frame for each in judged.values() for verdict in each})[::stride])
         for configuration in judged:
             for columns in attention.track(clip, configuration, subject).values():
                 total, *others = aligned(columns, frames, parts)
