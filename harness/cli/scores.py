@@ -144,7 +144,7 @@ def _parsed(fail_on: str) -> tuple[str, float]:
     """The kind of a check and its points."""
     from vfoa.errors import VfoaError
 
-    found = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d+(?:\.\d+)?))?", fail_on)
+    found = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d*\.?\d+))?", fail_on)
     points = float(found[2] or 0) if found else -1.0
     if not found or not 0 <= points <= 100 or (found[1] == "possible-drop" and points == 0):
         raise VfoaError(f"compare: --fail-on: found {fail_on!r}; expected {_KINDS}, in points of FRR up to 100")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 from pathlib import Path
 
 import pytest
@@ -31,12 +33,21 @@ def labelled_clips(folder: Path, names: tuple[str, ...], frames: int) -> None:
     write_text(folder / "talk.toml", TWO_CLIPS.replace('"one", "two"', clips))
 
 
+@pytest.fixture(scope="module")
+def fitted_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two clips in which heads and gaze point exactly where people look, and weights fitted on them."""
+    folder = tmp_path_factory.mktemp("fitted")
+    with contextlib.chdir(folder):
+        labelled_clips(folder, ("one", "two"), 60)
+        fit("talk.toml", Path("fitted.toml"))
+    return folder
+
+
 @pytest.fixture
-def fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file of weights, fitted on two clips in which heads and gaze point exactly where people look."""
+def fitted(fitted_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of weights, in a copy of the folder of its own."""
+    shutil.copytree(fitted_folder, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one", "two"), 60)
-    fit("talk.toml", Path("fitted.toml"))
     return Path("fitted.toml")
 
 
