@@ -136,10 +136,9 @@ def settings_page() -> str:
                 lines += ["Nothing to set.", ""]
                 continue
             lines += ["| Key | Type | Unit | Default | Meaning |", "|---|---|---|---|---|"]
-            lines += [
-                f"| `{each.key}` | {_cell(each.type)} | {each.unit} | `{_cell(each.default)}` | {_cell(each.meaning)} |"
-                for each in table.settings
-            ]
+            for setting in table.settings:
+                cells = (f"`{setting.key}`", _cell(setting.type), setting.unit, f"`{_cell(setting.default)}`")
+                lines.append(f"| {' | '.join(cells)} | {_cell(setting.meaning)} |")
             lines.append("")
     return "\n".join(lines)
 

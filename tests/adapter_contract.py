@@ -75,7 +75,7 @@ def _check_frames(clip: AnyClip) -> None:
 def _check_description(clip: AnyClip) -> None:
     rate = clip.rate_hz
     _expect(rate is None or 0 < rate < float("inf"), f"rate_hz: found {rate}; expected a positive number, or None")
-    lines = isinstance(clip.notes, tuple) and all(isinstance(each, str) and "\n" not in each for each in clip.notes)
+    lines = isinstance(clip.notes, tuple) and all(isinstance(note, str) and "\n" not in note for note in clip.notes)
     _expect(lines, f"notes: found {clip.notes!r}; expected a tuple of single lines")
     digest = clip.digest()
     _expect(bool(re.fullmatch("[0-9a-f]{64}", digest)), f"digest: found {digest!r}; expected a hexadecimal sha256")

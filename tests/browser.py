@@ -85,8 +85,8 @@ def requested(browser: Chrome) -> list[str]:
 def let_out(browser: Chrome) -> list[str]:
     """As :func:`requested`, without requests that a page's own policy blocked."""
     messages = _messages(browser)
-    sent = [each["params"] for each in messages if each["method"] == "Network.requestWillBeSent"]
-    failed = [each["params"] for each in messages if each["method"] == "Network.loadingFailed"]
+    sent = [message["params"] for message in messages if message["method"] == "Network.requestWillBeSent"]
+    failed = [message["params"] for message in messages if message["method"] == "Network.loadingFailed"]
     kept = {each["requestId"] for each in failed if each.get("blockedReason") == "csp"}
     urls = [each["request"]["url"] for each in sent if each["requestId"] not in kept]
     return [url for url in urls if not url.startswith(("data:", "chrome:"))]

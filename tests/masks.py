@@ -40,11 +40,14 @@ def logits(masks: list[Mask], size: float = 8.0) -> np.ndarray:
 
 def seen(found: Instances) -> list[tuple[str, int, bool, float]]:
     """Found instances in order: label, COCO's number, whether it is a thing, score to 4 digits."""
-    return [(each.label, each.category_id, each.is_thing, round(each.score, 4)) for each in found.instances]
+    return [
+        (instance.label, instance.category_id, instance.is_thing, round(instance.score, 4))
+        for instance in found.instances
+    ]
 
 
 def assert_masks(found: Instances, *masks: Mask) -> None:
     """The i-th instance has exactly the i-th mask."""
-    assert [each.id for each in found.instances] == list(range(1, len(masks) + 1))
+    assert [instance.id for instance in found.instances] == list(range(1, len(masks) + 1))
     for number, mask in enumerate(masks, start=1):
         np.testing.assert_array_equal(found.mask(number), mask)

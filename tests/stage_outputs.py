@@ -29,8 +29,8 @@ def save_stage_outputs(folder: Path, clip: str, configuration: Configuration, fr
     )
     percepts = [perceive(images.frame(number), stages) for number in frames]
     write_stage_outputs(folder, percepts)
-    for each in percepts:
+    for percept in percepts:
         content = io.BytesIO()
-        np.save(content, each.disparity.disparity_px)
-        write_bytes(folder / "disparity" / f"frame_{each.index:04d}.npy", content.getvalue())
+        np.save(content, percept.disparity.disparity_px)
+        write_bytes(folder / "disparity" / f"frame_{percept.index:04d}.npy", content.getvalue())
     return folder

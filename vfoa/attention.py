@@ -131,7 +131,9 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
 def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
     """Return the boxes of the targets by instance id, in the order of the targets, without the subject's own box."""
     own = subject.person.instance_id
-    return {each.instance.id: each.box for each in targets if each.box is not None and each.instance.id != own}
+    return {
+        target.instance.id: target.box for target in targets if target.box is not None and target.instance.id != own
+    }
 
 
 def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, float]:

@@ -114,12 +114,12 @@ def frames_awaited(results: Sequence[FrameResult], settings: LooksAhead) -> int:
 
 def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
     """Return the frames of a window with the focus and the probabilities of every subject given all its frames."""
-    tracks = {each.subject.track_id for frame in window for each in frame.attentions}
+    tracks = {attention.subject.track_id for frame in window for attention in frame.attentions}
     found = {track: _smoothed_track(window, track, settings) for track in tracks}
     return [
         replace(
             frame,
-            attentions=tuple(found[each.subject.track_id].get(index, each) for each in frame.attentions),
+            attentions=tuple(found[attention.subject.track_id].get(index, attention) for attention in frame.attentions),
         )
         for index, frame in enumerate(window)
     ]

@@ -109,9 +109,9 @@ class DrawnShapes:
     def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
         """Return the shapes drawn in a frame. Heads come last, so that a box drawn of the same person is theirs."""
         use = {"head": self._settings.heads, "box": self._settings.targets, "point": self._settings.targets}
-        shapes = [each for each in self._shapes_at(frame.index) if use[each.kind]]
+        shapes = [drawn_shape for drawn_shape in self._shapes_at(frame.index) if use[drawn_shape.kind]]
         placed: list[Placed] = []
-        free = max((each.id for each in instances.instances), default=0) + 1
+        free = max((instance.id for instance in instances.instances), default=0) + 1
         for shape in sorted(shapes, key=lambda each: each.kind == "head"):
             window = self._window(shape, frame.rig)
             if instances.ids[window].size == 0:  # the shape is outside the image
@@ -150,11 +150,13 @@ class DrawnShapes:
             ids[each.window][mask] = each.instance_id
         names = {each.instance_id: each.shape.name for each in drawn if not each.is_new}
         lost = {
-            each.id for each in instances.instances if each.id not in names and _drawn_over(each, instances.ids, ids)
+            instance.id
+            for instance in instances.instances
+            if instance.id not in names and _drawn_over(instance, instances.ids, ids)
         }
         ids[np.isin(ids, list(lost))] = 0
-        kept = [each for each in instances.instances if each.id not in lost]
-        named = [replace(each, name=names.get(each.id, each.name)) for each in kept]
+        kept = [instance for instance in instances.instances if instance.id not in lost]
+        named = [replace(instance, name=names.get(instance.id, instance.name)) for instance in kept]
         all_instances = (*named, *(_instance(each) for each in drawn if each.is_new))
         return replace(instances, ids=ids, instances=all_instances)
 
@@ -218,7 +220,9 @@ def _drawn_already(shape: DrawnShape, placed: Sequence[Placed]) -> int | None:
 def _known_instance(shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[Placed]) -> int | None:
     """The model's free instance of the same label that fits the drawn shape best; None if none fits well enough."""
     taken = {each.instance_id for each in placed}
-    same = [each.id for each in instances.instances if each.label == shape.label and each.id not in taken]
+    same = [
+        instance.id for instance in instances.instances if instance.label == shape.label and instance.id not in taken
+    ]
     if not same:
         return None
     if shape.kind == "box":

@@ -58,7 +58,7 @@ class Estimate:
     def looks(self) -> tuple[Look, ...]:
         """One answer per person, in the order of their numbers."""
         names = self.target_names
-        looks = (_look(each, self.result, names) for each in self.result.attentions)
+        looks = (_look(attention, self.result, names) for attention in self.result.attentions)
         return tuple(sorted(looks, key=lambda look: look.track_id))
 
     @property
@@ -68,9 +68,11 @@ class Estimate:
         alike = Counter(each.label for each in instances)
         seen: Counter[str] = Counter()
         names = {}
-        for each in instances:
-            seen[each.label] += 1
-            names[each.id] = f"{each.label} {seen[each.label]}" if alike[each.label] > 1 else each.label
+        for instance in instances:
+            seen[instance.label] += 1
+            names[instance.id] = (
+                f"{instance.label} {seen[instance.label]}" if alike[instance.label] > 1 else instance.label
+            )
         return names
 
     def __str__(self) -> str:
@@ -78,7 +80,7 @@ class Estimate:
 
 
 def _look(attention: Attention, result: FrameResult, names: Mapping[int, str]) -> Look:
-    values = {each.instance_id: each.total for each in attention.values}
+    values = {target_attention.instance_id: target_attention.total for target_attention in attention.values}
     return Look(
         track_id=attention.subject.track_id,
         subject=f"person {attention.subject.track_id}",

@@ -178,9 +178,9 @@ def weigh_attentions(
     """
     people = (subject.person for subject in subjects)
     eyes = {
-        each.instance_id: each.eye_origin_left
-        for each in people
-        if each.instance_id is not None and each.eye_origin_left is not None
+        person.instance_id: person.eye_origin_left
+        for person in people
+        if person.instance_id is not None and person.eye_origin_left is not None
     }
     by_track = dict(traces.by_track)
     results = []
@@ -200,12 +200,12 @@ def weigh_attentions(
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:
     """Return the frames of a window with every subject's attention given the later frames of the window, too."""
     found: dict[tuple[int, int], Attention] = {}
-    for track in {each.subject.track_id for frame in window for each in frame.attentions}:
+    for track in {attention.subject.track_id for frame in window for attention in frame.attentions}:
         of_track = [
-            (index, frame.scene.time_ns, each)
+            (index, frame.scene.time_ns, attention)
             for index, frame in enumerate(window)
-            for each in frame.attentions
-            if each.subject.track_id == track and isinstance(each.belief, Seen)
+            for attention in frame.attentions
+            if attention.subject.track_id == track and isinstance(attention.belief, Seen)
         ]
         seen = [each.belief for _, _, each in of_track]
         times = [time_ns for _, time_ns, _ in of_track]
@@ -214,7 +214,12 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
             weights = settings.of_case(each.belief.case, later=True)
             found[index, track] = _attention(each.subject, each.belief, weights, after)
     return [
-        replace(frame, attentions=tuple(found.get((index, each.subject.track_id), each) for each in frame.attentions))
+        replace(
+            frame,
+            attentions=tuple(
+                found.get((index, attention.subject.track_id), attention) for attention in frame.attentions
+            ),
+        )
         for index, frame in enumerate(window)
     ]
 
@@ -241,8 +246,8 @@ def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | No
         )
         for number, total in zip(seen.ids, probability.tolist(), strict=True)
     )
-    best = max((each.total for each in values), default=0.0)
-    first = [each.instance_id for each in values if each.total == best > nowhere]
+    best = max((value.total for value in values), default=0.0)
+    first = [value.instance_id for value in values if value.total == best > nowhere]
     return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), belief=seen)
 
 

@@ -86,7 +86,7 @@ def fit(
 
 
 def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence]) -> Weights | None:
-    design = joined([design_of(case, smoothing == "both", each) for each in sequences])
+    design = joined([design_of(case, smoothing == "both", sequence) for sequence in sequences])
     if not (design.looked != UNKNOWN).any():
         return None
     scales = 3 if smoothing == "both" else 2
@@ -114,15 +114,15 @@ def design_of(case: Case, later: bool, sequence: LabelledSequence) -> Design:
 
 def joined(designs: Sequence[Design]) -> Design:
     """Return the frames of all designs of one case."""
-    width = max(each.features.shape[1] for each in designs)
+    width = max(design.features.shape[1] for design in designs)
     padded = [
-        np.pad(each.features, ((0, 0), (0, width - each.features.shape[1]), (0, 0)), constant_values=np.nan)
-        for each in designs
+        np.pad(design.features, ((0, 0), (0, width - design.features.shape[1]), (0, 0)), constant_values=np.nan)
+        for design in designs
     ]
     return Design(
         features=np.concatenate(padded),
-        looked=np.concatenate([each.looked for each in designs]),
-        weight=np.concatenate([each.weight for each in designs]),
+        looked=np.concatenate([design.looked for design in designs]),
+        weight=np.concatenate([design.weight for design in designs]),
     )
 
 

@@ -81,7 +81,7 @@ def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -
     """Yield a store and those of the clip's other annotators, until the block ends. Raises as :func:`open_store`."""
     with ExitStack() as stack:
         others = open_stores(manifest, timeline, but=store.path)
-        yield [store, *(stack.enter_context(closing(each)) for each in others)]
+        yield [store, *(stack.enter_context(closing(label_store)) for label_store in others)]
 
 
 def _journal_of(path: Path) -> Path:

@@ -208,7 +208,7 @@ def predicted_labels(found: ClipRecords, names: Collection[str]) -> Imported:
 
 def _label(record: FrameRecord, person: SubjectRecord, name: str, names: Collection[str]) -> tuple[Label, float]:
     """The label, and the probability of the prediction."""
-    totals = {each.instance_id: each.total for each in person.attention}
+    totals = {attention.instance_id: attention.total for attention in person.attention}
     if person.focus is None:
         return Label(target=NOWHERE, is_suggested=True), max(0.0, 1 - sum(totals.values()))
     target = record.target(person.focus).name

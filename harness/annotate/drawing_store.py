@@ -45,11 +45,11 @@ class Draw(Settings):
 
 def _plain_tracks(content: Drawn) -> list[list[Any]]:
     """A drawing as JSON: name, kind and key frames of each track."""
-    return [[each.name, each.kind, _plain(each.keys)] for each in content.tracks]
+    return [[track.name, track.kind, _plain(track.keys)] for track in content.tracks]
 
 
 def _plain(keys: Keys) -> list[list[Any]]:
-    return [[each.frame, list(each.place), each.outside] for each in keys]
+    return [[key.frame, list(key.place), key.outside] for key in keys]
 
 
 def _parsed(plain: Iterable[Sequence[Any]]) -> Keys:
@@ -144,11 +144,11 @@ class DrawingStore(JournaledStore[Drawn, dict[str, Any]]):
             "revision": self.revision,
             "tracks": [
                 {
-                    "name": each.name,
-                    "kind": each.kind,
-                    "keys": [[self._positions[key.frame], key.place, key.outside] for key in each.keys],
+                    "name": track.name,
+                    "kind": track.kind,
+                    "keys": [[self._positions[key.frame], key.place, key.outside] for key in track.keys],
                 }
-                for each in self.content().tracks
+                for track in self.content().tracks
             ],
             **self.steps.plain(),
             "read_only": self.read_only,

@@ -368,5 +368,5 @@ def _last_base(entries: list[Entry]) -> int:
 
 def _mode_of(files: Iterable[Path]) -> int | None:
     """The permissions that all of these files give; None without any."""
-    modes = [stat.S_IMODE(each.stat().st_mode) for each in files]
+    modes = [stat.S_IMODE(file.stat().st_mode) for file in files]
     return functools.reduce(operator.and_, modes) if modes else None

@@ -34,7 +34,7 @@ class Change:
 
     def plain(self) -> dict[str, Any]:
         """As JSON."""
-        before, after = ([each.plain() for each in part] for part in (self.before, self.after))
+        before, after = ([stretch.plain() for stretch in part] for part in (self.before, self.after))
         return {"subject": self.subject, "before": before, "after": after}
 
     @property
@@ -138,7 +138,7 @@ class LabelStore(JournaledStore[Labels, Step]):
         """The entry that begins anew with the CSV's labels."""
         last = len(self._frames) - 1
         tracks = {name: from_labels(content, name, self._frames) for name in self.subjects}
-        plain = {name: [each.plain() for each in stretches(track, 0, last)] for name, track in tracks.items()}
+        plain = {name: [stretch.plain() for stretch in stretches(track, 0, last)] for name, track in tracks.items()}
         return {"base": plain, "frames": len(self._frames), "revision": self.revision}
 
     def fits(self, base: Entry) -> bool:
@@ -175,10 +175,12 @@ class LabelStore(JournaledStore[Labels, Step]):
             self._place(change.subject, change.after)
 
     def _place(self, subject: str, part: Sequence[Stretch]) -> None:
-        for each in part:
-            if not 0 <= each.first <= each.last < len(self._frames):
-                raise ValueError(f"positions {each.first} to {each.last} of {len(self._frames)} frames")
-            self._tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
+        for stretch in part:
+            if not 0 <= stretch.first <= stretch.last < len(self._frames):
+                raise ValueError(f"positions {stretch.first} to {stretch.last} of {len(self._frames)} frames")
+            self._tracks[subject][stretch.first : stretch.last + 1] = [stretch.mark] * (
+                stretch.last - stretch.first + 1
+            )
 
     def _parts(self) -> dict[str, tuple[Stretch, ...]]:
         """Every subject's whole track."""
@@ -242,8 +244,8 @@ class LabelStore(JournaledStore[Labels, Step]):
         """
         self.check_revision(revision)
         self._check_subject(subject)
-        for each in new:
-            self._check_stretch(subject, each)
+        for stretch in new:
+            self._check_stretch(subject, stretch)
         entry: Entry = {"change": self._change_to(subject, new).plain()}
         self.commit(entry if seen is None else {**entry, "seen": [subject, seen]})
 
@@ -289,8 +291,8 @@ class LabelStore(JournaledStore[Labels, Step]):
 
     def set_marks(self, changes: Sequence[dict[str, Any]]) -> None:
         """Make changes that belong to a change of targets made elsewhere. Earlier steps can no longer be undone."""
-        parsed = [Change.parse(each) for each in changes]
-        if any(self._change_to(each.subject, each.after).before != each.after for each in parsed):
+        parsed = [Change.parse(change) for change in changes]
+        if any(self._change_to(change.subject, change.after).before != change.after for change in parsed):
             self.commit({"set": list(changes)})
 
     def forget_steps(self) -> None:

@@ -131,7 +131,7 @@ class Session:
             "suggestions": {name: self._suggestions(name) for name in self._store.subjects},
             "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
             "uncertain_first": self._uncertain_first,
-            "label_first": [asdict(each) for each in self._label_first()],
+            "label_first": [asdict(block) for block in self._label_first()],
             "blind": self._blind,
             "to_decide": TO_DECIDE,
         }
@@ -163,10 +163,10 @@ class Session:
                     raise StaleRevisionError
                 if kinds - {"draw", "seen"} and revision != self._store.revision:
                     raise StaleRevisionError
-            for each in rest:
-                with self._store.once(each.id) as is_new, self._drawing.once(each.id) as is_undrawn:
+            for action in rest:
+                with self._store.once(action.id) as is_new, self._drawing.once(action.id) as is_undrawn:
                     if is_new and is_undrawn:
-                        self.make(each)
+                        self.make(action)
 
     def make(self, action: Action) -> None:
         """Make a person's action on the present state.
@@ -239,7 +239,7 @@ class Session:
                 self._change(to)
                 return
             with with_others(self._store, self.manifest, self._timeline) as stores:
-                labels = {each.path.name: each.reassigned(name, new_name) for each in stores}
+                labels = {store.path.name: store.reassigned(name, new_name) for store in stores}
             drawn = [[new_name if each == name else each, kind, keys] for each, kind, keys in self._drawing.tracks()]
             self._change(to, labels, drawn)
 
@@ -248,11 +248,15 @@ class Session:
         with self.changing:
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 if to is not None:
-                    for each in stores:
-                        each.check_reassignment(name, to)
-                elif uses := sum(each.uses(name) for each in stores):
+                    for store in stores:
+                        store.check_reassignment(name, to)
+                elif uses := sum(label_store.uses(name) for label_store in stores):
                     raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
-                labels = {each.path.name: each.reassigned(name, to) for each in stores} if to is not None else {}
+                labels = (
+                    {label_store.path.name: label_store.reassigned(name, to) for label_store in stores}
+                    if to is not None
+                    else {}
+                )
             drawn = [each for each in self._drawing.tracks() if each[0] != name]
             self._change(targets.without_target(self.manifest.path, name), labels, drawn)
 
@@ -310,7 +314,7 @@ class Session:
     def digest(self) -> str:
         """The digest of the present files of labels and names."""
         files = (("labels", self.path), ("manifest", self.manifest.path))
-        return digest_files(each for each in files if each[1].is_file())
+        return digest_files(file for file in files if file[1].is_file())
 
     def close(self) -> None:
         """Close the files."""
@@ -332,7 +336,7 @@ class Session:
     def _categories(self) -> list[str]:
         """Object names used by the segmentation models, the clip's ground truth and the run."""
         records = self._predictions.records.values() if self._predictions else ()
-        return sorted(known_categories(self._clip) | {each.label for record in records for each in record.targets})
+        return sorted(known_categories(self._clip) | {target.label for record in records for target in record.targets})
 
     def _read_manifest(self) -> None:
         self.manifest = load_manifest(self.manifest.path, self.manifest.name)
@@ -355,7 +359,10 @@ class Session:
             return None
         known = {*self._store.names()} - {subject}
         found = [self._predictions.predict(frame, subject) for frame in self._frames]
-        return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
+        return [
+            (prediction.target, round(prediction.attention, 4)) if prediction and prediction.target in known else None
+            for prediction in found
+        ]
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

@@ -61,13 +61,13 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     edges = [bisect_left(times_s, start_s) for start_s in starts_s]
     most = max(b - a for a, b in pairwise(edges))
     left = [Block(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
-    said = {each: _Said.of(answers[each.subject][each.first : each.last + 1], most) for each in left}
-    left = [each for each in left if said[each].share]
+    said = {block: _Said.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
+    left = [block for block in left if said[block].share]
     chosen, seen = list[Block](), dict[str, float]()
     while left:
-        missing = set(subjects) - {each.subject for each in chosen}
+        missing = set(subjects) - {block.subject for block in chosen}
         best = max(
-            (each for each in left if not missing or each.subject in missing), key=lambda each: said[each].gain(seen)
+            (block for block in left if not missing or block.subject in missing), key=lambda each: said[each].gain(seen)
         )
         if not missing and (len(chosen) + 0.5) * whole_s / parts > WANTED_S:
             break
@@ -80,9 +80,9 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
 def advice(blocks: Sequence[Block], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
     """A line with the frames and times of the blocks to label first; None without any."""
     said = [
-        f"{each.subject} {frames[a]}-{frames[b]} ({times_s[a]:.1f}-{times_s[b]:.1f} s)"
-        for each in blocks
-        for a, b in [(each.first, each.last)]
+        f"{block.subject} {frames[a]}-{frames[b]} ({times_s[a]:.1f}-{times_s[b]:.1f} s)"
+        for block in blocks
+        for a, b in [(block.first, block.last)]
     ]
     return f"Label first, where configurations differ (key q), frames: {', '.join(said)}" if said else None
 
@@ -100,7 +100,7 @@ class _Said:
     @classmethod
     def of(cls, answers: Sequence[Sequence[str]], most: int) -> _Said:
         share, against = defaultdict[str, float](float), 0.0
-        for counted in (Counter(each) for each in answers if each):
+        for counted in (Counter(answer) for answer in answers if answer):
             against += 1 - max(counted.values()) / counted.total()
             for name, count in counted.items():
                 share[name] += count / counted.total() / most
@@ -128,10 +128,10 @@ class Predictions:
         Nothing hit counts as nowhere: where labels say most, there are some of nowhere.
         """
         for record in found.all:
-            for each in record.subjects:
-                if each.name is not None and not each.missing:
-                    name = NOWHERE if each.focus is None else record.target(each.focus).name
-                    self._answers[each.name, record.frame].append(name if name in known else "")
+            for subject in record.subjects:
+                if subject.name is not None and not subject.missing:
+                    name = NOWHERE if subject.focus is None else record.target(subject.focus).name
+                    self._answers[subject.name, record.frame].append(name if name in known else "")
 
     def label_first(self, subjects: Sequence[str], frames: Sequence[int], times_s: Sequence[float]) -> list[Block]:
         """The blocks of these frames that are worth a label most: :func:`label_first`."""
@@ -153,7 +153,7 @@ class Predictions:
 
 
 def _prediction(record: FrameRecord, subject: SubjectRecord) -> Prediction:
-    totals = sorted((each.total for each in subject.attention), reverse=True)
+    totals = sorted((attention.total for attention in subject.attention), reverse=True)
     first, second = (*totals, 0.0, 0.0)[:2]
     if subject.focus is None:
         return Prediction(target=NOWHERE, attention=0.0, margin=0.0)

@@ -101,7 +101,7 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     atomic_write(manifest.path, change.manifest[1])
     changed = load_manifest(manifest.path, manifest.name)
     with ExitStack() as stack:
-        change.in_labels(stack.enter_context(closing(each)) for each in open_stores(changed, timeline))
+        change.in_labels(stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
     if change.drawn is not None:
         before = [name for name, _, _ in change.drawn[0] if name not in changed.subjects]
         with closing(open_drawing(changed, timeline.frames, also=before)) as drawing:

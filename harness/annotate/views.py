@@ -95,15 +95,17 @@ class Views:
             return (), {}
         names = _names_of_run(record, self._manifest)
         objects = (
-            SceneObject(each.instance_id, names[each.instance_id], each.label, each.score, box, _rectangle(box))
-            for each in record.targets
-            if (box := each.box_px) is not None
+            SceneObject(target.instance_id, names[target.instance_id], target.label, target.score, box, _rectangle(box))
+            for target in record.targets
+            if (box := target.box_px) is not None
         )
-        return objects, {each.name: box for each in record.subjects if each.name and (box := each.head_box_px)}
+        return objects, {
+            subject.name: box for subject in record.subjects if subject.name and (box := subject.head_box_px)
+        }
 
     def _of_truth(self, number: int) -> tuple[Iterable[SceneObject], dict[str, BoxPx]]:
         truth, subjects = self._clip.truth(number), self._manifest.subjects
-        heads = {each.name: _box(each.head_box_px) for each in truth.people or () if each.name in subjects}
+        heads = {person.name: _box(person.head_box_px) for person in truth.people or () if person.name in subjects}
         return () if truth.instances is None else _named(number, truth.instances, self._manifest), heads
 
     def _read_left(self, number: int) -> Image:
@@ -120,35 +122,45 @@ class Views:
 def outline(mask: Mask) -> Outline:
     """The outer edges of a mask (H, W), as polygons in pixels."""
     edges, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    return [cv2.approxPolyDP(each, _SMOOTHING_PX, True)[:, 0].tolist() for each in edges]
+    return [cv2.approxPolyDP(edge, _SMOOTHING_PX, True)[:, 0].tolist() for edge in edges]
 
 
 def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
     """Instances with their names by the manifest's rules, as in a run; stuff is left out."""
-    things = [each for each in instances.instances if each.is_thing and (instances.ids == each.id).any()]
-    boxes = {each.id: _extent(instances.mask(each.id)) for each in things}
-    names = _by_rules(number, [(each, boxes[each.id]) for each in things], manifest)
+    things = [
+        instance for instance in instances.instances if instance.is_thing and (instances.ids == instance.id).any()
+    ]
+    boxes = {thing.id: _extent(instances.mask(thing.id)) for thing in things}
+    names = _by_rules(number, [(thing, boxes[thing.id]) for thing in things], manifest)
     return [
         SceneObject(
-            each.id, names[each.id], each.label, float(each.score), boxes[each.id], outline(instances.mask(each.id))
+            thing.id,
+            names[thing.id],
+            thing.label,
+            float(thing.score),
+            boxes[thing.id],
+            outline(instances.mask(thing.id)),
         )
-        for each in things
+        for thing in things
     ]
 
 
 def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]:
     """The run's names, and those of targets that the manifest has gained since."""
     found = [
-        (Instance(id=each.instance_id, label=each.label, category_id=0, is_thing=True, score=each.score), each.box_px)
-        for each in record.targets
+        (
+            Instance(id=target.instance_id, label=target.label, category_id=0, is_thing=True, score=target.score),
+            target.box_px,
+        )
+        for target in record.targets
     ]
     fresh = _by_rules(record.frame, found, manifest)
     known = {*manifest.targets, *manifest.subjects}
     return {
-        each.instance_id: fresh[each.instance_id]
-        if each.name not in known and fresh[each.instance_id] in manifest.targets
-        else each.name
-        for each in record.targets
+        target.instance_id: fresh[target.instance_id]
+        if target.name not in known and fresh[target.instance_id] in manifest.targets
+        else target.name
+        for target in record.targets
     }
 
 

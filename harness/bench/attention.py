@@ -60,12 +60,12 @@ Frame = Callable[[tuple[Subject, ...], tuple[Target, ...], int], object]
 
 def _cones(*, cones_cm: tuple[float, ...]) -> Frame:
     settings = AttentionSettings(cones_cm=cones_cm)
-    return lambda people, targets, time_ns: [pay_attention(each, targets, settings) for each in people]
+    return lambda people, targets, time_ns: [pay_attention(person, targets, settings) for person in people]
 
 
 def _nearest() -> Frame:
     settings = NearestSettings(method="nearest")
-    return lambda people, targets, time_ns: [look_at_nearest(each, targets, settings) for each in people]
+    return lambda people, targets, time_ns: [look_at_nearest(person, targets, settings) for person in people]
 
 
 def _bayes() -> Frame:

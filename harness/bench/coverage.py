@@ -136,7 +136,7 @@ def _power_row(case: tuple[World, int], pilots: int) -> tuple[str, ...]:
     world, size = case
     clips = _pool(world)
     rng = np.random.default_rng([size, int(1000 * world.advantage)])
-    sums = np.array([[each.values.sum(), each.frames.sum()] for each in clips])
+    sums = np.array([[clip.values.sum(), clip.frames.sum()] for clip in clips])
     difference = float(sums[:, 0].sum() / sums[:, 1].sum())
     powers = _true_powers(world)
     found = []
@@ -166,9 +166,9 @@ def _pool(world: World) -> list[Units]:
 
 def _together(clips: Sequence[Units]) -> Units:
     return Units(
-        clips=np.repeat(np.arange(len(clips)), [len(each.frames) for each in clips]),
-        frames=np.concatenate([each.frames for each in clips]),
-        values=np.concatenate([each.values for each in clips]),
+        clips=np.repeat(np.arange(len(clips)), [len(clip.frames) for clip in clips]),
+        frames=np.concatenate([clip.frames for clip in clips]),
+        values=np.concatenate([clip.values for clip in clips]),
     )
 
 

@@ -30,7 +30,7 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
     """A row for each factor of the grid: its effect under each seed alone."""
     found: dict[str, list[Comparison]] = {}
     for seed in range(1, seeds + 1):
-        of_seed = tuple(each for each in scores.outcomes if each.configuration.endswith(f".seed{seed}"))
+        of_seed = tuple(outcome for outcome in scores.outcomes if outcome.configuration.endswith(f".seed{seed}"))
         alone = replace(scores, outcomes=of_seed)
         frames = {name: alone.frames_of(name) for name in scores.scored_configurations}
         for (each,) in compare_factors(frames, scores.factors):
@@ -54,13 +54,13 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
 
 
 def _row(name: str, found: list[Comparison]) -> tuple[str, ...]:
-    points = np.array([100 * each.difference for each in found])
-    verdicts = [each.verdict for each in found]
+    points = np.array([100 * comparison.difference for comparison in found])
+    verdicts = [comparison.verdict for comparison in found]
     paper = PAPER[name]
     return (
         *(name, f"{points.mean():+.1f}", f"{points.min():+.1f}", f"{points.max():+.1f}"),
         *(f"{verdicts.count('better')} of {len(found)}", f"{verdicts.count('worse')} of {len(found)}"),
-        *(f"{100 * paper:+.0f}", f"{sum(each.interval.high < paper for each in found)} of {len(found)}"),
+        *(f"{100 * paper:+.0f}", f"{sum(comparison.interval.high < paper for comparison in found)} of {len(found)}"),
     )
 
 
@@ -71,7 +71,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, help="Number of seeds.")
     given = parser.parse_args()
     demo = load_experiment("demo")
-    configurations = (each for one in demo.configurations for each in repeated(one, given.seeds, demo.name))
+    configurations = (
+        configuration for one in demo.configurations for configuration in repeated(one, given.seeds, demo.name)
+    )
     plan = prepare(replace(demo, configurations=tuple(configurations)))
     with TemporaryDirectory() as folder:
         workers, cache = os.cpu_count() or 1, open_store(None)

@@ -55,12 +55,14 @@ def measure_gpu(manifest: ClipManifest, experiment: Experiment, frames: Sequence
     if own["segmentation"] and _is_network(own["segmentation"]):
         choices["segmentation"] = own["segmentation"]
     calls = _calls(clip, choices, [clip.frame(number) for number in frames[:MOST_FRAMES]])
-    timed = dict.fromkeys(each for each in (own["stereo"], *choices.values()) if each)
+    timed = dict.fromkeys(stage_choice for stage_choice in (own["stereo"], *choices.values()) if stage_choice)
     return [
         StageTime(
-            slot=each.slot, name=each.name, ms={provider: _ms(each, provider, clip, calls) for provider in PROVIDERS}
+            slot=stage_choice.slot,
+            name=stage_choice.name,
+            ms={provider: _ms(stage_choice, provider, clip, calls) for provider in PROVIDERS},
         )
-        for each in timed
+        for stage_choice in timed
     ]
 
 
@@ -70,12 +72,12 @@ def _is_network(choice: StageChoice) -> bool:
 
 def _calls(clip: Clip, choices: Mapping[str, StageChoice | None], frames: Sequence[StereoFrame]) -> Calls:
     """Inputs of all stages; none of heads whose detector is not here."""
-    nobody = [Instances(ids=np.zeros(each.left.shape[:2], np.uint16), instances=()) for each in frames]
+    nobody = [Instances(ids=np.zeros(stereo_frame.left.shape[:2], np.uint16), instances=()) for stereo_frame in frames]
     seen = list(zip(frames, nobody, strict=True))
     heads, poses = (_built(choices[slot], clip) for slot in ("heads", "head_pose"))
     found = [(frame, head) for frame, masks in seen for head in (heads.detect(frame, masks) if heads else ())]
     posed = [(frame, head, poses.estimate(frame, head) if poses else None) for frame, head in found]
-    alone = [(each,) for each in frames]
+    alone = [(stereo_frame,) for stereo_frame in frames]
     return {"stereo": alone, "segmentation": alone, "heads": seen, "head_pose": found, "gaze": posed}
 
 

@@ -91,7 +91,7 @@ def _scored(
         rates = {row.configuration: row for row in read_scores(directory).by_clip()}
     return {
         row.what: MaskAges(
-            ages_s=tuple(each.masks_age_s or 0.0 for each in records if each.configuration == row.what),
+            ages_s=tuple(record.masks_age_s or 0.0 for record in records if record.configuration == row.what),
             correct=rates[row.what].correct if row.what in rates else 0,
             labelled=rates[row.what].n if row.what in rates else 0,
         )

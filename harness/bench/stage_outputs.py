@@ -24,8 +24,10 @@ def write_stage_outputs(root: Path, percepts: Sequence[Percepts]) -> None:
 
     Every number reads back exactly; instances without a pixel are left out.
     """
-    views = [(each.index, str(place), view) for each in percepts for place, view in enumerate(each.views, start=1)]
-    write_coco_panoptic(root, [(each.index, each.instances) for each in percepts])
+    views = [
+        (percept.index, str(place), view) for percept in percepts for place, view in enumerate(percept.views, start=1)
+    ]
+    write_coco_panoptic(root, [(percept.index, percept.instances) for percept in percepts])
     write_heads(root / "heads.csv", [(frame, subject, view.head) for frame, subject, view in views])
     poses = [(frame, subject, view.head_pose) for frame, subject, view in views if view.head_pose]
     write_head_poses(root / "head_pose.csv", poses)
@@ -87,12 +89,12 @@ def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> 
         atomic_write(root / "png" / name, cv2.imencode(".png", bgr)[1].tobytes())
         images.append({"id": number, "file_name": name, "width": ids.shape[1], "height": ids.shape[0]})
         annotations.append({"image_id": number, "file_name": name, "segments_info": _segments(instances)})
-        for each in instances.instances:
-            category = {"id": each.category_id, "name": each.label, "isthing": int(each.is_thing)}
-            if categories.setdefault(each.category_id, category) != category:
+        for instance in instances.instances:
+            category = {"id": instance.category_id, "name": instance.label, "isthing": int(instance.is_thing)}
+            if categories.setdefault(instance.category_id, category) != category:
                 raise VfoaError(
-                    f"{root}: category {each.category_id} is {categories[each.category_id]['name']!r} and "
-                    f"{each.label!r}; expected one meaning of each number"
+                    f"{root}: category {instance.category_id} is {categories[instance.category_id]['name']!r} and "
+                    f"{instance.label!r}; expected one meaning of each number"
                 )
     in_order = [categories[key] for key in sorted(categories)]
     content = {"images": images, "annotations": annotations, "categories": in_order}
@@ -100,7 +102,7 @@ def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> 
 
 
 def _segments(instances: Instances) -> list[dict[str, Any]]:
-    masks = ((each, instances.mask(each.id)) for each in instances.instances)
+    masks = ((instance, instances.mask(instance.id)) for instance in instances.instances)
     return [
         {
             "id": each.id,

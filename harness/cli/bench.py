@@ -49,7 +49,9 @@ def bench(
     check_provider(provider.value)
     changes = tuple(overrides or ())
     loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
-    chosen = replace(loaded, configurations=tuple(each.on(provider.value) for each in loaded.configurations))
+    chosen = replace(
+        loaded, configurations=tuple(configuration.on(provider.value) for configuration in loaded.configurations)
+    )
     manifest = load_manifest(chosen.clips[0])
     if out:
         check_new(out, replace=overwrite, hint=", or another --out", inputs=manifest.files)

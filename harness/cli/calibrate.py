@@ -105,7 +105,7 @@ def _sides(folder: Path) -> tuple[str, str]:
     """The only two sides of pictures in the folder, by their names; else ``left*`` and ``right*``."""
     from harness.sources.stereo_layouts import find_layouts
 
-    found = [each.source for each in find_layouts(folder) if each.source["layout"] == "images"]
+    found = [found_layout.source for found_layout in find_layouts(folder) if found_layout.source["layout"] == "images"]
     return (found[0]["left"], found[0]["right"]) if len(found) == 1 else ("left*", "right*")
 
 

@@ -140,10 +140,10 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
     for name in (annotator,) if annotator else (None, *manifest.annotations.annotators()):
         labels = manifest.labels(timeline, name)
         if labels is not None:
-            counts = ", ".join(f"{each} {len(labels.of(each))}" for each in labels.subjects) or "no ranges"
+            counts = ", ".join(f"{subject} {len(labels.of(subject))}" for subject in labels.subjects) or "no ranges"
             say(f"{manifest.annotations.place(name)}: {counts}")
     if drawn is not None:
-        counts = ", ".join(f"{each.name} ({each.kind}) {len(each.keys)}" for each in drawn.tracks) or "nothing"
+        counts = ", ".join(f"{track.name} ({track.kind}) {len(track.keys)}" for track in drawn.tracks) or "nothing"
         say(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
@@ -197,7 +197,7 @@ def merge(
     labels = _labels_by_annotator(manifest, opened, annotators or [], but=to)
     files = manifest.annotations
     place = files.place(to)
-    inputs = [files.find(None if each == manifest.name else each) for each in labels]
+    inputs = [files.find(None if label == manifest.name else label) for label in labels]
     check_new(place, replace=replace, hint=", or another --to", inputs=filter(None, inputs))
     merged = merge_labels(labels, opened.frames, rule)
     write_annotations(place, merged)

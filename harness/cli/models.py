@@ -42,7 +42,7 @@ def list_models(as_json: Json = False) -> None:
         wrapped=("licence",),
     )
     ready = [(slot.name, stages) for slot in STAGES.values() for stages in [ready_stages(slot)]]
-    rows = [(name, each.name, each.options) for name, stages in ready for each in stages]
+    rows = [(name, stage.name, stage.options) for name, stages in ready for stage in stages]
     rows += [(name, "", "") for name, stages in ready if not stages]
     print_table(["stage", "ready to run", "chosen by"], rows, wrapped=("chosen by",))
 
@@ -101,9 +101,9 @@ def check(
     if as_json:
         from dataclasses import asdict
 
-        print_json([asdict(each) for each in checks])
+        print_json([asdict(model_check) for model_check in checks])
     wrong = ("fails", "absent") if names else ("fails",)
-    if any(each.verdict in wrong for each in checks):
+    if any(model_check.verdict in wrong for model_check in checks):
         raise typer.Exit(2)
 
 

@@ -141,7 +141,7 @@ def _advice(plan: Plan) -> str | None:
     """A line for a clip without labels under the weights that ship with vfoa: a few labels of it are better."""
     from vfoa.logit import LogitSettings, shipped_weights
 
-    used = [each.attend.attention for each in plan.experiment.configurations]
+    used = [configuration.attend.attention for configuration in plan.experiment.configurations]
     is_default = any(isinstance(each, LogitSettings) and each.weights == shipped_weights() for each in used)
     clip = next((one.manifest.name for one in plan.clips if one.labels is None or not one.labels.ranges), None)
     if clip is None or not is_default:

@@ -163,7 +163,10 @@ def settings(
         if table.settings:
             print_table(
                 ("Key", "Type", "Unit", "Default", "Meaning"),
-                [(each.key, each.type, each.unit, each.default, each.meaning) for each in table.settings],
+                [
+                    (setting.key, setting.type, setting.unit, setting.default, setting.meaning)
+                    for setting in table.settings
+                ],
                 wrapped=("Type", "Default", "Meaning"),
             )
         else:
@@ -201,6 +204,6 @@ def clear(cache: Cache = None) -> None:
     from harness.pipeline.cache_store import open_store
 
     store = open_store(cache)
-    total = sum(each.bytes for each in store.usage())
+    total = sum(usage.bytes for usage in store.usage())
     store.clear()
     say(f"{store.stages}: removed {total / 1e6:.1f} MB")

@@ -131,7 +131,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     asked = without_oracles(scores.configurations)
     scored = {row.clip for row in scores.rows}
     unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
-    steps = next_steps(each for each in scores.verdicts if each.configuration in asked)
+    steps = next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)
     said = [*unscored[:_MOST_CLIPS], *steps[: len(steps) if verbose else 1]]
     if len(unscored) > _MOST_CLIPS:
         said.insert(_MOST_CLIPS, f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report.")
@@ -141,7 +141,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
         console.print(f"\n{head}", markup=False, style="bold")
     console.print(verdict_sentence(scores), markup=False)
     say(f"Report (all tables: frr.md): {run / 'report.html'}")
-    if any(each.outcome == "wrong" for each in scores.verdicts):
+    if any(verdict.outcome == "wrong" for verdict in scores.verdicts):
         say(f"Scrub a failure: vfoa view {run} --failures")
     else:
         say(f"Scrub: vfoa view {run}")

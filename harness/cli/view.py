@@ -197,7 +197,8 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None) -> N
         say("No wrong frame.")
         return
     shown = {
-        (each.clip, each.configuration): recordings[each.clip].under(each.configuration).compose() for each in wrong
+        (verdict.clip, verdict.configuration): recordings[verdict.clip].under(verdict.configuration).compose()
+        for verdict in wrong
     }
     say(f"{len(wrong)} wrong frames")
     browse(shown.values(), ["/"], more=failures_routes(wrong, shown))
@@ -211,16 +212,20 @@ def _wrong_frames(
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    recordings = {each.files.clip: each for each in find_clips(run, clip, configuration)}
+    recordings = {recorded_clip.files.clip: recorded_clip for recorded_clip in find_clips(run, clip, configuration)}
     return wrong_verdicts(read_scores(RunDirectory(run)), clip, configuration), recordings
 
 
 def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
-    wrong = (each for each in scores.verdicts if each.outcome == "wrong")
+    wrong = (verdict for verdict in scores.verdicts if verdict.outcome == "wrong")
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(
-        (each for each in wrong if clip in (None, each.clip) and configuration in (None, each.configuration)),
+        (
+            verdict
+            for verdict in wrong
+            if clip in (None, verdict.clip) and configuration in (None, verdict.configuration)
+        ),
         key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame),
     )
 
@@ -240,7 +245,7 @@ def browse(
     from harness.server.local_server import LocalServer, ended_by_sigterm, open_browser
 
     with ended_by_sigterm():
-        app = site({each.name: each for each in recordings}, web_viewer_files(), page=page, more=more)
+        app = site({recording.name: recording for recording in recordings}, web_viewer_files(), page=page, more=more)
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]
         say("\n".join(["Serving until Ctrl-C:", *addresses]))
@@ -270,7 +275,11 @@ def export_failure(
     from harness.record.excerpt import write_excerpt
 
     found = find_clips(run_folder(run), clip, config)
-    pairs = [f"{each.files.clip}, {layers.configuration}" for each in found for layers in each.layers]
+    pairs = [
+        f"{recorded_clip.files.clip}, {layers.configuration}"
+        for recorded_clip in found
+        for layers in recorded_clip.layers
+    ]
     if len(pairs) > 1:
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
     found[0].expect_subject(subject)

@@ -39,9 +39,9 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
         If no or several ways remain, or the calibration is missing.
     """
     readings = _readings(path, adapter, given)
-    complete = [each for each in readings if each.found.calibration] or readings
-    fitting = [each for each in complete if len(complete) == 1 or _agrees(each.found, given)]
-    filled = [Reading(each.adapter, _filled(each.found, given)) for each in fitting]
+    complete = [reading for reading in readings if reading.found.calibration] or readings
+    fitting = [reading for reading in complete if len(complete) == 1 or _agrees(reading.found, given)]
+    filled = [Reading(reading.adapter, _filled(reading.found, given)) for reading in fitting]
     distinct = [each for place, each in enumerate(filled) if each not in filled[:place]]
     if len(distinct) != 1:
         raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
@@ -101,11 +101,11 @@ def _below(root: Path, calibration: Any) -> Any:
 
 def _alternatives(readings: Sequence[Reading]) -> str:
     """The settings in which readings differ, each with its values and the option that decides."""
-    if len({each.adapter for each in readings}) > 1:
+    if len({reading.adapter for reading in readings}) > 1:
         layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
         return f"several adapters can read it; expected one of: {layouts}"
-    keys = dict.fromkeys(key for each in readings for key in each.found.source)
-    values = {key: [str(each.found.source.get(key)) for each in readings] for key in keys}
+    keys = dict.fromkeys(key for reading in readings for key in reading.found.source)
+    values = {key: [str(reading.found.source.get(key)) for reading in readings] for key in keys}
     # One key that distinguishes all of them is enough: the left folder implies the right one.
     deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
     choices = [
@@ -301,5 +301,5 @@ def _first_labels(manifest: ClipManifest, clip: Clip | MeasuredClip) -> Labels:
     todo = Label(target=IGNORED, note=UNLABELLED)
     first, last = clip.frames[0], clip.frames[-1]
     return Labels(
-        LabelRange(first_frame=first, last_frame=last, subject=each, label=todo) for each in manifest.subjects
+        LabelRange(first_frame=first, last_frame=last, subject=subject, label=todo) for subject in manifest.subjects
     )

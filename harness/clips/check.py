@@ -153,7 +153,7 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
 
 def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:
     scene = clip.scene(number)
-    yield from (float(np.linalg.norm(each.box.center_m)) for each in scene.targets if each.box is not None)
+    yield from (float(np.linalg.norm(target.box.center_m)) for target in scene.targets if target.box is not None)
     yield from (float(np.linalg.norm(p.eye_origin_left)) for p in scene.people if p.eye_origin_left is not None)
 
 
@@ -327,8 +327,8 @@ def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[i
     if labels is None:
         return None, problems
     if clip is None:
-        scored = [each for each in labels.ranges if each.label.target != IGNORED]
-        return sum(each.last_frame - each.first_frame + 1 for each in scored), ()
+        scored = [label_range for label_range in labels.ranges if label_range.label.target != IGNORED]
+        return sum(label_range.last_frame - label_range.first_frame + 1 for label_range in scored), ()
     return sum(1 for _, _, label in labels.labelled(clip.frames) if label.target != IGNORED), ()
 
 

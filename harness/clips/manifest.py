@@ -366,4 +366,4 @@ def known_categories(clip: Clip | MeasuredClip) -> frozenset[str]:
     if isinstance(clip, MeasuredClip):
         return frozenset(clip.categories.values())
     instances = clip.truth(clip.frames[0]).instances
-    return _COCO | frozenset(each.label for each in instances.instances) if instances else _COCO
+    return _COCO | frozenset(instance.label for instance in instances.instances) if instances else _COCO

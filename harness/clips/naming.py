@@ -106,7 +106,11 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     new = {name: rule for name, rule in free.items() if name not in found.values()}
     found |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
     by_track = {track: name for track, name in by_track.items() if name not in found.values()} | found
-    seen = {by_track[each.key]: place for each in people if each.key in by_track and (place := each.center_px)}
+    seen = {
+        by_track[candidate.key]: place
+        for candidate in people
+        if candidate.key in by_track and (place := candidate.center_px)
+    }
     return SubjectNames(by_track=by_track, last_seen_px={**memory.last_seen_px, **seen})
 
 
@@ -120,10 +124,10 @@ def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: S
     for person in _people(result):
         if person.key in memory.by_track and person.instance_id is not None:
             names[person.instance_id] = memory.by_track[person.key]
-    for each in result.scene.targets:
-        own, known = each.instance.name, {**subjects, **targets}
+    for target in result.scene.targets:
+        own, known = target.instance.name, {**subjects, **targets}
         if own in known and own not in names.values():
-            names.setdefault(each.instance.id, own)
+            names.setdefault(target.instance.id, own)
     unseen = {name: rule for name, rule in subjects.items() if name not in names.values()}
     names |= _assign(_returning(unseen, memory), _without(things, names), things)
     unseen = {name: rule for name, rule in unseen.items() if name not in memory.last_seen_px}

@@ -197,7 +197,7 @@ def check_archive(data: bytes, where: object) -> None:
             members = archive.infolist()
     except _ZIP_DAMAGE:
         return
-    packed, unpacked = (sum(getattr(each, size) for each in members) for size in ("compress_size", "file_size"))
+    packed, unpacked = (sum(getattr(member, size) for member in members) for size in ("compress_size", "file_size"))
     if unpacked > min(MOST_UNPACKED_BYTES, max(MOST_COMPRESSION * packed, 2**20)):
         raise VfoaError(f"{where}: {packed} bytes unpack to {unpacked}; expected an archive of ordinary files")
 

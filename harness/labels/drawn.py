@@ -57,15 +57,15 @@ class Track:
     keys: tuple[KeyFrame, ...]
 
     def __post_init__(self) -> None:
-        frames = [each.frame for each in self.keys]
+        frames = [key.frame for key in self.keys]
         if not frames or frames != sorted(set(frames)):
             raise ValueError(f"Track.keys: expected key frames by ascending frame, found the frames {frames}")
-        if any(len(each.place) != size_of(self.kind) for each in self.keys):
+        if any(len(key.place) != size_of(self.kind) for key in self.keys):
             raise ValueError(f"Track.keys: expected {size_of(self.kind)} numbers for a {self.kind}")
 
     @cached_property
     def _frames(self) -> list[int]:
-        return [each.frame for each in self.keys]
+        return [key.frame for key in self.keys]
 
     def at(self, frame: int) -> Place | None:
         """The place in a frame; None if it is not visible."""
@@ -101,23 +101,23 @@ class Drawn:
     tracks: tuple[Track, ...] = ()
 
     def __post_init__(self) -> None:
-        found = [(each.name, each.kind) for each in self.tracks]
+        found = [(track.name, track.kind) for track in self.tracks]
         if len(set(found)) != len(found):
             raise ValueError(f"Drawn.tracks: expected each name and kind once, found {found}")
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all drawn shapes, each once."""
-        return tuple(dict.fromkeys(each.name for each in self.tracks))
+        return tuple(dict.fromkeys(track.name for track in self.tracks))
 
     def at(self, frame: int) -> tuple[Shape, ...]:
         """Return all shapes that are visible in a frame."""
-        places = ((each, each.at(frame)) for each in self.tracks)
+        places = ((track, track.at(frame)) for track in self.tracks)
         return tuple(Shape(name=each.name, kind=each.kind, place=place) for each, place in places if place is not None)
 
     def of(self, name: str, kind: Kind) -> Track | None:
         """Return one track; None if there is none."""
-        return next((each for each in self.tracks if (each.name, each.kind) == (name, kind)), None)
+        return next((track for track in self.tracks if (track.name, track.kind) == (name, kind)), None)
 
 
 def size_of(kind: Kind) -> int:

@@ -80,12 +80,14 @@ class Labels:
     def __init__(self, ranges: Iterable[LabelRange]) -> None:
         self.ranges = tuple(sorted(ranges, key=lambda each: (each.first_frame, each.subject)))
         self._by_subject: dict[str, list[LabelRange]] = {}
-        for each in self.ranges:
-            rows = self._by_subject.setdefault(each.subject, [])
-            if each.first_frame > each.last_frame or (rows and rows[-1].last_frame >= each.first_frame):
-                raise ValueError(f"{each} overlaps with {rows[-1] if rows else 'itself'}")
-            rows.append(each)
-        self._firsts = {name: [each.first_frame for each in rows] for name, rows in self._by_subject.items()}
+        for label_range in self.ranges:
+            rows = self._by_subject.setdefault(label_range.subject, [])
+            if label_range.first_frame > label_range.last_frame or (
+                rows and rows[-1].last_frame >= label_range.first_frame
+            ):
+                raise ValueError(f"{label_range} overlaps with {rows[-1] if rows else 'itself'}")
+            rows.append(label_range)
+        self._firsts = {name: [row.first_frame for row in rows] for name, rows in self._by_subject.items()}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Labels) and self.ranges == other.ranges
@@ -126,10 +128,10 @@ class Labels:
     def confirmed(self) -> Labels:
         """Return the labels to score: suggestions become ``ignore``, so that no run is scored by a run."""
         return Labels(
-            replace(each, label=Label(target=IGNORED, note=f"suggested: {each.label.target}"))
-            if each.label.is_suggested
-            else each
-            for each in self.ranges
+            replace(label_range, label=Label(target=IGNORED, note=f"suggested: {label_range.label.target}"))
+            if label_range.label.is_suggested
+            else label_range
+            for label_range in self.ranges
         )
 
 
@@ -182,7 +184,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Merg
 
     Unconfirmed suggestions, and frames noted as not labelled yet, are no labels. Gaps between labels become ``ignore``.
     """
-    subjects = sorted({subject for each in labels.values() for subject in each.subjects})
+    subjects = sorted({subject for label in labels.values() for subject in label.subjects})
     merged = Labels(
         row
         for subject in subjects

@@ -130,11 +130,11 @@ class ClipCache:
     def lacking(self, frames: Iterable[int]) -> list[int]:
         """The frames with outputs that are not stored, as far as known before anything is read."""
         alone = [
-            each
-            for each in self.identities.values()
-            if each.slot == "segmentation" or (each.slot == "stereo" and not each.is_in_region)
+            identity
+            for identity in self.identities.values()
+            if identity.slot == "segmentation" or (identity.slot == "stereo" and not identity.is_in_region)
         ]
-        stored = [self.store.names(each.slot, each.digest) for each in alone]
+        stored = [self.store.names(identity.slot, identity.digest) for identity in alone]
         return [frame for frame in frames if not stored or not all(_file_name(frame, ()) in each for each in stored)]
 
 
@@ -145,7 +145,9 @@ def open_cache(
 
     ``digest`` is that of the clip's content, if it is known already: computing it takes reading all images.
     """
-    choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
+    choices = {
+        choice.key: choice for configuration in configurations for choice in configuration.choices.values() if choice
+    }
     source = Source.of(name, clip, digest)
     found = {key: identify(choice, source) for key, choice in choices.items()}
     return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})

@@ -78,13 +78,13 @@ class DrawnClip:
     def _at(self, frame: int) -> list[DrawnShape]:
         return [
             DrawnShape(
-                name=each.name,
-                label=self.categories[each.name],
-                category_id=self._category_ids[self.categories[each.name]],
-                kind=each.kind,
-                box_px=(each.place[0], each.place[1], each.place[-2], each.place[-1]),
+                name=shape.name,
+                label=self.categories[shape.name],
+                category_id=self._category_ids[self.categories[shape.name]],
+                kind=shape.kind,
+                box_px=(shape.place[0], shape.place[1], shape.place[-2], shape.place[-1]),
             )
-            for each in self.drawn.at(frame)
+            for shape in self.drawn.at(frame)
         ]
 
     @property
@@ -102,7 +102,7 @@ def check_drawn(name: str, drawn: Drawn | None, configuration: Configuration) ->
     VfoaError
         With what is missing, and how to draw it.
     """
-    kinds: set[Kind] = {each.kind for each in drawn.tracks} if drawn else set()
+    kinds: set[Kind] = {track.kind for track in drawn.tracks} if drawn else set()
     for slot, needed, what in (("segmentation", {"box", "point"}, "targets"), ("heads", {"head"}, "heads")):
         choice = configuration.choices[slot]
         if choice is not None and choice.name == DRAWN and not kinds & needed:

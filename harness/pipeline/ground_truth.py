@@ -84,7 +84,10 @@ class KnownTruth:
         only to confirm a head that overlaps too little.
         """
         people = self.people(frame)
-        matches = [(box_iou(each.head_box_px, head.box_px), each.instance_id == head.instance_id) for each in people]
+        matches = [
+            (box_iou(person_truth.head_box_px, head.box_px), person_truth.instance_id == head.instance_id)
+            for person_truth in people
+        ]
         overlap, is_confirmed = max(matches, default=(0.0, False))
         if overlap < LEAST_OVERLAP and not (is_confirmed and overlap > 0):
             return None
@@ -95,7 +98,7 @@ class KnownTruth:
         true = self._truth(frame).instances
         if true is None or not np.array_equal(true.ids, instances.ids):
             return set()
-        return {each.id for each in instances.instances}
+        return {instance.id for instance in instances.instances}
 
     def head_direction(self, frame: int, person: PersonTruth) -> Float:
         """True direction of the person's head, a unit vector (3,) in the camera frame."""

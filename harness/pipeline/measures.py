@@ -86,7 +86,7 @@ def _places(instances: Instances) -> tuple[list[int], NDArray[np.uint16]]:
 
     Ids can be as large as 65,535: a table over all numbers would take too much memory.
     """
-    ids = [0, *(each.id for each in instances.instances)]
+    ids = [0, *(instance.id for instance in instances.instances)]
     place = np.zeros(2**16, np.uint16)
     place[ids] = np.arange(len(ids))
     return ids, place.take(instances.ids)

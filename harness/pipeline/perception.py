@@ -282,12 +282,12 @@ def pose_frames(
     Configurations with the same stages get the same scene.
     """
     stages = {
-        each.name: {
+        configuration.name: {
             choice.key: STAGES[choice.slot].stage_class(choice.name)(choice.settings, clip)
             for slot in _DIRECTIONS
-            if (choice := each.choices[slot]) and STAGES[slot].is_true(choice)
+            if (choice := configuration.choices[slot]) and STAGES[slot].is_true(choice)
         }
-        for each in configurations
+        for configuration in configurations
     }
     for number in numbers:
         started = time.perf_counter()

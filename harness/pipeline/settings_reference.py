@@ -81,9 +81,9 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
     wanted, _, choice = (only or "").partition(".")
     if only and wanted not in TABLES:
         raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
-    found = [each for table in ([wanted] if only else TABLES) for each in _tables_of(table)]
+    found = [settings_table for table in ([wanted] if only else TABLES) for settings_table in _tables_of(table)]
     if choice:
-        named = {each.name: each for each in found}
+        named = {settings_table.name: settings_table for settings_table in found}
         if choice not in named:
             raise VfoaError(f"settings: {wanted}: no {choice!r}; {did_you_mean(choice, named)}")
         found = [named[choice]]
@@ -92,7 +92,9 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
 
 def choice_names() -> list[str]:
     """Every argument of :func:`settings_tables` that names one choice of a stage or step: ``stereo.sgbm``."""
-    return [f"{each.table}.{each.name}" for each in settings_tables() if each.name]
+    return [
+        f"{settings_table.table}.{settings_table.name}" for settings_table in settings_tables() if settings_table.name
+    ]
 
 
 def setting_keys() -> list[str]:

@@ -309,7 +309,7 @@ def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
         here = f"; or what is here already: {' '.join(missing.instead)}" if missing.instead else ""
         folders = " and ".join(map(str, directories()))
         raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {missing.fetch}{here}")
-    return {file: locate(file) for file in sorted({name for each in choices for name in weights_of(each.settings)})}
+    return {file: locate(file) for file in sorted({name for choice in choices for name in weights_of(choice.settings)})}
 
 
 def _find(file: str) -> Path | None:

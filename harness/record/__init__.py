@@ -1,7 +1,7 @@
 """Recordings: every stage of every frame, written for the Rerun viewer in layers that the viewer merges.
 
-``layers.py`` lists the files of a clip. ``recorder.py`` is the sink of a run's frames, ``sink.py`` opens it;
-``images.py``, ``reconstruction.py`` and ``attention.py`` log its layers; ``verdict_layer.py`` writes the layer of the
+``layers.py`` lists the files of a clip. ``recorder.py`` is the sink of a run's frames; ``images.py`` and
+``frame_content.py`` log its layers, ``layer_file.py`` writes them. ``verdict_layer.py`` writes the layer of the
 verdicts after each scoring. ``composed.py`` combines the layers, ``blueprint.py`` lays them out, ``viewer.py`` opens
 them. This file does not import Rerun, so that runs without recordings start faster.
 """

@@ -45,7 +45,7 @@ def clip_layout(
     layers: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
 ) -> rrb.Blueprint:
     """One configuration of a clip, or several as tabs; the tab of the subject ``first`` is in front (None: any)."""
-    parts = [_by_subject(subjects, first, partial(_wide, each, shown)) for each in layers]
+    parts = [_by_subject(subjects, first, partial(_wide, layer, shown)) for layer in layers]
     if len(parts) == 1:
         return _blueprint(parts[0], shown)
     named = [rrb.Vertical(part, name=each.configuration) for part, each in zip(parts, layers, strict=True)]
@@ -64,7 +64,9 @@ def comparison_layout(
     pair: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
 ) -> rrb.Blueprint:
     """Two configurations of a clip side by side, in columns of the same layout, so that rows can be compared."""
-    columns = _by_subject(subjects, first, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
+    columns = _by_subject(
+        subjects, first, lambda who: rrb.Horizontal(*(_column(layers, shown, who) for layers in pair))
+    )
     return _blueprint(columns, shown)
 
 
@@ -220,7 +222,7 @@ def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
 
 def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
     """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_for`."""
-    seen = list(box_corners([each.box for each in scene.targets if each.box is not None])) if scene else []
+    seen = list(box_corners([target.box for target in scene.targets if target.box is not None])) if scene else []
     if scene is not None:
         seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
     return eye_for(seen)

@@ -73,13 +73,13 @@ class RecordedClip:
 
     def under(self, configuration: str) -> RecordedClip:
         """Return the clip with only one of these configurations."""
-        return self._with([each for each in self.layers if each.configuration == configuration])
+        return self._with([layer for layer in self.layers if layer.configuration == configuration])
 
     def compose(self) -> Composed:
         """Combine all layers into one recording: one configuration, or a tab for each."""
         from harness.record.blueprint import clip_layout
 
-        names = [each.configuration for each in self.layers]
+        names = [layer.configuration for layer in self.layers]
         return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), clip_layout)
 
     def compare(self, one: str, other: str) -> Composed:
@@ -95,7 +95,7 @@ class RecordedClip:
     def _composed(self, name: str, make_layout: Callable[..., rrb.Blueprint]) -> Composed:
         return Composed(
             name=name,
-            files=tuple(dict.fromkeys(file for each in self.layers for file in self.files.of(each))),
+            files=tuple(dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))),
             application_id=self.files.application_id,
             frames=self.frames,
             make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
@@ -108,7 +108,9 @@ class RecordedClip:
         from harness.record.reading import entity_paths, first_points
 
         paths = entity_paths(self.files.images) if self.files.images.is_file() else set()
-        files = [self.files.reconstruction(name) for name in dict.fromkeys(each.reconstruction for each in self.layers)]
+        files = [
+            self.files.reconstruction(name) for name in dict.fromkeys(layer.reconstruction for layer in self.layers)
+        ]
         return Shown(
             has_images=entities.IMAGE in paths,
             has_right=entities.RIGHT in paths,
@@ -127,17 +129,17 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
     VfoaError
         If ``run`` is no directory of a run, or nothing was recorded of that clip and configuration.
     """
-    found = [each for each in _clips(run) if each.layers]
+    found = [recorded_clip for recorded_clip in _clips(run) if recorded_clip.layers]
     if not found:
         raise VfoaError(f"{run}: expected recordings (*.rrd), found none; was it run with --recording none?")
     if clip is not None:
-        known = [each.files.clip for each in found]
-        found = [each for each in found if each.files.clip == clip]
+        known = [recorded_clip.files.clip for recorded_clip in found]
+        found = [recorded_clip for recorded_clip in found if recorded_clip.files.clip == clip]
         if not found:
             raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
     if configuration is not None:
-        known = sorted({layers.configuration for each in found for layers in each.layers})
-        found = [one for each in found if (one := each.under(configuration)).layers]
+        known = sorted({layers.configuration for recorded_clip in found for layers in recorded_clip.layers})
+        found = [one for recorded_clip in found if (one := recorded_clip.under(configuration)).layers]
         if not found:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
     return found
@@ -155,7 +157,7 @@ def _clips(run: Path) -> list[RecordedClip]:
     names = layer_names(manifest["configurations"]).values()
     for clip in manifest["clips"]:
         files = ClipFiles(run=run, clip=clip["name"])
-        layers = tuple(each for each in names if files.attention(each.configuration).is_file())
+        layers = tuple(name for name in names if files.attention(name.configuration).is_file())
         subjects, frames = clip_names(clip)[0], tuple(clip["frames"])
         found.append(
             RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.get("rate_hz"))
@@ -181,7 +183,7 @@ def find_recordings(
         raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
     found = find_clips(run, clip, configuration)
     found[0].expect_subject(subject)
-    return [replace(each.compose(), subject=subject) for each in found]
+    return [replace(recorded_clip.compose(), subject=subject) for recorded_clip in found]
 
 
 def served_recordings(run: Path) -> dict[Pair, Composed]:

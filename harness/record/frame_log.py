@@ -123,7 +123,7 @@ class FrameLog:
         for (path, (archetype, names)), rows in self._waiting.items():
             times, fields = zip(*rows, strict=True)
             columns = [
-                column for name in names for column in _columns(archetype, name, [each[name] for each in fields])
+                column for name in names for column in _columns(archetype, name, [field[name] for field in fields])
             ]
             self._stream.send_columns(path, indexes=_time_columns(times), columns=columns)
         self._waiting, self.waiting_bytes = {}, 0

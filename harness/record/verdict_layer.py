@@ -93,7 +93,7 @@ def write_verdict_layers(
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
     modules = (verdicts, entities, frame_log, layer_file, appearance, scored, calibration)
-    files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
+    files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 
 
@@ -143,10 +143,16 @@ class _Layer:
         """The digest of all inputs of a stretch."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
-            (max(first, each.first_frame), min(last, each.last_frame), each.subject, label.target, label.point_px)
-            for each in (self._labels.ranges if self._labels else ())
-            for label in [each.label]
-            if each.first_frame <= last and each.last_frame >= first
+            (
+                max(first, label_range.first_frame),
+                min(last, label_range.last_frame),
+                label_range.subject,
+                label.target,
+                label.point_px,
+            )
+            for label_range in (self._labels.ranges if self._labels else ())
+            for label in [label_range.label]
+            if label_range.first_frame <= last and label_range.last_frame >= first
         ]
         names = self._subjects, self._targets, self._labels is None
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
@@ -154,12 +160,12 @@ class _Layer:
 
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
         log, outcomes, targets = FrameLog(layer.stream, before=shown), Counter[str](), dict[str, None]()
-        for record in (renamed(each, self._names_now) for each in read_block(self._results, block)):
+        for record in (renamed(frame, self._names_now) for frame in read_block(self._results, block)):
             labels = self._labels
             verdicts = [
                 judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects
             ]
-            outcomes.update(each.outcome for each in verdicts)
+            outcomes.update(verdict.outcome for verdict in verdicts)
             targets.update(dict.fromkeys(target.name for target in record.targets))
             log.begin(record.frame, record.time_ns)
             log_verdicts(log, record, verdicts)

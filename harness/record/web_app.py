@@ -147,9 +147,9 @@ def failures_routes(wrong: Sequence[Verdict], recordings: Mapping[Pair, Composed
     """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`."""
     keys = ("clip", "configuration", "frame", "subject", "truth", "predicted", "error_type")
     listed = [
-        {key: getattr(each, key) for key in keys}
-        | {"open": open_path(recordings[each.clip, each.configuration].name, each.frame, each.subject)}
-        for each in wrong
+        {key: getattr(verdict, key) for key in keys}
+        | {"open": open_path(recordings[verdict.clip, verdict.configuration].name, verdict.frame, verdict.subject)}
+        for verdict in wrong
     ]
     return (
         Route("/", lambda request: RedirectResponse(f"{VIEWER}failures.html")),

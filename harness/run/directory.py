@@ -272,7 +272,7 @@ class RunDirectory:
             raise unreadable(self.path, error) from None
         if not is_there:
             found = "no manifest.json in it" if self.path.is_dir() else "nothing there"
-            runs = {str(each.parent) for at in ("*", "runs/*") for each in Path().glob(f"{at}/manifest.json")}
+            runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
             raise VfoaError(f"{self.path}: expected a run's directory, found {found}{hint}")
         return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))

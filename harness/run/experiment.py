@@ -81,7 +81,7 @@ class FitRecord(Settings):
 
     def score_of(self, method: str) -> MethodScore | None:
         """Return the scores of a method, if it was scored."""
-        return next((each for each in self.held_out if each.method == method), None)
+        return next((method_score for method_score in self.held_out if method_score.method == method), None)
 
 
 class FittedWeights(Settings):
@@ -218,8 +218,10 @@ def load_experiment(
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     configurations, partly = _configurations(file, changes, preset, where)
     if file.seeds > 1:
-        configurations = tuple(each for one in configurations for each in repeated(one, file.seeds, where))
-    _check_published(file, [base_of(each.name) for each in configurations], where)
+        configurations = tuple(
+            configuration for one in configurations for configuration in repeated(one, file.seeds, where)
+        )
+    _check_published(file, [base_of(configuration.name) for configuration in configurations], where)
     return Experiment(
         name=path.stem,
         clips=present,
@@ -292,7 +294,7 @@ def _bundle(given: str | None, own: str | None, where: str) -> Tables:
 def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
     """Yield a sentence for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
     names = [preset] if preset else [*(each.get("preset") for each in file.configuration), file.preset]
-    for path in dict.fromkeys(Path(each) for each in names if isinstance(each, str) and each.endswith(".toml")):
+    for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
         fitted_on = read_fitted(path).fit.clips
         if seen := [clip for clip in clips if clip in fitted_on]:
             yield f"FITTED ON WHAT IS REPORTED: the weights of {path.name} were fitted on {', '.join(seen)}."

@@ -117,7 +117,10 @@ def _share(
 def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
     """Divide the job's configurations into this many jobs, or fewer."""
     groups = _together(job)
-    dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
+    dealt = [
+        [configuration for group in groups[hand::hands] for configuration in group]
+        for hand in range(min(hands, len(groups)))
+    ]
     return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
 
 
@@ -125,7 +128,7 @@ def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
     """The jobs in groups to run at the same time; no two jobs of a group write the same files."""
     rounds: list[list[ClipJob]] = []
     for job in jobs:
-        busy = {each.manifest.name for each in rounds[-1]} if rounds else set[str]()
+        busy = {clip_job.manifest.name for clip_job in rounds[-1]} if rounds else set[str]()
         if not rounds or (_shares_files(job) and job.manifest.name in busy):
             rounds.append([])
         rounds[-1].append(job)
@@ -139,10 +142,10 @@ def _shares_files(job: ClipJob) -> bool:
 def _together(job: ClipJob) -> list[list[Configuration]]:
     """Group the configurations: each by itself, but together if they share a temporal gaze model."""
     groups: dict[str, list[Configuration]] = {}
-    for each in job.configurations:
-        gaze = each.choices["gaze"]
+    for configuration in job.configurations:
+        gaze = configuration.choices["gaze"]
         temporal = gaze is not None and STAGES["gaze"].is_temporal(gaze)
-        groups.setdefault(gaze.key if gaze and temporal else each.name, []).append(each)
+        groups.setdefault(gaze.key if gaze and temporal else configuration.name, []).append(configuration)
     return list(groups.values())
 
 
@@ -163,7 +166,11 @@ def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
     """Return the job with the unfinished configurations of a clip."""
     clip, configurations = one.manifest.name, plan.experiment.configurations
-    todo = [each.for_clip(clip) for each in configurations if not directory.is_finished((clip, each.name))]
+    todo = [
+        configuration.for_clip(clip)
+        for configuration in configurations
+        if not directory.is_finished((clip, configuration.name))
+    ]
     job = ClipJob(
         manifest=one.manifest,
         frames=one.frames,

@@ -131,7 +131,10 @@ def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -
 def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
     """Return the first frame that a job must read: that of the configuration that is least advanced."""
     begin = min(job.frames, default=0)
-    return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)
+    return min(
+        resumed[configuration.name].first_read if configuration.name in resumed else begin
+        for configuration in job.configurations
+    )
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
@@ -152,7 +155,10 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     chosen = (number for number in (job.frames if numbers is None else numbers) if number >= first)
     if isinstance(clip, MeasuredClip):
         scenes = pose_frames(job.configurations, clip, chosen)
-        return job.outcome(each.error for each in attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed))
+        return job.outcome(
+            configuration_runner.error
+            for configuration_runner in attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
+        )
     images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
     begins = {name: each.frame + 1 for name, each in resumed.items()}
     starts = {name: each.window for name, each in resumed.items() if each.window}
@@ -161,7 +167,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
     if job.cache:
         job.cache.store.trim()
-    return job.outcome((each.error for each in runners), perception.take_tallies())
+    return job.outcome((runner.error for runner in runners), perception.take_tallies())
 
 
 def attend_to(
@@ -180,14 +186,17 @@ def attend_to(
     """
     begun = resumed or {}
     runners = [
-        ConfigurationRunner(job, each, rate_hz, measurer, resumed=begun.get(each.name)) for each in job.configurations
+        ConfigurationRunner(job, configuration, rate_hz, measurer, resumed=begun.get(configuration.name))
+        for configuration in job.configurations
     ]
     began_s = written_s = time.monotonic()
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
         try:
-            while any(each.error is None for each in runners) and (frame := next(frames, None)):
+            while any(configuration_runner.error is None for configuration_runner in runners) and (
+                frame := next(frames, None)
+            ):
                 for runner in runners:
                     runner.attend(frame)
                 if time.monotonic() - written_s >= pause_s(written_s - began_s):

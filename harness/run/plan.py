@@ -55,7 +55,11 @@ class Plan:
     @property
     def pairs(self) -> list[Pair]:
         """Every (clip, configuration), in the order of the tables."""
-        return [(one.manifest.name, each.name) for one in self.clips for each in self.experiment.configurations]
+        return [
+            (one.manifest.name, configuration.name)
+            for one in self.clips
+            for configuration in self.experiment.configurations
+        ]
 
     @property
     def deciding_modules(self) -> tuple[str, ...]:
@@ -90,7 +94,8 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
     clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
     if all(isinstance(one.clip, MeasuredClip) for one in clips):
         experiment = replace(
-            experiment, configurations=tuple(each.without_images() for each in experiment.configurations)
+            experiment,
+            configurations=tuple(configuration.without_images() for configuration in experiment.configurations),
         )
     notes = (
         *_notes_on_names(clips, experiment.configurations),
@@ -120,15 +125,17 @@ def drawn_on(manifest: ClipManifest, frames: Sequence[int], experiment: Experime
     if not any(each.uses_drawn for each in experiment.configurations):
         return None
     drawn = manifest.drawn(frames)
-    for each in experiment.configurations:
-        check_drawn(manifest.name, drawn, each)
+    for configuration in experiment.configurations:
+        check_drawn(manifest.name, drawn, configuration)
     return DrawnClip.of(manifest, drawn) if drawn else None
 
 
 def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
     """Notes on names that use the source's own ids while masks come from a network, which numbers them anew."""
-    choices = [each.choices["segmentation"] for each in configurations]
-    networks = sorted({each.name for each in choices if each and each.name not in STAGES["segmentation"].of_clip})
+    choices = [configuration.choices["segmentation"] for configuration in configurations]
+    networks = sorted(
+        {choice.name for choice in choices if choice and choice.name not in STAGES["segmentation"].of_clip}
+    )
     for clip in [one for one in clips if not isinstance(one.clip, MeasuredClip)] if networks else ():
         rules = {**clip.manifest.subjects, **clip.manifest.targets}
         if names := [name for name, rule in rules.items() if rule.instance is not None]:
@@ -140,13 +147,13 @@ def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Conf
 
 def _note_on_drawn(clip: str, drawn: DrawnClip) -> str:
     """A line that lists what is drawn on a clip, and the number of key frames."""
-    keys = sum(len(each.keys) for each in drawn.drawn.tracks)
+    keys = sum(len(track.keys) for track in drawn.drawn.tracks)
     return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."
 
 
 def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
     """Notes on objects nearer than a matcher searches. Unreadable images are ignored: the run reports them."""
-    stereo = [choice.settings for each in configurations if (choice := each.choices["stereo"])]
+    stereo = [choice.settings for configuration in configurations if (choice := configuration.choices["stereo"])]
     limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
     for clip in clips:
         images = clip.clip

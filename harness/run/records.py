@@ -119,7 +119,7 @@ def renamed(record: FrameRecord, names: Mapping[str, str]) -> FrameRecord:
     """The same record with the present names of renamed targets."""
     if not names:
         return record
-    targets = tuple(replace(each, name=names.get(each.name, each.name)) for each in record.targets)
+    targets = tuple(replace(target, name=names.get(target.name, target.name)) for target in record.targets)
     return replace(record, targets=targets)
 
 

@@ -239,12 +239,12 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
         clips = manifest.get("clips", [])
         then: dict[str, Any] = next((each.get("names", {}) for each in clips if each["name"] == clip.name), {})
         name, names_now = clip.name, clip.names_now(then.get("targets", {}))
-    records = [renamed(each, names_now) for each in read_results(directory.results) if each.clip == name]
+    records = [renamed(frame, names_now) for frame in read_results(directory.results) if frame.clip == name]
     if not records:
         raise VfoaError(f"{run}: the run has no frames of clip {name!r}")
-    names = list(dict.fromkeys(each.configuration for each in records))
+    names = list(dict.fromkeys(record.configuration for record in records))
     chosen = _choose(names, configuration, run)
-    by_frame = {each.frame: each for each in records if each.configuration == chosen}
+    by_frame = {record.frame: record for record in records if record.configuration == chosen}
     settings = manifest.get("configurations", {}).get(chosen, {})
     return ClipRecords(
         configuration=chosen,
@@ -280,9 +280,9 @@ class MeasureLog:
                 if pair not in self._by_pair:
                     self._by_pair[pair] = []
                 self._by_pair[pair].append(record.measures)
-                for each in record.measures.targets:
-                    if each.instance_id is not None and (record.clip, each.truth_id) not in self._names:
-                        self._note_name(record, each)
+                for target in record.measures.targets:
+                    if target.instance_id is not None and (record.clip, target.truth_id) not in self._names:
+                        self._note_name(record, target)
             yield record
 
     def _note_name(self, record: FrameRecord, measure: TargetMeasure) -> None:
@@ -316,11 +316,11 @@ class MeasureLog:
         for (clip, configuration), frames in self._by_pair.items():
             by_id: dict[int, list[TargetMeasure]] = {}
             for frame in frames:
-                for each in frame.targets:
-                    if each.truth_id in by_id:
-                        by_id[each.truth_id].append(each)
+                for target in frame.targets:
+                    if target.truth_id in by_id:
+                        by_id[target.truth_id].append(target)
                     else:
-                        by_id[each.truth_id] = [each]
+                        by_id[target.truth_id] = [target]
             for number, measures in by_id.items():
                 name = self._names.get((clip, number), f"{measures[0].label}#{number}")
                 found.setdefault((clip, name, configuration), []).extend(measures)

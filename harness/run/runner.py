@@ -134,7 +134,9 @@ def _check_unchanged(
         if one.manifest.open().digest() != before[one.manifest.name]:
             if cache:
                 account.forget(one.manifest.name, cache)
-            if all((one.manifest.name, each.name) in failures for each in plan.experiment.configurations):
+            if all(
+                (one.manifest.name, configuration.name) in failures for configuration in plan.experiment.configurations
+            ):
                 continue
             raise VfoaError(changed_during_run(one.manifest.name))
 

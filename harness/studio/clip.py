@@ -90,7 +90,9 @@ class StudioClip:
         drawn = set(np.unique(seen.ids).tolist())
         return Truth(
             disparity=Disparity(disparity_px=disparity.astype(np.float32)),
-            instances=Instances(ids=seen.ids, instances=tuple(each for each in stage.instances if each.id in drawn)),
+            instances=Instances(
+                ids=seen.ids, instances=tuple(instance for instance in stage.instances if instance.id in drawn)
+            ),
             boxes=stage.boxes(index),
             people=stage.people(index),
         )

@@ -196,9 +196,9 @@ def main(words: Sequence[str] | None = None) -> int:
             if found := runs.what_differs(out, workers):
                 differing.append(f"{out.name}: {found}")
             shutil.rmtree(out)
-    wrong = [each for each in trials if each.wrong]
+    wrong = [trial for trial in trials if trial.wrong]
     for workers in given.workers:
-        took_s = sorted(each.took_s for each in trials if each.workers == workers) or [0.0]
+        took_s = sorted(trial.took_s for trial in trials if trial.workers == workers) or [0.0]
         middle_s, worst_s = took_s[len(took_s) // 2], took_s[-1]
         print(f"{workers} workers: {len(took_s)} interrupts, median {middle_s} s, worst {worst_s} s")  # noqa: T201
     print(f"{len(wrong)} of {len(trials)} did not hold; tables that differ: {differing or 'none'}")  # noqa: T201

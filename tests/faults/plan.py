@@ -219,9 +219,9 @@ def _mount(*words: str) -> None:
 
 def table(cells: Sequence[Cell], seed: int, seconds: float) -> str:
     """Verb x fault in Markdown, what did not hold, and what was not tried."""
-    marks = {(each.verb, each.fault): each.mark for each in cells}
-    names, faults = (list(dict.fromkeys(getattr(each, key) for each in cells)) for key in ("verb", "fault"))
-    failed, skipped = ([each for each in cells if getattr(each, key)] for key in ("wrong", "skipped"))
+    marks = {(cell.verb, cell.fault): cell.mark for cell in cells}
+    names, faults = (list(dict.fromkeys(getattr(cell, key) for cell in cells)) for key in ("verb", "fault"))
+    failed, skipped = ([cell for cell in cells if getattr(cell, key)] for key in ("wrong", "skipped"))
     lines = [
         "# Fault plan",
         "",
@@ -292,7 +292,7 @@ def main(words: Sequence[str] | None = None) -> int:
     print(text)  # noqa: T201
     if given.out:
         given.out.write_text(text, encoding="utf-8")
-    return int(any(each.wrong for each in cells))
+    return int(any(cell.wrong for cell in cells))
 
 
 if __name__ == "__main__":

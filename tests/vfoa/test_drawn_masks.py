@@ -68,7 +68,9 @@ def test_a_box_is_cut_out_by_the_depth_of_its_middle() -> None:
     found, _ = _draw([shape("mug", (19.5, 9.5, 42.5, 32.5))], _depths((cup, 1.0)))
     expected = np.zeros((48, 64), bool)
     expected[cup] = True
-    assert [(each.name, each.label, each.is_thing) for each in found.instances] == [("mug", "cup", True)]
+    assert [(instance.name, instance.label, instance.is_thing) for instance in found.instances] == [
+        ("mug", "cup", True)
+    ]
     assert np.array_equal(found.mask(found.instances[0].id), expected)
 
 
@@ -80,7 +82,7 @@ def test_pixels_of_unknown_depth_belong_to_nothing_and_a_box_without_depth_has_n
     assert not found.ids[20:25].any()
     assert found.ids[12, 22]
     empty, _ = _draw([box], Disparity(disparity_px=np.full((48, 64), np.nan, np.float32)))
-    assert [each.name for each in empty.instances] == ["mug"]
+    assert [instance.name for instance in empty.instances] == ["mug"]
     assert not empty.ids.any()
 
 
@@ -89,7 +91,7 @@ def test_of_two_boxes_the_nearer_hides_the_farther_whatever_their_order() -> Non
     shapes = [shape("near", (9.5, 9.5, 29.5, 29.5)), shape("far", (4.5, 4.5, 59.5, 39.5))]
     for order in (shapes, shapes[::-1]):
         found, _ = _draw(order, _depths((far, 2.0), (near, 1.0)))
-        ids = {each.name: each.id for each in found.instances}
+        ids = {instance.name: instance.id for instance in found.instances}
         assert found.ids[20, 20] == ids["near"]
         assert found.ids[20, 50] == ids["far"]
 
@@ -118,7 +120,7 @@ def test_a_head_that_is_detected_stays_and_learns_whose_it_is() -> None:
     seen = Head(box_px=np.array([10.0, 5, 24, 24]), score=0.7, landmarks_px=np.ones((5, 2)))
     drawn = shape("anna", (9.5, 4.5, 24.5, 24.5), "head", "person")
     found, heads = _draw([drawn], _depths(), model=model, heads=[seen])
-    assert [(each.id, each.name) for each in found.instances] == [(9, "anna")]
+    assert [(instance.id, instance.name) for instance in found.instances] == [(9, "anna")]
     assert np.array_equal(found.ids, model.ids)
     (head,) = heads
     assert head.instance_id == 9
@@ -129,7 +131,7 @@ def test_a_box_about_the_model_s_own_instance_names_it() -> None:
     model = _of_model(cup=(CUP, (slice(12, 30), slice(22, 40))))
     depths = _depths(((slice(12, 30), slice(22, 40)), 1.0))
     found, _ = _draw([shape("mug", (20, 10, 41, 31))], depths, model=model)
-    assert [(each.id, each.name) for each in found.instances] == [(7, "mug")]
+    assert [(instance.id, instance.name) for instance in found.instances] == [(7, "mug")]
     assert np.array_equal(found.ids, model.ids)
 
 
@@ -137,7 +139,7 @@ def test_what_is_drawn_wins_over_the_same_object_under_another_label() -> None:
     model = _of_model(cup=(CUP, (slice(12, 30), slice(22, 40))), person=(PERSON, (slice(0, 48), slice(44, 64))))
     depths = _depths(((slice(12, 32), slice(22, 42)), 1.0))
     found, _ = _draw([shape("robot", (20, 10, 43, 33), label="robot")], depths, model=model)
-    assert [(each.id, each.name) for each in found.instances] == [(9, None), (10, "robot")]
+    assert [(instance.id, instance.name) for instance in found.instances] == [(9, None), (10, "robot")]
     assert set(np.unique(found.ids)) == {0, 9, 10}
 
 
@@ -145,10 +147,10 @@ def test_what_is_not_asked_for_is_not_there() -> None:
     gone = shape("ben", (-30, 2, -10, 12), "head", "person")  # it has left the image
     shapes = [shape("mug", (20, 10, 41, 31)), shape("anna", (2, 2, 12, 12), "head", "person"), gone]
     instances, heads = _draw(shapes, _depths(), settings=DrawnSettings(targets=True))
-    assert [each.name for each in instances.instances] == ["mug"]
+    assert [instance.name for instance in instances.instances] == ["mug"]
     assert heads == ()
     instances, heads = _draw(shapes, _depths(), settings=DrawnSettings(heads=True))
-    assert [each.name for each in instances.instances] == ["anna"]
+    assert [instance.name for instance in instances.instances] == ["anna"]
     assert len(heads) == 1
 
 
@@ -174,20 +176,22 @@ def test_boxes_on_a_rendered_scene_become_masks() -> None:
     assert truth.instances is not None
     assert truth.disparity is not None
     shapes, true = [], {}
-    for each in truth.instances.instances:
-        mask = truth.instances.mask(each.id)
+    for instance in truth.instances.instances:
+        mask = truth.instances.mask(instance.id)
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if each.is_thing and each.label != "person" and len(rows):
+        if instance.is_thing and instance.label != "person" and len(rows):
             box = (columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5)
-            shapes.append(shape(each.label, box, label=each.label))
-            true[each.label] = mask
+            shapes.append(shape(instance.label, box, label=instance.label))
+            true[instance.label] = mask
     drawing = DrawnShapes(USED, lambda _: shapes)
     nothing = Instances(ids=np.zeros_like(truth.instances.ids), instances=())
     found = drawing.add_masks(frame, nothing, drawing.place(frame, nothing), truth.disparity)
     overlaps = {}
-    for each in found.instances:
-        mask = found.mask(each.id)
-        overlaps[each.label] = np.count_nonzero(mask & true[each.label]) / np.count_nonzero(mask | true[each.label])
+    for instance in found.instances:
+        mask = found.mask(instance.id)
+        overlaps[instance.label] = np.count_nonzero(mask & true[instance.label]) / np.count_nonzero(
+            mask | true[instance.label]
+        )
     assert {*overlaps} == {"laptop", "cup", "book", "bottle", "vase"}
     assert min(overlaps.values()) > 0.5
     assert np.median(list(overlaps.values())) > 0.7

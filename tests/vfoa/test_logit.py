@@ -66,15 +66,15 @@ def test_the_target_that_all_directions_point_at_is_the_likeliest(gaze: Float | 
             totals = {each.instance_id: each.total for each in found.values}
             assert totals[2] > totals[3]
             assert 0 < sum(totals.values()) < 1
-            for each in found.values:
-                assert np.nansum([each.gaze, each.head]) == pytest.approx(each.total)
+            for value in found.values:
+                assert np.nansum([value.gaze, value.head]) == pytest.approx(value.total)
 
 
 def test_nowhere_is_the_focus_far_from_all_targets() -> None:
     away = np.array([0.0, -1.0, 0.2])
     (found,) = results([looking(away, away)], LogitSettings(method="logit"))[0].attentions
     assert found.focus is None
-    assert sum(each.total for each in found.values) < 0.5
+    assert sum(value.total for value in found.values) < 0.5
 
 
 def test_a_subject_without_eyes_or_directions_has_a_reason() -> None:

@@ -147,9 +147,9 @@ def test_a_provider_that_is_not_there_is_an_error(weights: str) -> None:
 @pytest.mark.parametrize("registry", [MATCHERS, SEGMENTERS, DETECTORS, HEAD_POSES, GAZES], ids=lambda each: each.kind)
 def test_every_stage_with_weights_runs_on_a_provider(registry: Registry) -> None:
     settings = [registry.load(name).Settings for name in registry.names()]
-    networks = [each for each in settings if any("weights" in name for name in each.model_fields)]
+    networks = [setting for setting in settings if any("weights" in name for name in setting.model_fields)]
     assert networks
-    assert all(issubclass(each, RuntimeSettings) for each in networks)
+    assert all(issubclass(network, RuntimeSettings) for network in networks)
 
 
 def test_a_missing_gpu_build_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:

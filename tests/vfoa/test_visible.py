@@ -122,11 +122,11 @@ def test_only_where_things_lie_from_the_eyes_matters(surface, occlusion):
     face = np.array([0.0, 0.1, 2.0])
     moved = tuple(
         replace(
-            each,
-            points_left=each.points_left + np.float32(shift),
-            box=replace(each.box, center_m=each.box.center_m + shift),
+            target,
+            points_left=target.points_left + np.float32(shift),
+            box=replace(target.box, center_m=target.box.center_m + shift),
         )
-        for each in targets
+        for target in targets
     )
     here, there = views_of(EYES, targets, {3: face}, settings), views_of(shift, moved, {3: face + shift}, settings)
     assert there.ids == here.ids

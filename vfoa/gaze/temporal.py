@@ -109,7 +109,7 @@ class HeadWindow:
         crops = [self._crop(number, track) for number in numbers]
         middle = crops[REACH]
         assert middle is not None, "a view without the crop that its model asks for"
-        return self._model.estimate_sequence([middle if each is None else each for each in crops], view.head, rig)
+        return self._model.estimate_sequence([middle if crop is None else crop for crop in crops], view.head, rig)
 
     def _crop(self, number: int, track: int) -> Image | None:
         """Return the track's crop in a frame; None if it was not seen, or there is no such frame."""

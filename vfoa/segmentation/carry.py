@@ -76,7 +76,7 @@ def carry(masks: Instances, key: StereoFrame, now: StereoFrame, motion: Motion) 
     if not _is_followed(ids, motion.followed):
         return None
     seen = set(np.flatnonzero(np.bincount(ids.ravel())).tolist())
-    instances = tuple(each for each in masks.instances if each.id in seen)
+    instances = tuple(instance for instance in masks.instances if instance.id in seen)
     return Instances(ids=ids, instances=instances, carried_from=key.index, carried_s=(now.time_ns - key.time_ns) / 1e9)
 
 

@@ -71,9 +71,9 @@ def whole(rig: StereoRig) -> Region:
 def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig, drawn: Iterable[Window] = ()) -> Region:
     """Return the smallest region with all objects, heads and drawn shapes; empty if there are none."""
     needed = np.not_equal(instances.ids, 0)
-    for each in instances.instances:
-        if not each.is_thing:
-            needed &= np.not_equal(instances.ids, each.id)
+    for instance in instances.instances:
+        if not instance.is_thing:
+            needed &= np.not_equal(instances.ids, instance.id)
     windows = [(_extent(np.any(needed, axis=1)), _extent(np.any(needed, axis=0)))]
     for head in heads:
         u0, v0, u1, v1 = head.box_px

@@ -43,7 +43,7 @@ class Boris(ReadOnly):
             for each in (behaviours.values() if isinstance(behaviours, dict) else ())
             if isinstance(each, dict)
         }
-        states = [each for each in events if not kinds.get(each[2], "").lower().startswith("point")]
+        states = [event for event in events if not kinds.get(event[2], "").lower().startswith("point")]
         said = []
         if len(states) < len(events):
             said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")

@@ -226,8 +226,8 @@ class _Masks:
     def __init__(self, file: _PanopticFile, path: Path) -> None:
         self.categories: dict[int, _Category] = _by_key(file.categories, "id", f"{path}: categories")
         by_name = _by_key(file.annotations, "file_name", f"{path}: annotations")
-        for each in file.annotations:
-            _by_key(each.segments_info, "id", f"{path}: {each.file_name}: segments_info")
+        for annotation in file.annotations:
+            _by_key(annotation.segments_info, "id", f"{path}: {annotation.file_name}: segments_info")
         self.files = number_names(by_name, f"{path}: annotations") if by_name else {}
         in_order = [by_name[name].segments_info for name in self.files.values()]
         every = [segment for segments in in_order for segment in segments]

@@ -126,7 +126,7 @@ class Cluster:
 def _end(client: Client, futures: Sequence[Future], run: str) -> None:
     """Stop the running jobs and wait for them: another run may begin at once with the same files."""
     deadline = time.monotonic() + PATIENCE_SECONDS
-    while (running := [each for each in futures if not each.done()]) and time.monotonic() < deadline:
+    while (running := [future for future in futures if not future.done()]) and time.monotonic() < deadline:
         client.run(note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
         with suppress(TimeoutError):
             running[0].exception(timeout=1)

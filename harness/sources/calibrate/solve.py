@@ -55,7 +55,7 @@ class StereoCalibration:
     @property
     def epipolar_px(self) -> float:
         """Mean epipolar error over the used frames, pixels."""
-        return float(np.mean([each.epipolar_px for each in self.errors.values()]))
+        return float(np.mean([error.epipolar_px for error in self.errors.values()]))
 
 
 def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:

@@ -82,7 +82,10 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
         scale = METRES[options.unit]
         if options.baseline_m is not None:
             scale = options.baseline_m / cameras.rectified().baseline_m
-        left, right = (replace(each, p=each.p * np.array([1, 1, 1, scale])) for each in (cameras.left, cameras.right))
+        left, right = (
+            replace(raw_camera, p=raw_camera.p * np.array([1, 1, 1, scale]))
+            for raw_camera in (cameras.left, cameras.right)
+        )
         return replace(cameras, left=left, right=right)
     rectified = cameras if isinstance(cameras, Calibration) else cameras.rectified()
     return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.unit])

@@ -152,11 +152,11 @@ class FramesOfMeasurements:
         self.people = {name: number for number, name in enumerate(names, start=1)}
         self.categories = dict.fromkeys(self.people, PERSON)
         moving = itertools.chain.from_iterable(frame.objects for frame in self._frames.values())
-        for each in (*self._fixed, *moving):
-            known = self.categories.setdefault(each.name, each.category)
-            if known != each.category and each.name not in self.people:
+        for thing in (*self._fixed, *moving):
+            known = self.categories.setdefault(thing.name, thing.category)
+            if known != thing.category and thing.name not in self.people:
                 raise VfoaError(
-                    f"{where}: object {each.name!r}: found the categories {known!r} and {each.category!r}; expected one"
+                    f"{where}: object {thing.name!r}: expected one category, found {known!r} and {thing.category!r}"
                 )
         things = [name for name in self.categories if name not in self.people]
         things.sort(key=lambda name: name in settings.objects)
@@ -190,7 +190,7 @@ class FramesOfMeasurements:
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame as a scene."""
         frame = self._frame(number)
-        boxes = {each.name: each.box for each in (*self._fixed, *frame.objects)}
+        boxes = {measured_object.name: measured_object.box for measured_object in (*self._fixed, *frame.objects)}
         head_m = np.array(self._settings.head_size_m)
         for person in frame.people:  # others look at the person's own box if the source has one, else at the head
             if person.name not in boxes:
@@ -236,7 +236,10 @@ class FramesOfMeasurements:
     @cached_property
     def _knows_truth(self) -> bool:
         people = (person for frame in self._frames.values() for person in frame.people)
-        return any(each.true_gaze is not None or each.true_target is not None for each in people)
+        return any(
+            measured_person.true_gaze is not None or measured_person.true_target is not None
+            for measured_person in people
+        )
 
     def digest(self) -> str:
         """Digest of the files' content and the settings."""

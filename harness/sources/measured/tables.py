@@ -235,7 +235,7 @@ def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
     write_rows(
         folder / "objects.csv",
         _OBJECTS,
-        [_object_cells(number, each) for number, frame in numbered for each in frame.objects],
+        [_object_cells(number, measured_object) for number, frame in numbered for measured_object in frame.objects],
     )
 
 

@@ -222,13 +222,15 @@ def _chunks(path: Path, window: Window) -> list[int] | None:
     chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
     channels = summary.channels.values()
     kinds = {each.id: message_type(each, summary.schemas.get(each.schema_id)).kind for each in channels}
-    if "video" in kinds.values() or not all(each.message_index_offsets for each in chunks):
+    if "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
         return None
     wanted = {
-        each.chunk_start_offset for each in chunks if window.overlaps(each.message_start_time, each.message_end_time)
+        chunk.chunk_start_offset
+        for chunk in chunks
+        if window.overlaps(chunk.message_start_time, chunk.message_end_time)
     }
     for channel in (number for number, kind in kinds.items() if kind in ("calibration", "transforms", "extrinsics")):
-        holding = [each for each in chunks if channel in each.message_index_offsets]
+        holding = [chunk for chunk in chunks if channel in chunk.message_index_offsets]
         before = [each for each in holding if each.message_start_time < window.start_ns]
         wanted.update(each.chunk_start_offset for each in (before[-1:] or holding[:1]))
     return sorted(wanted)

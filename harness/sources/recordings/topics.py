@@ -197,7 +197,7 @@ _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|vi
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
     """Return all topics that may be depth, by name."""
     images = [topic for topic in topics if topic.is_image and topic.places]
-    return sorted((each for each in images if may_be_depth(each.name, each.header)), key=lambda each: each.name)
+    return sorted((image for image in images if may_be_depth(image.name, image.header)), key=lambda each: each.name)
 
 
 def is_aligned(depth: Topic, colour: Topic) -> bool:
@@ -207,7 +207,7 @@ def is_aligned(depth: Topic, colour: Topic) -> bool:
     """
     if has_no_frames(depth):
         return False
-    sizes = {each.header.size_px for each in (depth, colour) if each.header is not None and each.header.size_px}
+    sizes = {topic.header.size_px for topic in (depth, colour) if topic.header is not None and topic.header.size_px}
     if len(sizes) > 1:
         return False
     if any(word in depth.name.lower() for word in _ALIGNED):
@@ -256,11 +256,11 @@ def find_colour_and_depth(
 def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
     """Images in colour by name; if none has such a name, images of any other name."""
     others = [
-        each for each in images if each.places and each not in depths and not may_be_depth(each.name, each.header)
+        image for image in images if image.places and image not in depths and not may_be_depth(image.name, image.header)
     ]
-    others = [each for each in others if not any(word in each.name.lower() for word in _NO_COLOUR)]
-    by_name = [each for each in others if any(word in each.name.lower() for word in _COLOUR)]
-    return _of_streams(by_name or [each for each in others if "depth" not in each.name.lower()])
+    others = [topic for topic in others if not any(word in topic.name.lower() for word in _NO_COLOUR)]
+    by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
+    return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])
 
 
 def _of_streams(topics: list[Topic]) -> list[Topic]:

@@ -48,7 +48,7 @@ def test_labelling_a_built_in_clip_changes_nothing_of_the_program(tmp_path: Path
         answer = browser.post(f"{host}/api/change", json={"revision": state["revision"], "changes": [change]})
         assert answer.status_code == 200, answer.text
         rows = own.read_text().splitlines()
-        assert [each for each in rows if f",{subject}," not in each] == [
+        assert [row for row in rows if f",{subject}," not in row] == [
             each for each in shipped if f",{subject}," not in each
         ]
         assert rows != shipped

@@ -18,7 +18,7 @@ def _linear(colour: str) -> NDArray[np.float64]:
     """sRGB (3,) in [0, 1] of #rgb or #rrggbb."""
     digits = colour.lstrip("#")
     pairs = [each * 2 for each in digits] if len(digits) == 3 else [digits[k : k + 2] for k in (0, 2, 4)]
-    return np.array([int(each, 16) / 255 for each in pairs])
+    return np.array([int(pair, 16) / 255 for pair in pairs])
 
 
 def _contrast(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:

@@ -239,7 +239,7 @@ def report(run: RunResults, tmp_path: Path) -> Iterator[Chrome]:
     recordings = served_recordings(run.path)
     page = partial(report_page, run.directory, {pair: each.name for pair, each in recordings.items()})
     app = site(
-        {each.name: each for each in recordings.values()},
+        {recording.name: recording for recording in recordings.values()},
         page_files(),
         page=page,
         more=correction_routes(run.directory),

@@ -117,7 +117,7 @@ def test_a_box_is_drawn_moved_and_resized_with_the_mouse(page: Page, session: Ch
     assert _at(page, "cup", "box", 4) == pytest.approx((16, 13, 36, 28), abs=2 * NEAR_PX)
 
     handles = session.find_elements("css selector", "#drawn .handle")
-    assert [min(each.rect["width"], each.rect["height"]) >= 24 for each in handles] == [True] * 4
+    assert [min(handle.rect["width"], handle.rect["height"]) >= 24 for handle in handles] == [True] * 4
     u0, v0, u1, v1 = _at(page, "cup", "box", 7) or ()
     _drag(session, (u1 + 1, v1 + 1), (u1 + 9, v1 + 5))
     assert _at(page, "cup", "box", 7) == pytest.approx((u0, v0, u1 + 9, v1 + 5), abs=2 * NEAR_PX)

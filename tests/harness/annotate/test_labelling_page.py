@@ -110,7 +110,7 @@ def test_names_stand_in_the_strip_as_text_and_patterns_not_colour_alone(browser:
     _drag(browser, 4, 7)
     _keys(browser, "i")
     pieces = browser.find_elements("css selector", "#strips .current .piece")
-    assert [each.get_attribute("textContent") for each in pieces[:2]] == ["cup", "ignore"] or "cup" in pieces[0].text
+    assert [piece.get_attribute("textContent") for piece in pieces[:2]] == ["cup", "ignore"] or "cup" in pieces[0].text
     pattern = browser.execute_script(
         "return getComputedStyle(document.querySelector('.piece.is-ignore')).backgroundImage"
     )

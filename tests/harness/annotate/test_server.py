@@ -1,4 +1,4 @@
-"""The answers of the labelling page's server; whom it answers is in tests/harness/test_servers.py."""
+"""The answers of the labelling page's server; whom it answers is in tests/harness/server/test_servers.py."""
 
 from __future__ import annotations
 

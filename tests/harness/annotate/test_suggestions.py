@@ -36,11 +36,11 @@ def test_blocks_cover_every_subject_and_20_seconds_without_overlap(run: Any) -> 
     answers, times_s = run
     blocks = label_first(answers, times_s)
     step_s = times_s[1] if len(times_s) > 1 else 1.0
-    labelled = Counter((each.subject, at) for each in blocks for at in range(each.first, each.last + 1))
-    assert {each.subject for each in blocks} == set(answers)
+    labelled = Counter((block.subject, at) for block in blocks for at in range(block.first, block.last + 1))
+    assert {block.subject for block in blocks} == set(answers)
     assert set(labelled.values()) == {1}
     assert all(0 <= at < len(times_s) for _, at in labelled)
-    assert all(times_s[each.last] - times_s[each.first] < 4 for each in blocks)
+    assert all(times_s[block.last] - times_s[block.first] < 4 for block in blocks)
     at_hand_s = len(times_s) * len(answers) * step_s
     block_s = 4 + len(blocks) * step_s  # the longest, and what rounding to frames can add
     assert min(at_hand_s, 20 - block_s) - 1e-6 <= labelled.total() * step_s <= max(20, 2 * len(answers)) + block_s
@@ -53,7 +53,7 @@ def test_blocks_are_where_configurations_disagree_and_cover_what_is_predicted() 
     answers[200:240], answers[360:400] = [["book", "book"]] * 40, [["none", "none"]] * 40
     answers[480:520] = [["cup", "book"]] * 40
     blocks = label_first({"ann": answers}, [at / 10 for at in range(600)])
-    assert {0, 200, 360, 480} <= {each.first for each in blocks}
+    assert {0, 200, 360, 480} <= {block.first for block in blocks}
     assert len(blocks) == 5
 
 
@@ -61,7 +61,7 @@ def test_blocks_last_up_to_4_seconds_where_frames_are_missing() -> None:
     times_s = [at / 10 for at in range(600) if at < 300 or at % 40 == 0]
     blocks = label_first({"ann": [["cup"]] * len(times_s)}, times_s)
     assert len(blocks) == 5
-    assert all(times_s[each.last] - times_s[each.first] < 4 and times_s[each.last] < 30 for each in blocks)
+    assert all(times_s[block.last] - times_s[block.first] < 4 and times_s[block.last] < 30 for block in blocks)
 
 
 def test_a_subject_without_answers_is_left_out_and_a_frame_alone_is_a_block() -> None:

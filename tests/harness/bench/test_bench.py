@@ -50,7 +50,7 @@ def test_a_segmenter_beside_the_loop_is_measured_against_one_in_it(
     assert all(row.speed.fps > 0 and row.speed.frame_ms[1] >= row.speed.frame_ms[0] > 0 for row in found)
     assert none.masks is None
     ages = [row.masks.ages_s for row in (every, in_loop, beside) if row.masks]
-    assert [max(each) for each in ages] == [0.0, pytest.approx(4 / 20), pytest.approx(7 / 20)]
+    assert [max(age) for age in ages] == [0.0, pytest.approx(4 / 20), pytest.approx(7 / 20)]
     # once to hold the masks, in each row that segments, and in the scored run
     held, keys = list(frames), [1, 6]
     assert sorted(segmented) == sorted([*held, *held, *keys, *keys, *held, *keys, *keys])

@@ -53,7 +53,7 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
 def test_a_killed_run_is_continued_and_its_parts_are_timed(tmp_path: Path) -> None:
     found = measure_resume(40, 25, tmp_path)
     parts = (found.imported, found.opened, found.described, found.first_frame, found.finished)
-    assert [each.cpu_seconds for each in parts] == sorted(each.cpu_seconds for each in parts)
+    assert [part.cpu_seconds for part in parts] == sorted(part.cpu_seconds for part in parts)
     assert RunDirectory(tmp_path / "run").results.read_bytes().count(b"\n") == 4 * 40
     assert resume_table([found]).rows[0][:2] == ("40", "25")
 

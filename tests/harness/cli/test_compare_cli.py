@@ -46,7 +46,7 @@ def _run(folder: Path, correct: int, configuration: str = "one", frames: range =
     said = [_target(k // LOOK) if k % LOOK < correct else "none" for k in range(FRAMES)]
     records = [each for each in answers(said, clip="tabletop", configuration=configuration) if each.frame in frames]
     (folder / "results.jsonl").write_text("".join(map(to_line, records)))
-    entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [each.frame for each in records]}
+    entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [record.frame for record in records]}
     manifest = {"notes": [], "clips": [entry], "configurations": {configuration: {}}, "finished": "now"}
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return str(folder)
@@ -174,7 +174,7 @@ def test_runs_of_other_frames_cannot_be_compared_with_a_baseline(tmp_path: Path)
 def test_what_cannot_be_compared_is_said(tmp_path: Path, arguments: list[str], said: str) -> None:
     _run(tmp_path / "a", 8)
     _run(tmp_path / "b", 8, configuration="two")
-    places = [str(tmp_path / each) if each in ("a", "b") else each for each in arguments]
+    places = [str(tmp_path / argument) if argument in ("a", "b") else argument for argument in arguments]
     error = CliRunner().invoke(app, ["compare", *places]).exception
     assert isinstance(error, VfoaError)
     assert said in str(error)

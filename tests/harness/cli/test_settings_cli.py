@@ -19,14 +19,14 @@ from vfoa.errors import VfoaError
 
 @pytest.mark.parametrize("table", settings_tables(), ids=lambda table: table.title)
 def test_every_setting_has_a_meaning(table) -> None:
-    assert [each.key for each in table.settings if not each.meaning] == []
+    assert [setting.key for setting in table.settings if not setting.meaning] == []
 
 
 def test_the_reference_of_a_stage_has_every_key_of_its_choices() -> None:
-    keys = {each.key.partition(".")[2] for table in settings_tables("stereo.sgbm") for each in table.settings}
+    keys = {setting.key.partition(".")[2] for table in settings_tables("stereo.sgbm") for setting in table.settings}
     assert {"min_depth_m", "wls_sigma", "p1", "mode"} <= keys
     (sgbm,) = settings_tables("stereo.sgbm")
-    by_key = {each.key: each for each in sgbm.settings}
+    by_key = {setting.key: setting for setting in sgbm.settings}
     assert (by_key["stereo.min_depth_m"].type, by_key["stereo.min_depth_m"].unit) == ("number > 0", "m")
     assert by_key["stereo.mode"].default == '"3way"'
     with pytest.raises(VfoaError, match="did you mean 'stereo'"):
@@ -36,9 +36,9 @@ def test_the_reference_of_a_stage_has_every_key_of_its_choices() -> None:
 def test_every_key_of_the_reference_is_one_that_set_takes() -> None:
     for table in settings_tables():
         chosen = [f"{table.table}.{table.choice.replace(' ', '')}"] if table.choice else []
-        optional = [each for each in table.settings if each.default not in ("(required)", "(not set)")]
+        optional = [setting for setting in table.settings if setting.default not in ("(required)", "(not set)")]
         given = [f"{each.key}={each.default}" for each in optional]
-        needed = [f"{each.key}=x" for each in table.settings if each.default == "(required)"]
+        needed = [f"{setting.key}=x" for setting in table.settings if setting.default == "(required)"]
         (configuration,) = load_experiment(
             "default", clips=("studio_table",), overrides=(*chosen, *given, *needed)
         ).configurations
@@ -51,7 +51,7 @@ def test_the_command_prints_every_key_of_a_stage(
     monkeypatch.setenv("COLUMNS", "200")
     _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo")
     for table in settings_tables("stereo"):
-        assert all(each.key in printed for each in table.settings)
+        assert all(setting.key in printed for setting in table.settings)
     _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo", "--json")
     assert [each["choice"] for each in json.loads(printed)] == [table.choice for table in settings_tables("stereo")]
 

@@ -252,7 +252,7 @@ def test_every_frame_that_cannot_be_read_is_counted_and_named(tmp_path: Path) ->
     for number in (2, 4):
         damaged = tmp_path / "data" / "left" / f"{number}.png"
         damaged.write_bytes(damaged.read_bytes()[:-20])
-    assert not any("cannot be read" in each for each in check_clip("mine").problems)
-    (said,) = (each for each in check_clip("mine", every_frame=True).problems if "cannot be read" in each)
+    assert not any("cannot be read" in problem for problem in check_clip("mine").problems)
+    (said,) = (problem for problem in check_clip("mine", every_frame=True).problems if "cannot be read" in problem)
     assert said.startswith("2 of 5 frames cannot be read: 2, 4; ")
     assert "left/2.png: truncated PNG" in said

@@ -218,7 +218,7 @@ def measured(things: Sequence[tuple[int, str]], tracked: Sequence[tuple[int, int
     people = [(track, make_measured_person(number)) for track, number in tracked]
     subjects = [Subject(track_id=track, person=person, gaze=None, head_pose=None) for track, person in people]
     return FrameResult(
-        scene=replace(seen.scene, targets=tuple(replace(each, box_px=None) for each in seen.scene.targets)),
+        scene=replace(seen.scene, targets=tuple(replace(target, box_px=None) for target in seen.scene.targets)),
         attentions=tuple(Attention(subject=subject) for subject in subjects),
     )
 
@@ -242,7 +242,8 @@ def test_a_name_that_the_source_gives_stands_over_the_rules() -> None:
     result = frame(things, [(1, 1, (10, 10)), (2, 2, (90, 10))])
     own = {1: "ben", 3: "glass"}
     drawn = tuple(
-        replace(each, instance=replace(each.instance, name=own.get(each.instance.id))) for each in result.scene.targets
+        replace(target, instance=replace(target.instance, name=own.get(target.instance.id)))
+        for target in result.scene.targets
     )
     names, memory = name_frame(
         replace(result, scene=replace(result.scene, targets=drawn)), rules, targets, SubjectNames()

@@ -41,7 +41,7 @@ def places(draw: st.DrawFn, kind: Kind) -> Place:
 @st.composite
 def tracks(draw: st.DrawFn, name: str = "bird", kind: Kind = "box") -> Track:
     frames = sorted(draw(st.sets(st.integers(1, 50), min_size=1, max_size=6)))
-    keys = [KeyFrame(frame=each, place=draw(places(kind)), outside=draw(st.booleans())) for each in frames]
+    keys = [KeyFrame(frame=frame, place=draw(places(kind)), outside=draw(st.booleans())) for frame in frames]
     return Track(name=name, kind=kind, keys=tuple(keys))
 
 

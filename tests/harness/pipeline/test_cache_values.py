@@ -30,7 +30,7 @@ def test_an_array_survives_to_the_last_bit(array: np.ndarray) -> None:
 def test_numbers_and_text_survive_with_their_types(number: float, integer: int, text: str) -> None:
     values = (number, np.float32(1.1), np.float64(number), integer, np.int64(integer), True, text, None)
     found = decode(encode(values))
-    assert [type(each) for each in found] == [type(each) for each in values]
+    assert [type(each) for each in found] == [type(value) for value in values]
     assert repr(found) == repr(values)
 
 

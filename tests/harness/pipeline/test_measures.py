@@ -87,7 +87,11 @@ class TestTargets:
         box = make_box((0, 0, 2))
         targets = (make_target(1, box), make_target(2, None), make_target(3, box))
         measures = measured(found, targets, Truth(instances=true, boxes={2: box, 3: box}))
-        assert [(each.box_iou, each.center_error_m) for each in measures] == [(None, None), (None, None), (1, 0)]
+        assert [(measure.box_iou, measure.center_error_m) for measure in measures] == [
+            (None, None),
+            (None, None),
+            (1, 0),
+        ]
 
     def test_a_thing_is_measured_against_the_mask_that_is_the_same(self) -> None:
         """Another number, five of twenty columns too few; the box is as large, a quarter of its width aside."""

@@ -146,7 +146,9 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
             }:
                 values = batch.column(component).to_pylist()[-1]
                 containers.setdefault(chunk.entity_path.lstrip("/"), {})[component] = values[0] if values else ""
-    active = {each.get("ContainerBlueprint:active_tab", "") for each in containers.values()} & containers.keys()
+    active = {
+        container.get("ContainerBlueprint:active_tab", "") for container in containers.values()
+    } & containers.keys()
     return {containers[path]["ContainerBlueprint:display_name"] for path in active}
 
 

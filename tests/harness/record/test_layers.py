@@ -138,7 +138,9 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
     def content():
         columns = [read_back(shared.files.verdicts(name)) for name in shared.configurations]
         palette = entities.verdict("one", ANN, "truth"), "StateConfiguration:values"
-        return [{path: each.everything(path) for path in each.paths} for each in columns], columns[0].static(*palette)
+        return [{path: column.everything(path) for path in column.paths} for column in columns], columns[0].static(
+            *palette
+        )
 
     monkeypatch.setattr(
         verdict_layer, "read_block", lambda path, block: (read.append(block), read_block(path, block))[1]
@@ -168,13 +170,13 @@ def test_the_marked_boxes_are_those_of_truth_and_answer(shared, frames, read_bac
     wrong = frames[3]
     (truth,) = columns.at(entities.answer_3d("one", ANN, "truth", "box"), "Boxes3D:centers")[14]
     (predicted,) = columns.at(entities.answer_3d("one", ANN, "predicted", "box"), "Boxes3D:centers")[14]
-    centres = {each.name: each.box.center_m for each in wrong.record.targets if each.box is not None}
+    centres = {target.name: target.box.center_m for target in wrong.record.targets if target.box is not None}
     assert truth == pytest.approx(centres["red cup"], abs=1e-6)
     assert predicted == pytest.approx(centres["book#4"], abs=1e-6)
 
 
 def test_a_frame_without_a_right_image_has_no_disparity(frames, tmp_path, read_back):
-    depth = [replace(each, frame=replace(each.frame, right=None, depth_m=_flat(each))) for each in frames]
+    depth = [replace(frame, frame=replace(frame.frame, right=None, depth_m=_flat(frame))) for frame in frames]
     columns = read_back(write_run(tmp_path / "run", {"one": depth}))
     assert entities.MEASURED_DEPTH in columns.paths
     assert not {entities.RIGHT, entities.disparity("one")} & columns.paths

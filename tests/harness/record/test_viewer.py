@@ -90,14 +90,14 @@ def _active_tabs(client) -> set[str]:
     layout = client.get_blueprint().blueprint
     key = "ContainerBlueprint"
     containers = {path.lstrip("/"): each[key] for path, each in layout.items() if key in each}
-    active = {each.get("active_tab") for each in containers.values()}
+    active = {container.get("active_tab") for container in containers.values()}
     return {containers[path].get("display_name") for path in active & containers.keys()}
 
 
 def test_recordings_are_found_by_clip_and_configuration(frames, tmp_path):
     run = write_run(tmp_path / "run", {"one": frames, "two": frames}).run
     (clip,) = find_clips(run, None, None)
-    assert [each.configuration for each in clip.layers] == ["one", "two"]
+    assert [layer.configuration for layer in clip.layers] == ["one", "two"]
     (alone,) = find_clips(run, "clip", "two")
     assert [path.name for path in alone.compose().files] == [
         "clip.rrd",

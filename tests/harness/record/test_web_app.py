@@ -1,4 +1,4 @@
-"""The files that the server of recordings gives and refuses; whom it answers is in tests/harness/test_servers.py."""
+"""The files that the server of recordings gives; whom it answers is in tests/harness/server/test_servers.py."""
 
 from __future__ import annotations
 

@@ -99,8 +99,8 @@ def test_results_are_the_same_with_workers(drawn_clip: Path) -> None:
     two = _run("two", limit=2, workers=2)
     assert one.results.read_bytes() == two.results.read_bytes()
     for record in read_results(one.results):
-        assert {each.name for each in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
-        assert {each.name for each in record.subjects} == {"anna", "ben"}
+        assert {target.name for target in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
+        assert {subject.name for subject in record.subjects} == {"anna", "ben"}
 
 
 def test_what_is_drawn_is_an_input_of_the_run(drawn_clip: Path) -> None:

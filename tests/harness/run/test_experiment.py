@@ -64,8 +64,8 @@ def test_a_limit_holds_for_the_clips_of_the_file_alone(tmp_path: Path) -> None:
     path = _write(tmp_path, "limit = 5\n" + HEAD)
     own, another = load_experiment(path), load_experiment(path, clips=("studio_table",))
     assert (own.limit, another.limit) == (5, None)
-    assert [len(each.frames) for each in prepare(replace(another, limit=5)).clips] == [5]
-    assert [len(each.frames) for each in prepare(replace(another, limit=5), limit=7).clips] == [7]
+    assert [len(clip.frames) for clip in prepare(replace(another, limit=5)).clips] == [5]
+    assert [len(clip.frames) for clip in prepare(replace(another, limit=5), limit=7).clips] == [7]
     with pytest.raises(VfoaError, match=r"limit: .*greater than or equal to 1"):
         load_experiment(_write(tmp_path, "limit = 0\n" + HEAD))
 
@@ -135,7 +135,10 @@ def test_an_unknown_experiment_proposes_the_nearest() -> None:
 
 def test_the_method_of_attention_decides_which_settings_are_known():
     experiment = load_experiment("bayes")
-    methods = {base_of(each.name): each.attend.attention.method for each in experiment.configurations}
+    methods = {
+        base_of(configuration.name): configuration.attend.attention.method
+        for configuration in experiment.configurations
+    }
     assert methods["best_cones"] == "cones"
     assert {methods[name] for name in ("bayes", "bayes_both", "bayes_told", "wrong_bayes")} == {"bayes"}
     assert {methods[name] for name in ("nearest", "wrong_nearest")} == {"nearest"}

@@ -60,7 +60,9 @@ class Witnesses:
 
 def _job(out: Path, *sinks: Witnesses) -> ClipJob:
     experiment = load_experiment("demo", clips=("studio_table",))
-    chosen = [each for each in experiment.configurations if each.name in ("bm-one", "bm-two")]
+    chosen = [
+        configuration for configuration in experiment.configurations if configuration.name in ("bm-one", "bm-two")
+    ]
     manifest = load_manifest("studio_table")
     return ClipJob(
         manifest=manifest,

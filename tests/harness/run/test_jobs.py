@@ -55,7 +55,7 @@ class DyingWorkers:
         self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Callable[[ClipJob, str], ClipOutcome]
     ) -> Iterator[ClipOutcome]:
         if work is run_clip:
-            self.together.append([each.name for job in jobs for each in job.configurations])
+            self.together.append([configuration.name for job in jobs for configuration in job.configurations])
         for job in jobs:
             yield ClipOutcome(failures={}) if work is run_clip else lost(job, "died")
 

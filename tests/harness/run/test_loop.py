@@ -55,7 +55,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     plan = prepare(experiment, limit=FRAMES)
     run = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
     written = [
-        [(each.track_id, each.focus, [value.total for value in each.attention]) for each in record.subjects]
+        [(subject.track_id, subject.focus, [value.total for value in subject.attention]) for subject in record.subjects]
         for record in read_results(run.results)
     ]
 
@@ -71,7 +71,10 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
         results.append(result)
     revised = smooth(results, settings)
     assert written == [
-        [(each.subject.track_id, each.focus, [value.total for value in each.values]) for each in result.attentions]
+        [
+            (attention.subject.track_id, attention.focus, [value.total for value in attention.values])
+            for attention in result.attentions
+        ]
         for result in revised
     ]
     assert all(written)

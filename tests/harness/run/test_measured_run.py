@@ -67,8 +67,8 @@ def test_a_run_answers_for_people_the_origin_and_scores_all_of_it(talk: Path) ->
     assert found["cones", 24] == 24
     assert found["forward", 24] >= 22  # a posterior may be a frame late
     record = next(iter(read_results(directory.results)))
-    assert [each.head_box_px for each in record.subjects] == [None, None]
-    assert {each.name for each in record.targets} == {"anna", "ben", "robot", "cup"}
+    assert [subject.head_box_px for subject in record.subjects] == [None, None]
+    assert {target.name for target in record.targets} == {"anna", "ben", "robot", "cup"}
     assert all((directory.path / name).is_file() for name in ("frr.md", "frames.csv", "report.html"))
 
 
@@ -123,10 +123,10 @@ def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypat
     assert (added.subjects, added.targets) == (("anna", "ben"), ("lamp",))
     assert check_clip("talk").problems == ()
     found = {
-        (record.frame, each.name): record.target(each.focus).name
+        (record.frame, subject.name): record.target(subject.focus).name
         for record in read_results(_run(tmp_path, "conversation", clips=("talk",)).results)
-        for each in record.subjects
-        if record.configuration == "nearest" and each.focus is not None
+        for subject in record.subjects
+        if record.configuration == "nearest" and subject.focus is not None
     }
     assert found == {(1, "anna"): "ben", (2, "anna"): "lamp", (1, "ben"): "anna", (2, "ben"): "anna"}
 
@@ -148,7 +148,7 @@ def test_a_true_gaze_is_seen_only_through_its_stages(talk: Path) -> None:
     directory = _run(talk, "gaze.toml")
     found: dict[str, list[object]] = {"heads": [], "true": [], "wrong": []}
     for record in read_results(directory.results):
-        found[record.configuration] += [each.gaze for each in record.subjects if each.name == "anna"]
+        found[record.configuration] += [subject.gaze for subject in record.subjects if subject.name == "anna"]
     clip = load_manifest("talk").open()
     truth = [
         person.gaze_direction for n in range(1, 13) for person in clip.truth(n).people or () if person.name == "anna"

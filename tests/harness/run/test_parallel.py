@@ -163,7 +163,7 @@ class _Deadly:
 
     def run(self, work: Any, jobs: Any, progress: Any, lost: Any) -> Iterator[Any]:
         for job in jobs:
-            deadly = 3 in job.frames and any(each.name == "sgbm" for each in job.configurations)
+            deadly = 3 in job.frames and any(configuration.name == "sgbm" for configuration in job.configurations)
             yield lost(job, "died") if deadly else work(job, progress)
 
 
@@ -195,7 +195,7 @@ class _Watched:
 
     def run(self, work: Any, jobs: Any, progress: Any, lost: Any) -> Iterator[Any]:
         if work is run_clip:
-            self.dealt.append([each.name for job in jobs for each in job.configurations])
+            self.dealt.append([configuration.name for job in jobs for configuration in job.configurations])
             assert len(jobs) == 1
         for job in jobs:
             yield work(job, progress)
@@ -282,7 +282,7 @@ def test_a_scheduler_that_dies_is_one_line(caplog: pytest.LogCaptureFixture) -> 
                 threading.Timer(1.0, process.kill).start()
                 with pytest.raises(VfoaError, match="the scheduler is gone"):
                     next(outcomes)
-            assert not [each for each in caplog.records if each.name == "distributed.client"]
+            assert not [record for record in caplog.records if record.name == "distributed.client"]
         finally:
             working.kill()
             working.wait()

@@ -62,7 +62,7 @@ def records(draw: st.DrawFn) -> FrameRecord:
         draw(
             st.builds(
                 TargetRecord,
-                instance_id=st.just(each),
+                instance_id=st.just(instance),
                 name=st.text(),
                 label=st.text(),
                 score=numbers,
@@ -71,7 +71,7 @@ def records(draw: st.DrawFn) -> FrameRecord:
                 box=st.none() | boxes,
             )
         )
-        for each in instances
+        for instance in instances
     ]
     values = st.builds(
         AttentionRecord,

@@ -75,7 +75,7 @@ def test_recording_and_workers_change_nothing(finished: RunDirectory, tmp_path: 
 def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) -> None:
     """A configuration among others gives what it gives alone."""
     alone = load_experiment("demo", clips=("studio_talk",))
-    only = [each for each in alone.configurations if each.name == "sgbm-two"]
+    only = [configuration for configuration in alone.configurations if configuration.name == "sgbm-two"]
     plan = prepare(type(alone)(name="alone", clips=alone.clips, configurations=tuple(only)), limit=4)
     directory = run_plan(plan, tmp_path / "alone", workers=1, progress=lambda clip: None)
     among = [

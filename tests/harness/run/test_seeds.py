@@ -105,7 +105,7 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
 def fitted_and_measured(record: FrameRecord) -> FrameRecord:
     """The record with a fit of every subject and with empty measures."""
     fit = DirectionFit(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
-    subjects = tuple(replace(each, fit=fit) for each in record.subjects)
+    subjects = tuple(replace(subject, fit=fit) for subject in record.subjects)
     return replace(record, subjects=subjects, measures=FrameMeasures(disparity=None, targets=(), people=()))
 
 

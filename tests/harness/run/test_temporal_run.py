@@ -63,7 +63,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 
 
 def run(experiment: Experiment, out: Path, *, workers: int = 1, only: str | None = None) -> list[FrameRecord]:
-    chosen = tuple(each for each in experiment.configurations if only in (None, each.name))
+    chosen = tuple(configuration for configuration in experiment.configurations if only in (None, configuration.name))
     plan = prepare(Experiment(name="temporal", clips=experiment.clips, configurations=chosen), limit=LAST)
     return list(read_results(run_plan(plan, out, workers=workers, progress=lambda clip: None).results))
 
@@ -100,12 +100,12 @@ def test_a_configuration_among_others_gives_what_it_gives_alone(
     experiment: Experiment, records: list[FrameRecord], tmp_path: Path
 ) -> None:
     found = run(experiment, tmp_path / "static", only="static")
-    assert found == [each for each in records if each.configuration == "static"]
+    assert found == [record for record in records if record.configuration == "static"]
 
 
 def test_workers_change_nothing(experiment: Experiment, records: list[FrameRecord], tmp_path: Path) -> None:
     found = run(experiment, tmp_path / "two", workers=2, only="bm")
-    assert found == [each for each in records if each.configuration == "bm"]
+    assert found == [record for record in records if record.configuration == "bm"]
 
 
 class WatchedClip:
@@ -123,7 +123,7 @@ class WatchedClip:
 
 
 def only(experiment: Experiment, *names: str) -> list[Configuration]:
-    return [each for each in experiment.configurations if each.name in names]
+    return [configuration for configuration in experiment.configurations if configuration.name in names]
 
 
 @pytest.fixture

@@ -73,9 +73,9 @@ def test_segments_keep_one_id_over_the_scene(root: Path) -> None:
     assert first is not None
     assert second is not None
     big = int(first.ids[4, 0])
-    assert [each.id for each in first.instances] == [big, 7]
+    assert [instance.id for instance in first.instances] == [big, 7]
     assert np.array_equal(first.mask(7), near[..., 2] == 7)
-    assert [each.id for each in second.instances] == [big]
+    assert [instance.id for instance in second.instances] == [big]
 
 
 def test_the_digest_follows_the_contents_and_not_the_path(root: Path, tmp_path: Path) -> None:

@@ -210,7 +210,7 @@ def test_single_images_and_text_are_no_stereo_clip(tmp_path: Path, shared_data: 
 
 def test_real_pictures_are_found(shared_data: Path) -> None:
     boards, street = find_layouts(shared_data / "chessboard"), find_layouts(shared_data / "kitti_pair")
-    assert [str(each) for each in boards] == ["images: 13 pairs of 640 x 480 (left 'left*.jpg', right 'right*.jpg')"]
+    assert [str(board) for board in boards] == ["images: 13 pairs of 640 x 480 (left 'left*.jpg', right 'right*.jpg')"]
     assert [each.source["right"] for each in street] == ["right.png"]
 
 

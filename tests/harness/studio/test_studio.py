@@ -205,9 +205,9 @@ class TestTruth:
     def test_things_have_coco_names_and_stuff_is_stuff(self) -> None:
         instances = clip("talk").truth(1).instances
         assert instances is not None
-        things = {each.label for each in instances.instances if each.is_thing}
+        things = {instance.label for instance in instances.instances if instance.is_thing}
         assert things == {"person", "cup", "teddy bear", "bowl", "potted plant"}
-        assert {each.label for each in instances.instances if not each.is_thing} <= {
+        assert {instance.label for instance in instances.instances if not instance.is_thing} <= {
             "wall",
             "floor",
             "table",
@@ -234,7 +234,9 @@ class TestImages:
         frame, truth = source.frame(10), source.truth(10)
         assert truth.disparity is not None
         assert truth.instances is not None
-        things = np.isin(truth.instances.ids, [each.id for each in truth.instances.instances if each.is_thing])
+        things = np.isin(
+            truth.instances.ids, [instance.id for instance in truth.instances.instances if instance.is_thing]
+        )
         known = {}
         for matcher in (BlockMatcher, SemiGlobalMatcher):
             found = matcher(matcher.Settings(min_depth_m=0.8, wls=False)).match(frame).disparity_px

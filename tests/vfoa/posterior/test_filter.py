@@ -197,9 +197,9 @@ def test_a_cue_that_comes_later_brings_its_hypotheses() -> None:
     camera = np.array([0.0, 0.0, -1.0])
     frames = [measured(head=camera)] * 3 + [measured(camera, camera)] * 3 + [measured(gaze=camera)] * 3
     beliefs = beliefs_of(scenery(0.0, 40.0), frames, PosteriorSettings())
-    assert [len(each.gaze.scale) for each in beliefs[:3]] == [1, 1, 1]
+    assert [len(belief.gaze.scale) for belief in beliefs[:3]] == [1, 1, 1]
     assert len(beliefs[3].gaze.scale) > 50
-    assert all(each.probabilities.sum() == pytest.approx(1) for each in beliefs)
+    assert all(belief.probabilities.sum() == pytest.approx(1) for belief in beliefs)
     assert all(probability.sum() == pytest.approx(1) for probability in smoothed(beliefs))
 
 
@@ -209,7 +209,7 @@ def test_the_tail_is_small_where_the_directions_do_not_fit() -> None:
     still = [measured(camera, error_deg=3.0)] * 10
     jump = measured(perturb(camera, -2.0, 1.0), error_deg=3.0)
     beliefs = beliefs_of(scenery(0.0, 40.0), [*still, jump], settings)
-    assert min(each.tail for each in beliefs[:-1]) > 0.2
+    assert min(belief.tail for belief in beliefs[:-1]) > 0.2
     assert beliefs[-1].tail < 0.02
 
 

@@ -73,7 +73,7 @@ def comings_and_goings(draw: st.DrawFn):
     ids = draw(st.lists(st.sets(st.integers(1, 3), min_size=1), min_size=4, max_size=4))
     keys = [(*sorted(each), None) for each in ids]
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
-    return keys, [rng.uniform(0.01, 1, len(each)) for each in keys]
+    return keys, [rng.uniform(0.01, 1, len(key)) for key in keys]
 
 
 @given(comings_and_goings())

@@ -138,5 +138,5 @@ def test_the_input_is_padded_rgb_by_imagenets_statistics(tmp_path: Path) -> None
     image[:, :100, 0], image[:, 100:, 1] = 124, 117  # a little above the means of red and green
     settings = PanopticFpn.Settings(weights=weights, short_side_px=96, long_side_px=224, min_stuff_px=1)
     found = PanopticFpn(settings).segment(frame_of(image))
-    assert [each.category_id for each in found.instances] == [155, STUFF_IDS[SEA + 1]]
+    assert [instance.category_id for instance in found.instances] == [155, STUFF_IDS[SEA + 1]]
     assert_masks(found, rectangle(200, 96, 0, 0, 100, 96), rectangle(200, 96, 100, 0, 200, 96))

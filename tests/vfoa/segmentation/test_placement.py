@@ -72,7 +72,7 @@ def test_a_canvas_gives_each_pixel_to_the_first_and_leaves_out_what_is_mostly_hi
     canvas.paint(np.zeros((2, 4), bool), 2, 0.6)
     canvas.paint(np.array([[True]]), 187, 0.5, window=(3, 1, 4, 2))
     found = canvas.instances()
-    assert [(each.id, each.label, each.is_thing) for each in found.instances] == [
+    assert [(instance.id, instance.label, instance.is_thing) for instance in found.instances] == [
         (1, "person", True),
         (2, "bird", True),
         (3, "sky-other-merged", False),

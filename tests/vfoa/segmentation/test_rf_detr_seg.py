@@ -71,11 +71,11 @@ def test_the_input_is_stretched_rgb_by_imagenets_statistics(tmp_path: Path) -> N
     # A channel is 0 in the network's input where it has ImageNet's mean: a little less than half of 255.
     image[..., 2] = 103  # blue's mean is 103.53
     found = RfDetrSeg(RfDetrSeg.Settings(weights=weights)).segment(frame_of(image))
-    assert [each.label for each in found.instances] == ["person", "cup"]
+    assert [instance.label for instance in found.instances] == ["person", "cup"]
     assert_masks(found, red, green)
     image[..., 2] = 104
     found = RfDetrSeg(RfDetrSeg.Settings(weights=weights, max_hidden=0.9)).segment(frame_of(image))
-    assert [each.label for each in found.instances] == ["person", "cup", "book"]
+    assert [instance.label for instance in found.instances] == ["person", "cup", "book"]
 
 
 def test_keeps_what_scores_enough_is_wanted_and_not_hidden(tmp_path: Path) -> None:

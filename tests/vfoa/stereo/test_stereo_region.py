@@ -134,8 +134,8 @@ def test_the_needed_region_holds_all_things_and_heads_and_nothing_more():
     stuff = Instances(
         ids=percepts.instances.ids,
         instances=tuple(
-            Instance(id=each.id, label="sky", category_id=1, is_thing=False, score=1.0)
-            for each in percepts.instances.instances
+            Instance(id=instance.id, label="sky", category_id=1, is_thing=False, score=1.0)
+            for instance in percepts.instances.instances
         ),
     )
     assert needed_region(stuff, [], RIG).is_empty

@@ -106,7 +106,7 @@ def test_every_unknown_name_is_told_at_once(tmp_path: Path) -> None:
 def test_a_rename_of_no_use_is_a_note(tmp_path: Path) -> None:
     path = project(tmp_path / "a.boris", talk=TALK)
     notes = Boris().read(path, exchange(renamed={"brid": "cup"})).notes
-    assert any("--rename brid: no such name in it; did you mean 'bird'" in each for each in notes)
+    assert any("--rename brid: no such name in it; did you mean 'bird'" in note for note in notes)
 
 
 def test_events_without_a_focal_subject_can_be_given_one(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def _coco_masks(root: Path, ids: np.ndarray) -> None:
 def test_things_are_read_and_stuff_only_by_name(clip: StereoFolderClip, tmp_path: Path) -> None:
     root = _coco(tmp_path / "coco")
     found = CocoPanoptic(CocoPanopticSettings(root=root), clip).segment(clip.frame(7))
-    assert [(each.id, each.label, each.is_thing, each.score) for each in found.instances] == [
+    assert [(instance.id, instance.label, instance.is_thing, instance.score) for instance in found.instances] == [
         (3, "person", True, 0.75),
         (1, "bird", True, 1.0),
     ]
@@ -82,7 +82,11 @@ def test_things_are_read_and_stuff_only_by_name(clip: StereoFolderClip, tmp_path
     assert np.array_equal(found.mask(1), _map() == 70000)
     assert np.array_equal(found.mask(0), np.isin(_map(), [0, 5, 6]))
     with_sky = CocoPanoptic(CocoPanopticSettings(root=root, stuff=("sky",)), clip).segment(clip.frame(7))
-    assert [(each.id, each.label, each.is_thing) for each in with_sky.instances][-1] == (5, "sky", False)
+    assert [(instance.id, instance.label, instance.is_thing) for instance in with_sky.instances][-1] == (
+        5,
+        "sky",
+        False,
+    )
 
 
 def test_the_masks_of_bandage_2_hold_the_girl_and_the_dragon_in_every_frame(shared_data: Path) -> None:
@@ -90,8 +94,8 @@ def test_the_masks_of_bandage_2_hold_the_girl_and_the_dragon_in_every_frame(shar
     segmenter = CocoPanoptic(CocoPanopticSettings(root=str(shared_data / "bandage_2_panoptic")), clip)
     for number in (1, 25, 50):
         found = segmenter.segment(clip.frame(number))
-        assert sorted(each.label for each in found.instances) == ["bird", "person"]
-        assert all(found.mask(each.id).sum() > 1000 for each in found.instances)
+        assert sorted(instance.label for instance in found.instances) == ["bird", "person"]
+        assert all(found.mask(instance.id).sum() > 1000 for instance in found.instances)
 
 
 def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Path) -> None:

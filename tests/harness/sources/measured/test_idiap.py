@@ -75,10 +75,10 @@ def _nearest(clip: object, number: int, person: str) -> str:
     who = clip.people[person]  # type: ignore[attr-defined]
     head = next(each for each in scene.people if each.instance_id == who)
     angles = {
-        each.instance.label: float(
-            angle_between(head.view.head_pose.direction, each.box.center_m - head.eye_origin_left)
+        target.instance.label: float(
+            angle_between(head.view.head_pose.direction, target.box.center_m - head.eye_origin_left)
         )
-        for each in scene.targets
-        if each.instance.id != who
+        for target in scene.targets
+        if target.instance.id != who
     }
     return {"robot": "robot", "person": "other person"}[min(angles, key=angles.__getitem__)]

@@ -21,9 +21,9 @@ from vfoa.types import Scene
 def _boxes(scene: Scene, clip: object) -> dict[str, tuple[list[float], list[float]]]:
     names = {number: name for name, number in {**clip.people, **clip.objects}.items()}  # type: ignore[attr-defined]
     return {
-        names[each.instance.id]: (each.box.center_m.tolist(), (2 * each.box.half_size_m).tolist())
-        for each in scene.targets
-        if each.box is not None
+        names[target.instance.id]: (target.box.center_m.tolist(), (2 * target.box.half_size_m).tolist())
+        for target in scene.targets
+        if target.box is not None
     }
 
 
