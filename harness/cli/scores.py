@@ -127,7 +127,7 @@ def compare(
     found = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
     failing = [] if check is None else _failing(found, *check)
     if as_json:
-        plain = [{**asdict(with_values(each, units=None)), "verdict": each.verdict} for each in found]
+        plain = [{**asdict(with_values(comparison, units=None)), "verdict": comparison.verdict} for comparison in found]
         print_json([{**row, "sentence": each.sentence} for row, each in zip(plain, found, strict=True)])
     else:
         print_reports([terminal_comparisons(found)])
@@ -171,16 +171,16 @@ def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]
             f"{SIGNIFICANCE:g}. Use --fail-on drop=POINTS, more clips, or fewer configurations"
         )
     lines = []
-    for each in found:
-        line = f"{each.configuration}: {100 * each.difference:+.1f} points against {each.reference}"
-        fails = each.difference < -points / 100 and (kind == "drop" or each.verdict == "worse")
+    for comparison in found:
+        line = f"{comparison.configuration}: {100 * comparison.difference:+.1f} points against {comparison.reference}"
+        fails = comparison.difference < -points / 100 and (kind == "drop" or comparison.verdict == "worse")
         if kind == "possible-drop":
-            if each.smallest_p / 2 >= SIGNIFICANCE:
+            if comparison.smallest_p / 2 >= SIGNIFICANCE:
                 raise VfoaError(
-                    f"compare: --fail-on possible-drop: cannot pass: {each.configuration} has {each.counted_units}; "
-                    "expected at least 5. Use --fail-on drop=POINTS, or more clips"
+                    f"compare: --fail-on possible-drop: cannot pass: {comparison.configuration} has "
+                    f"{comparison.counted_units}; expected at least 5. Use --fail-on drop=POINTS, or more clips"
                 )
-            p = each.inferiority_p(points / 100)
+            p = comparison.inferiority_p(points / 100)
             fails = p >= SIGNIFICANCE
             line += f"; a drop of {points:g} is not ruled out (one-sided {format_p(p)})"
         lines += [line] if fails else []

@@ -52,7 +52,9 @@ class RecordingSinks:
 
 def recordings(configurations: Iterable[Configuration]) -> RecordingSinks:
     """Return the recordings of an experiment with these configurations."""
-    return RecordingSinks(layers=layer_names({each.name: each.plain() for each in configurations}))
+    return RecordingSinks(
+        layers=layer_names({configuration.name: configuration.plain() for configuration in configurations})
+    )
 
 
 @dataclass(frozen=True, slots=True)

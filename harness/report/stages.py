@@ -93,27 +93,27 @@ def _object_rows(measures: MeasureLog) -> _Rows:
 
 
 def _cells(frames: Sequence[FrameMeasures]) -> Iterator[str]:
-    disparities = [each.disparity for each in frames if each.disparity is not None]
-    people = [each for frame in frames for each in frame.people]
-    yield _printed((each.error_px for each in disparities), np.median, digits=2)
-    yield _printed((each.over_2_px for each in disparities), np.mean, 100)
-    yield _printed((each.known for each in disparities), np.mean, 100)
-    yield from _object_cells([each for frame in frames for each in frame.targets])
-    yield _printed((each.head_box_iou for each in people), np.mean, digits=2)
+    disparities = [frame_measures.disparity for frame_measures in frames if frame_measures.disparity is not None]
+    people = [person for frame in frames for person in frame.people]
+    yield _printed((disparity.error_px for disparity in disparities), np.median, digits=2)
+    yield _printed((disparity.over_2_px for disparity in disparities), np.mean, 100)
+    yield _printed((disparity.known for disparity in disparities), np.mean, 100)
+    yield from _object_cells([target for frame in frames for target in frame.targets])
+    yield _printed((person.head_box_iou for person in people), np.mean, digits=2)
     for name, scale in (("eye_error_m", 100), ("head_error_deg", 1), ("gaze_error_deg", 1)):
-        values = [getattr(each, name) for each in people]
+        values = [getattr(person, name) for person in people]
         yield _printed(values, np.median, scale)
         yield _printed(values, _percentile_95, scale)
 
 
 def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
-    boxes: list[_Value] = [each.box_iou for each in measures]
+    boxes: list[_Value] = [measure.box_iou for measure in measures]
     if any(iou is not None for iou in boxes):
         boxes = [iou or 0.0 for iou in boxes]
     return (
-        _printed((each.mask_iou for each in measures), np.mean, digits=2),
+        _printed((measure.mask_iou for measure in measures), np.mean, digits=2),
         _printed(boxes, np.mean, digits=2),
-        _printed((each.center_error_m for each in measures), np.median, 100),
+        _printed((measure.center_error_m for measure in measures), np.median, 100),
     )
 
 

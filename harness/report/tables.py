@@ -140,7 +140,7 @@ def terminal_table(scores: Scores) -> Table:
         (
             *([TERMINAL_NOTE] if scores.rows else []),
             *remarks(scores),
-            *next_steps(each for each in scores.verdicts if each.configuration in compared),
+            *next_steps(verdict for verdict in scores.verdicts if verdict.configuration in compared),
         ),
     )
 

@@ -105,22 +105,22 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
         subjects = _compared(labels[first], labels[second], frames)
         found.append(_agreement(first, second, None, subjects, rate_hz))
         if len(subjects) > 1:
-            found += [_agreement(first, second, each.subject, [each], rate_hz) for each in subjects]
+            found += [_agreement(first, second, subject.subject, [subject], rate_hz) for subject in subjects]
     return found
 
 
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
     """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
     found = []
-    for each in _compared(first, second, frames):
-        answers = enumerate(zip(each.places, each.answers, strict=True))
+    for compared in _compared(first, second, frames):
+        answers = enumerate(zip(compared.places, compared.answers, strict=True))
         # within a run of one difference, place in the clip and rank in the list grow together
         for (_, (one, other)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
             inside = [frames[place] for _, (place, _) in run]
             if one != other:
                 found.append(
                     Difference(
-                        subject=each.subject,
+                        subject=compared.subject,
                         first_frame=inside[0],
                         last_frame=inside[-1],
                         frames=len(inside),
@@ -149,8 +149,8 @@ def _compared(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Com
 def _agreement(
     first: str, second: str, subject: str | None, group: list[_Compared], rate_hz: float | None
 ) -> Agreement:
-    targets = tuple(sorted({name for each in group for pair in each.answers for name in pair}))
-    tables = [_by_look(each, targets, rate_hz) for each in group]
+    targets = tuple(sorted({name for compared in group for pair in compared.answers for name in pair}))
+    tables = [_by_look(compared, targets, rate_hz) for compared in group]
     by_look = np.concatenate([np.zeros((0, len(targets), len(targets)), dtype=np.intp), *tables])
     confusion = by_look.sum(axis=0)
     return Agreement(
@@ -158,7 +158,7 @@ def _agreement(
         second=second,
         subject=subject,
         n=int(confusion.sum()),
-        skipped=sum(each.skipped for each in group),
+        skipped=sum(compared.skipped for compared in group),
         agreed=int(np.trace(confusion)),
         kappa=cohen_kappa(confusion),
         interval=_interval(np.repeat(np.arange(len(tables)), [len(table) for table in tables]), by_look),

@@ -223,10 +223,10 @@ class CalibrationLog(PartLog[CalibrationData]):
                 clip=clip,
                 configuration=configuration,
                 n=len(data.fits),
-                surprises=float(np.mean([each.tail < SMALL_TAIL for each in data.fits])),
-                claimed_deg=_median_deg([each.claimed_error_rad for each in data.fits]),
-                implied_deg=_median_deg([each.implied_error_rad for each in data.fits]),
-                share=_median([each.implied_share for each in data.fits]),
+                surprises=float(np.mean([fit.tail < SMALL_TAIL for fit in data.fits])),
+                claimed_deg=_median_deg([fit.claimed_error_rad for fit in data.fits]),
+                implied_deg=_median_deg([fit.implied_error_rad for fit in data.fits]),
+                share=_median([fit.implied_share for fit in data.fits]),
             )
             for (clip, configuration), data in self.parts.items()
             if data.fits
@@ -328,11 +328,13 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
 def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     """A note for each configuration whose directions do not fit on some of its clips."""
     notes, found = [], list(checks)
-    for name in dict.fromkeys(each.configuration for each in found):
-        of_name = [each for each in found if each.configuration == name]
-        unfit = [each for each in of_name if not each.fits]
+    for name in dict.fromkeys(direction_check.configuration for direction_check in found):
+        of_name = [direction_check for direction_check in found if direction_check.configuration == name]
+        unfit = [direction_check for direction_check in of_name if not direction_check.fits]
         if unfit:
-            clips = f"{len(unfit)} of {len(of_name)} clips ({', '.join(each.clip for each in unfit)})"
+            clips = (
+                f"{len(unfit)} of {len(of_name)} clips ({', '.join(direction_check.clip for direction_check in unfit)})"
+            )
             where = f"{clips}, on the first" if len(unfit) > 1 else unfit[0].clip
             notes.append(f"{name}: directions do not fit the posterior on {where}: {unfit[0].misfit()}.")
     return notes

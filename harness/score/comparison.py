@@ -141,7 +141,7 @@ def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, .
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return the comparisons, corrected together for their number by Holm's method, with the intervals that belong."""
-    corrected = holm([each.p for each in comparisons])
+    corrected = holm([comparison.p for comparison in comparisons])
     family, rejected = len(comparisons), sum(p < SIGNIFICANCE for p in corrected)
     order = sorted(range(family), key=lambda i: comparisons[i].p)
     # Holm tests the smallest p at 5 % / family, the next at 5 % / (family - 1) ..., and stops at the first not below

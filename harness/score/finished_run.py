@@ -171,7 +171,7 @@ class FinishedRun:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
-        people = dict.fromkeys((each.name for each in clips), 0)
+        people = dict.fromkeys((clip_manifest.name for clip_manifest in clips), 0)
         for record in read_results(self.directory.results):
             if record.clip in people:
                 people[record.clip] = max(people[record.clip], len(record.subjects))

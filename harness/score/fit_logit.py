@@ -190,7 +190,7 @@ def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
     """Return the rates of a method from its outcomes (n, 3); ``on_target`` (n,) as :func:`_on_target` gives it."""
     right, confidence, of_true = outcomes.T
     recalls = [float(right[part].mean()) if part.any() else None for part in (on_target, ~on_target)]
-    known = [each for each in recalls if each is not None]
+    known = [recall for recall in recalls if recall is not None]
     log_loss = calibration = None
     if np.isfinite(of_true).all() and len(of_true):
         log_loss = round(float(-np.log(np.maximum(of_true, LEAST_PROBABILITY)).mean()), 4)
@@ -257,10 +257,10 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
         return experiment
     shared: dict[str, str] = {}  # by base name, that of the first configuration with the same stages
     first: dict[str, str] = {}
-    for each in experiment.configurations:
-        if each.name in wanted:
-            stages = repr({key: value for key, value in each.plain().items() if key != "attention"})
-            shared.setdefault(base_of(each.name), first.setdefault(stages, base_of(each.name)))
+    for configuration in experiment.configurations:
+        if configuration.name in wanted:
+            stages = repr({key: value for key, value in configuration.plain().items() if key != "attention"})
+            shared.setdefault(base_of(configuration.name), first.setdefault(stages, base_of(configuration.name)))
     plain = tuple(
         _attending(each, NearestSettings(method="nearest"))
         for each in experiment.configurations

@@ -153,7 +153,7 @@ def labelled_people(
         targets = tuple(_target(each) for each in record.targets)
         subjects = tuple(_subject(each) for each in record.subjects)
         attentions, traces = weigh(subjects, targets, traces, settings, record.time_ns)
-        seen = {each.subject.track_id: each.belief for each in attentions}
+        seen = {attention.subject.track_id: attention.belief for attention in attentions}
         for name in labels.subjects:
             found = find_subject(record, name)
             if found is None or seen[found.track_id] is None:

@@ -26,7 +26,7 @@ _TRUTH = "truth"
 
 
 def _all_people(truth: Truth, attribute: str) -> bool:
-    return truth.people is not None and all(getattr(each, attribute) is not None for each in truth.people)
+    return truth.people is not None and all(getattr(person, attribute) is not None for person in truth.people)
 
 
 REPLACEMENTS: Mapping[str, tuple[str, Callable[[Truth], bool]]] = {
@@ -51,7 +51,9 @@ def with_oracle_ablation(experiment: Experiment) -> Experiment:
         If a clip cannot be opened, or no stage is left to replace.
     """
     replacements, notes = _known_replacements(experiment.clips)
-    configurations = [each for base in experiment.configurations for each in (base, *_steps_of(base, replacements))]
+    configurations = [
+        configuration for base in experiment.configurations for configuration in (base, *_steps_of(base, replacements))
+    ]
     if len(configurations) == len(experiment.configurations):
         raise VfoaError(
             f"{experiment.name}: --oracle: no stage that truth could replace; {'; '.join(notes) or 'all true'}"

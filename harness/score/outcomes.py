@@ -177,10 +177,13 @@ def _rate_hz(times_ns: Mapping[int, int]) -> float | None:
 
 def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
     """The outcomes with looks joined until they last twice as long as verdicts of this run stay alike."""
-    least_s = 2 * correlation_time_s((each.correct, each.positions, each.rate_hz) for each in outcomes)
+    least_s = 2 * correlation_time_s((outcome.correct, outcome.positions, outcome.rate_hz) for outcome in outcomes)
     if least_s <= LEAST_S:
         return outcomes
-    return [replace(each, looks=number_looks(each.truth, each.positions, each.rate_hz, least_s)) for each in outcomes]
+    return [
+        replace(outcome, looks=number_looks(outcome.truth, outcome.positions, outcome.rate_hz, least_s))
+        for outcome in outcomes
+    ]
 
 
 def _judgements(
@@ -217,8 +220,8 @@ def _outcomes(
 ) -> Outcomes:
     clip, configuration, subject = key
     in_order = [judged[frame] for frame in sorted(judged)]
-    scored = [each for each in in_order if each.verdict.outcome != "unscored"]
-    verdicts = [each.verdict for each in scored]
+    scored = [judgement for judgement in in_order if judgement.verdict.outcome != "unscored"]
+    verdicts = [judgement.verdict for judgement in scored]
     truths = [str(verdict.truth) for verdict in verdicts]
     truth = _coded(truths, codes)
     positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
@@ -228,7 +231,7 @@ def _outcomes(
         clip=clip,
         configuration=configuration,
         subject=subject,
-        verdicts=tuple(each.verdict for each in in_order),
+        verdicts=tuple(judgement.verdict for judgement in in_order),
         frames=tuple(verdict.frame for verdict in verdicts),
         positions=positions,
         looks=number_looks(truth, positions, rate),
@@ -238,11 +241,11 @@ def _outcomes(
         no_hit=np.array([verdict.predicted == NO_HIT for verdict in verdicts], dtype=np.bool_),
         nowhere=np.array([name == NOWHERE for name in truths], dtype=np.bool_),
         says_nowhere=np.array([verdict.predicted == NOWHERE for verdict in verdicts], dtype=np.bool_),
-        blocked=np.array([each.is_blocked for each in scored], dtype=np.bool_),
-        on_truth=np.array([each.on_truth for each in scored], dtype=np.float64),
-        brier=np.array([each.brier for each in scored], dtype=np.float64),
+        blocked=np.array([judgement.is_blocked for judgement in scored], dtype=np.bool_),
+        on_truth=np.array([judgement.on_truth for judgement in scored], dtype=np.float64),
+        brier=np.array([judgement.brier for judgement in scored], dtype=np.float64),
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
-        angles_rad=np.array([each.angle_rad for each in scored], dtype=np.float64),
+        angles_rad=np.array([judgement.angle_rad for judgement in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
         rate_hz=rate,
     )
@@ -253,16 +256,16 @@ def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
     place = BASELINES.index("nearest_in_angle")
     limits: dict[tuple[str, str], float] = {}
     limited = []
-    for each in outcomes:
-        key = each.configuration, each.clip
+    for outcome in outcomes:
+        key = outcome.configuration, outcome.clip
         if key not in limits:
             others = [one for one in outcomes if one.configuration == key[0] and one.clip != key[1]]
             limits[key] = _limit_rad(others, place)
-        is_target = each.angles_rad <= limits[key]
-        says_nothing = np.isfinite(each.angles_rad) & ~is_target
-        baselines = each.baselines.copy()
-        baselines[:, place] = (each.baselines[:, place] & is_target) | (each.nowhere & says_nothing)
-        limited.append(replace(each, baselines=baselines))
+        is_target = outcome.angles_rad <= limits[key]
+        says_nothing = np.isfinite(outcome.angles_rad) & ~is_target
+        baselines = outcome.baselines.copy()
+        baselines[:, place] = (outcome.baselines[:, place] & is_target) | (outcome.nowhere & says_nothing)
+        limited.append(replace(outcome, baselines=baselines))
     return limited
 
 

@@ -136,17 +136,19 @@ class Scores:
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
         found: dict[tuple[str, str], list[Outcomes]] = {}
-        for each in self.outcomes:
-            if base_of(each.configuration) == configuration and each.frames:
-                found.setdefault((each.clip, each.subject), []).append(each)
+        for outcome in self.outcomes:
+            if base_of(outcome.configuration) == configuration and outcome.frames:
+                found.setdefault((outcome.clip, outcome.subject), []).append(outcome)
         return [
             ScoredFrames(
                 clip=clip,
                 subject=subject,
                 frames=np.array(seeds[0].frames, dtype=np.intp),
                 looks=seeds[0].looks,
-                truth=np.array([each.truth for each in seeds[0].verdicts if each.outcome != "unscored"], np.object_),
-                correct=np.sum([each.correct for each in seeds], axis=0, dtype=np.intp),
+                truth=np.array(
+                    [verdict.truth for verdict in seeds[0].verdicts if verdict.outcome != "unscored"], np.object_
+                ),
+                correct=np.sum([seed.correct for seed in seeds], axis=0, dtype=np.intp),
                 seeds=len(seeds),
             )
             for (clip, subject), seeds in found.items()
@@ -171,19 +173,19 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
 
 def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference: Reference) -> Scores:
     """Score judged outcomes; ``measures`` are those of the same records."""
-    clips = tuple(dict.fromkeys(each.clip for each in outcomes))
-    configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
+    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
+    configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
     says_nowhere = {
         *map(base_of, reference.says_nowhere),
-        *(base_of(each.configuration) for each in outcomes if each.says_nowhere.any()),
+        *(base_of(outcome.configuration) for outcome in outcomes if outcome.says_nowhere.any()),
     }
     rows = [
         row
         for group in _groups(outcomes, clips, configurations)
         if (row := _row(*group, metrics, says_nowhere)) is not None
     ]
-    verdicts = tuple(verdict for each in outcomes for verdict in each.verdicts)
+    verdicts = tuple(verdict for outcome in outcomes for verdict in outcome.verdicts)
     return Scores(
         clips=clips,
         configurations=configurations,
@@ -203,7 +205,7 @@ _Group = tuple[str | None, str | None, str, list[Outcomes]]
 
 def _groups(outcomes: Sequence[Outcomes], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
     """Groups scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
-    scored = [each for each in outcomes if len(each.correct)]
+    scored = [outcome for outcome in outcomes if len(outcome.correct)]
     by_name: dict[str, list[Outcomes]] = {base_of(name): [] for name in configurations}
     for each in scored:
         by_name[base_of(each.configuration)].append(each)

@@ -66,15 +66,15 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
     tracks: list[int] = []
     frames, values = [np.zeros(0)], [np.zeros(0)]
     better = worse = 0
-    for each in first:
-        if (other := others.get((each.clip, each.subject))) is None:
+    for scored_frames in first:
+        if (other := others.get((scored_frames.clip, scored_frames.subject))) is None:
             continue
-        ours, theirs = _common(each, other)
+        ours, theirs = _common(scored_frames, other)
         if len(ours) == 0:
             continue
-        gains = other.correct[theirs] - each.correct[ours]
-        begins = np.flatnonzero(np.diff(each.looks[ours], prepend=np.nan) != 0)
-        codes += [clips.setdefault(each.clip, len(clips))] * len(begins)
+        gains = other.correct[theirs] - scored_frames.correct[ours]
+        begins = np.flatnonzero(np.diff(scored_frames.looks[ours], prepend=np.nan) != 0)
+        codes += [clips.setdefault(scored_frames.clip, len(clips))] * len(begins)
         tracks += [len(frames)] * len(begins)
         frames.append(np.diff(begins, append=len(ours)) * float(repeats))
         values.append(np.add.reduceat(gains, begins).astype(np.float64))

@@ -120,8 +120,10 @@ def page_data(
 
 def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Judged]]:
     found: dict[str, dict[str, Judged]] = {}
-    for each in verdicts:
-        found.setdefault(each.clip, {}).setdefault(each.subject, {}).setdefault(each.configuration, []).append(each)
+    for verdict in verdicts:
+        found.setdefault(verdict.clip, {}).setdefault(verdict.subject, {}).setdefault(verdict.configuration, []).append(
+            verdict
+        )
     return found
 
 
@@ -202,11 +204,11 @@ def _pictures(
 def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
     """By frame, the marks drawn over the picture of a subject who was judged wrong."""
     drawn = {}
-    for each in verdicts:
-        thumbnail = thumbnails.seen.get((each.clip, each.configuration, each.frame))
-        if thumbnail is not None and each.outcome == "wrong":
-            subject = next((found for found in thumbnail.subjects if found.name == each.subject), None)
-            drawn[each.frame] = {
+    for verdict in verdicts:
+        thumbnail = thumbnails.seen.get((verdict.clip, verdict.configuration, verdict.frame))
+        if thumbnail is not None and verdict.outcome == "wrong":
+            subject = next((found for found in thumbnail.subjects if found.name == verdict.subject), None)
+            drawn[verdict.frame] = {
                 "size": thumbnail.size,
                 "boxes": thumbnail.boxes,
                 "head": subject and subject.head,

@@ -116,7 +116,7 @@ class AttentionLog(PartLog[AttentionPart]):
         """Add the attention of each named subject of a record."""
         part = self.part(record.clip, record.configuration)
         part.targets |= dict.fromkeys(target.name for target in record.targets)
-        for person in dict.fromkeys(each.name for each in record.subjects if each.name is not None):
+        for person in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
             if (found := find_subject(record, person)) is not None and found.attention:
                 track = part.tracks.setdefault(person, {})
                 for target, value in attention_by_name(record, found).items():

@@ -76,7 +76,7 @@ def render_page(
             "oracle": [ablation_table(scores)],
             "calibration": [reliability_table(reliabilities), *checks],
             "speed": [times.table()],
-            "more": [each for each in panels if isinstance(each, Table)],
+            "more": [panel for panel in panels if isinstance(panel, Table)],
             "settings": [_clips(manifest["clips"]), differing],
         }
     )
@@ -88,13 +88,13 @@ def render_page(
         compared=_compared(scores, differing),
         headline=headline(scores),
         verdict=verdict_sentence(scores),
-        fails=next(iter(next_steps(each for each in scores.verdicts if each.configuration in asked)), None),
+        fails=next(iter(next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)), None),
         remarks=[each for each in remarks(scores) if each not in scores.notes],
         notes=scores.notes,
         versions=manifest["versions"],
         groups=groups,
         titles=[table.title for table in tables],
-        drawings=[each for each in panels if isinstance(each, Picture)],
+        drawings=[panel for panel in panels if isinstance(panel, Picture)],
         thumbnails=thumbnails,
         served=served is not None,
         script=script("main"),
@@ -125,15 +125,17 @@ def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageT
         ],
         "calibration": [
             {
-                "configuration": each.configuration,
-                "error": each.calibration_error,
+                "configuration": reliability.configuration,
+                "error": reliability.calibration_error,
                 "bins": [
                     [round(confidence, 4), round(accuracy, 4), int(count)]
-                    for confidence, accuracy, count in zip(each.confidence, each.accuracy, each.counts, strict=True)
+                    for confidence, accuracy, count in zip(
+                        reliability.confidence, reliability.accuracy, reliability.counts, strict=True
+                    )
                     if count
                 ],
             }
-            for each in reliabilities
+            for reliability in reliabilities
         ],
         "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
         if times.ms
@@ -147,8 +149,8 @@ MOST_SENTENCES = 3
 
 def render_comparison(comparisons: Sequence[Comparison]) -> str:
     """Return the page of comparisons of several runs: a row for each pair, to be sorted by any column."""
-    names = {name for each in comparisons for name in (each.reference, each.configuration)}
-    significant = [each.sentence for each in comparisons if each.is_significant]
+    names = {name for comparison in comparisons for name in (comparison.reference, comparison.configuration)}
+    significant = [comparison.sentence for comparison in comparisons if comparison.is_significant]
     table = comparison_table(comparisons)
     return template("compare.html.jinja").render(
         title="Comparison of runs",
@@ -168,7 +170,9 @@ def _known(value: float | None) -> float | None:
 
 def _facts(scores: Scores, manifest: Mapping[str, Any]) -> list[str]:
     """Date, commit, clips, frames and n, as words."""
-    labelled = sum(len(each.frames) for each in scores.outcomes if each.configuration == scores.configurations[0])
+    labelled = sum(
+        len(outcome.frames) for outcome in scores.outcomes if outcome.configuration == scores.configurations[0]
+    )
     finished, commit = str(manifest.get("finished", "")), manifest.get("commit")
     facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
     facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
@@ -215,13 +219,13 @@ def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
         "Clip | Licence | To be cited | Frames | Hz",
         (
             (
-                each["name"],
-                _text(each["licence"]),
-                _text(each.get("citation")),
-                len(each["frames"]),
-                _text(each["rate_hz"]),
+                clip["name"],
+                _text(clip["licence"]),
+                _text(clip.get("citation")),
+                len(clip["frames"]),
+                _text(clip["rate_hz"]),
             )
-            for each in clips
+            for clip in clips
         ),
         words=3,
     )

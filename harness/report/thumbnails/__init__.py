@@ -162,7 +162,7 @@ def _sizes(run: Path, lines: Mapping[tuple[str, str, int], bytes]) -> dict[_Fram
 
 def _fitting(sizes: Mapping[_Frame, int], budget: int) -> dict[_Frame, None]:
     frames, step = list(sizes), 1
-    while sum(sizes[each] for each in frames[::step]) > budget and step < len(frames):
+    while sum(sizes[frame] for frame in frames[::step]) > budget and step < len(frames):
         step += 1
     return dict.fromkeys(frames[::step])
 

@@ -102,20 +102,22 @@ def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumb
     """Everything seen in a frame, in the pixels of its picture."""
     size = _size(rig.width_px, rig.height_px)
     scale = size[0] / rig.width_px
-    attentions = {each.subject.track_id: each for each in result.attentions}
+    attentions = {attention.subject.track_id: attention for attention in result.attentions}
     return Thumbnail(
         frame=record.frame,
         size=size,
-        boxes=[(each.instance_id, each.name, _box(each.box_px, scale)) for each in record.targets if each.box_px],
+        boxes=[
+            (target.instance_id, target.name, _box(target.box_px, scale)) for target in record.targets if target.box_px
+        ],
         subjects=[
             ThumbnailSubject(
-                name=each.name,
-                head=_box(each.head_box_px, scale),
-                focus=each.focus,
-                lines=_lines(attentions[each.track_id], result.scene, rig, scale),
+                name=subject.name,
+                head=_box(subject.head_box_px, scale),
+                focus=subject.focus,
+                lines=_lines(attentions[subject.track_id], result.scene, rig, scale),
             )
-            for each in record.subjects
-            if each.head_box_px
+            for subject in record.subjects
+            if subject.head_box_px
         ],
     )
 

@@ -156,7 +156,7 @@ class FramesOfMeasurements:
             known = self.categories.setdefault(thing.name, thing.category)
             if known != thing.category and thing.name not in self.people:
                 raise VfoaError(
-                    f"{where}: object {thing.name!r}: expected one category, found {known!r} and {thing.category!r}"
+                    f"{where}: object {thing.name!r}: found categories {known!r} and {thing.category!r}; expected one"
                 )
         things = [name for name in self.categories if name not in self.people]
         things.sort(key=lambda name: name in settings.objects)

@@ -112,5 +112,5 @@ def test_a_table_is_no_wider_than_the_terminal_and_loses_nothing(width: int, num
         console = Console(width=width, file=io.StringIO())
         console.print(to_rich(part))
         printed = console.file.getvalue()
-        assert all(each in printed for each in part.columns[1:])
+        assert all(column in printed for column in part.columns[1:])
         assert "a word" in printed

@@ -154,7 +154,7 @@ def test_every_scored_frame_has_one_answer() -> None:
         answers(("cup", "none", "dragon", None, "cup", "book")),
         {"clip": labels("cup", "cup", "cup", "cup", "ignore", "dragon")},
     )
-    found = Counter((each.truth, answered(each)) for each in scores.verdicts if each.outcome != "unscored")
+    found = Counter((verdict.truth, answered(verdict)) for verdict in scores.verdicts if verdict.outcome != "unscored")
     wrong = {("cup", NO_HIT): 1, ("cup", "dragon"): 1, ("cup", "no prediction"): 1, ("dragon", "book"): 1}
     assert found == {("cup", "cup"): 1, **wrong}
 
@@ -165,7 +165,9 @@ def test_another_instance_of_the_true_name_is_no_agreement() -> None:
     label = Label(target="cup", point_px=(5.0, 5.0))
     truth = Labels([LabelRange(first_frame=1, last_frame=1, subject="girl", label=label)])
     scores, *_ = _scored([record], {"clip": truth})
-    assert [(each.truth, answered(each)) for each in scores.verdicts] == [("cup", "cup (another of this name)")]
+    assert [(verdict.truth, answered(verdict)) for verdict in scores.verdicts] == [
+        ("cup", "cup (another of this name)")
+    ]
 
 
 def test_only_settings_that_differ_are_listed() -> None:

@@ -238,7 +238,7 @@ def test_tables_are_sorted_and_filtered(session: Chrome, page: Path) -> None:
             each.find_elements("tag name", "td")[3].text for each in session.find_elements("css selector", rows)
         ] == expected
     links = fold.find_elements("css selector", "tbody a")
-    assert [each.text for each in links] == ["2", "4", "6"]
+    assert [link.text for link in links] == ["2", "4", "6"]
     session.execute_script("arguments[0].click()", links[1])
     _wait_for_box(session, "Frame 4 – wrong")
 

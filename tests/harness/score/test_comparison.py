@@ -21,7 +21,7 @@ def _clips(*right: Sequence[int], first: int = 0) -> list[ScoredFrames]:
             frames=np.arange(first, first + LOOK * len(looks)),
             looks=np.repeat(np.arange(len(looks)), LOOK),
             truth=np.full(LOOK * len(looks), "cup", dtype=np.object_),
-            correct=np.array([frame < each for each in looks for frame in range(LOOK)], dtype=np.intp),
+            correct=np.array([frame < look for look in looks for frame in range(LOOK)], dtype=np.intp),
         )
         for number, looks in enumerate(right)
     ]

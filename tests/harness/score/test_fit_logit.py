@@ -112,7 +112,7 @@ def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatc
     directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run")
     manifest = directory.read_manifest()
     directory.write_manifest({**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
-    assert [len(each.labelled) for each in read_labelled(directory).people] == [40, 40]
+    assert [len(person.labelled) for person in read_labelled(directory).people] == [40, 40]
 
 
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,7 +154,7 @@ def test_power_is_that_of_brute_force(units: int, alpha: float) -> None:
         return
     rng = np.random.default_rng(units)
     samples = np.rint(100 * (shift + rng.standard_normal((400, units))))
-    assert np.mean([sign_flip_p(each) < alpha for each in samples]) == pytest.approx(0.8, abs=0.06)
+    assert np.mean([sign_flip_p(sample) < alpha for sample in samples]) == pytest.approx(0.8, abs=0.06)
     assert power(units, alpha, shift) == pytest.approx(0.8, abs=0.01)
 
 

@@ -16,7 +16,7 @@ from harness.score.statistics import Codes
 
 def _looks(letters: str, rate: float | None, positions: list[int] | None = None) -> str:
     """The looks of frames that show one letter for each target, as digits."""
-    codes = np.array([ord(each) for each in letters], dtype=np.intp)
+    codes = np.array([ord(letter) for letter in letters], dtype=np.intp)
     places = np.array(positions or range(len(letters)), dtype=np.intp)
     return "".join(map(str, number_looks(codes, places, rate).tolist()))
 
@@ -44,7 +44,7 @@ def test_a_gap_ends_a_look_and_sparse_labels_do_not() -> None:
 
 @given(letters=st.text("abc", min_size=1, max_size=80), rate=st.sampled_from([0.5, 1.0, 7.0, 25.0]))
 def test_units_are_whole_looks_in_order_and_long_enough(letters: str, rate: float) -> None:
-    codes = np.array([ord(each) for each in letters], dtype=np.intp)
+    codes = np.array([ord(letter) for letter in letters], dtype=np.intp)
     places = np.arange(len(letters), dtype=np.intp)
     units, looks = number_looks(codes, places, rate), number_looks(codes, places, None)
     assert units[0] == 0

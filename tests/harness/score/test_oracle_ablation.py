@@ -28,7 +28,7 @@ from vfoa.types import Disparity, Instances
 def test_each_step_replaces_one_stage_more_and_leaves_the_rest() -> None:
     base = load_experiment("demo", clips=("studio_table",))
     ablated = with_oracle_ablation(base)
-    climbed = [each for each in ablated.configurations if each.name.startswith("sgbm-one")]
+    climbed = [configuration for configuration in ablated.configurations if configuration.name.startswith("sgbm-one")]
     assert [each.name for each in climbed] == [
         "sgbm-one",
         "sgbm-one+disparity",
@@ -41,7 +41,9 @@ def test_each_step_replaces_one_stage_more_and_leaves_the_rest() -> None:
     assert all(len(upper - lower) == 1 and lower < upper for lower, upper in pairwise(true_stages))
     assert true_stages[-1] == set(climbed[-1].choices)
     assert {str(each.attend) for each in climbed} == {str(climbed[0].attend)}
-    assert [each for each in ablated.configurations if "+" not in each.name] == list(base.configurations)
+    assert [configuration for configuration in ablated.configurations if "+" not in configuration.name] == list(
+        base.configurations
+    )
 
 
 def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
@@ -102,7 +104,7 @@ def test_what_a_clip_does_not_know_is_not_replaced_and_said(
     ablated = with_oracle_ablation(replace(base, clips=tuple(clips), configurations=(only,), notes=("mine",)))
     names = ["disparity", "instances", "heads", "head_pose", "gaze"]
     known = [each for each in names if each not in set().union(*unknown)]
-    assert [each.name for each in ablated.configurations] == [
+    assert [configuration.name for configuration in ablated.configurations] == [
         "+".join(["base", *known[:count]]) for count in range(len(known) + 1)
     ]
     expected = [

@@ -41,13 +41,13 @@ def test_a_frame_without_a_prediction_is_in_the_denominator() -> None:
 def test_ignored_and_unlabelled_frames_are_not_scored_but_listed() -> None:
     scores = score(answers(["cup", "cup", "cup"]), Reference(labels={"clip": labels("cup", "ignore")}))
     assert _row(scores).n == 1
-    assert [each.outcome for each in scores.verdicts] == ["correct", "unscored", "unscored"]
+    assert [verdict.outcome for verdict in scores.verdicts] == ["correct", "unscored", "unscored"]
 
 
 def test_a_labelled_frame_without_a_record_is_wrong() -> None:
     scores = score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup", "cup")}))
     assert (_row(scores).n, _row(scores).correct) == (3, 1)
-    assert [each.error_type for each in scores.verdicts] == [None, "no_subject", "no_subject"]
+    assert [verdict.error_type for verdict in scores.verdicts] == [None, "no_subject", "no_subject"]
 
 
 def test_frames_that_were_not_to_be_run_are_not_scored() -> None:
@@ -74,7 +74,7 @@ def test_one_clip_is_not_pooled_and_one_without_labels_has_no_rows() -> None:
     scores = score([*answers(["cup"]), *answers(["cup"], clip="free")], Reference(labels={"clip": labels("cup")}))
     assert [row.clip for row in scores.by_clip()] == ["clip"]
     assert scores.clips == ("clip", "free")
-    assert {each.outcome for each in scores.verdicts if each.clip == "free"} == {"unscored"}
+    assert {verdict.outcome for verdict in scores.verdicts if verdict.clip == "free"} == {"unscored"}
 
 
 def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
@@ -266,7 +266,7 @@ def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> No
     ]
     both = Labels([*labels("cup", "cup").ranges, *labels("cup", subject="boy").ranges])
     scores = score(records, Reference(labels=dict.fromkeys("zy", both)))
-    found = [(each.clip, each.configuration, each.subject, each.frame) for each in scores.verdicts]
+    found = [(verdict.clip, verdict.configuration, verdict.subject, verdict.frame) for verdict in scores.verdicts]
     looks = [("boy", 1), ("girl", 1), ("girl", 2)]
     assert found == [(clip, name, *look) for clip in "zy" for name in ("sgbm", "bm") for look in looks]
     assert [row.subject for row in scores.by_subject()] == ["boy", "boy", "girl", "girl"] * 2

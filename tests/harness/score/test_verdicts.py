@@ -180,10 +180,10 @@ def _answered(boxes: list[tuple[float, float, float, float]], point_px: tuple[fl
     """The right answers (cups counted from 1, with these boxes) to a label with a point."""
     cups = [target_record(each, "cup", box_px=box) for each, box in enumerate(boxes, start=1)]
     return [
-        each.instance_id
-        for each in cups
+        cup.instance_id
+        for cup in cups
         if judge(
-            frame_record(cups, [subject_record("girl", focus=each.instance_id)]),
+            frame_record(cups, [subject_record("girl", focus=cup.instance_id)]),
             "girl",
             Label(target="cup", point_px=point_px),
         ).outcome

@@ -117,5 +117,5 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, people: str, objects:
 def test_an_object_has_one_category(tmp_path: Path) -> None:
     (tmp_path / "people.csv").write_text("frame,time_ns,person,x_m,y_m,z_m\n1,0,anna,0,0,1\n2,1,anna,0,0,1\n")
     (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,it,cup,0,0,1,,,\n2,it,mug,0,0,1,,,\n")
-    with pytest.raises(VfoaError, match="'it': found the categories 'cup' and 'mug'"):
+    with pytest.raises(VfoaError, match="'it': found categories 'cup' and 'mug'"):
         open_measured("measured", tmp_path, objects_file="objects.csv")
