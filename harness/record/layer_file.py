@@ -167,7 +167,8 @@ class LayerFile:
         for path, _ in self._kept:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
-                yield from RrdReader(path).stream()
+                reader = RrdReader(path)
+            yield from reader.stream()
 
     def _send_rows(self) -> None:
         self._unsent = 0
