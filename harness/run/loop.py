@@ -16,7 +16,7 @@ from typing import Generic, NamedTuple, Self, TypeVar
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
 from harness.files.digests import KNOWN
-from harness.files.io import UnchangedFiles
+from harness.files.io import ChangedError, UnchangedFiles
 from harness.labels.labels import Labels
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import Configuration
@@ -203,9 +203,13 @@ def attend_to(
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)
-        except VfoaError as error:  # a frame that cannot be read
+        except ChangedError as error:
             for runner in runners:
                 runner.fail(error)
+        except VfoaError as error:  # a frame that cannot be read
+            more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"
+            for runner in runners:
+                runner.fail(VfoaError(f"{error}; {more}"))
     return runners
 
 

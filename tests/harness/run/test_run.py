@@ -204,7 +204,9 @@ def test_a_frame_that_cannot_be_read_leaves_no_table(
     write_text(tmp_path / "mine.toml", f'clips = ["cut"]\n[[configuration]]\nname = "only"\n{stages}')
     monkeypatch.chdir(tmp_path)
     plan = prepare(load_experiment("mine.toml"))
-    with pytest.raises(VfoaError, match=r"frame_0002\.png: truncated PNG") as caught:
+    with pytest.raises(
+        VfoaError, match=r"frame_0002\.png: truncated PNG.*; vfoa clips check cut --every-frame"
+    ) as caught:
         run_plan(
             plan, tmp_path / "out", workers=workers, progress=lambda clip: None, cache=Store(tmp_path / "c", 10**9)
         )
