@@ -113,12 +113,14 @@ def _bound_messages(reader: Any) -> None:
 
 
 def _check_connections(reader: Any) -> None:
-    """Check names, types and definitions: a bag's metadata is YAML, where they can be anything."""
+    """Check names, types, definitions and counts: a bag's metadata is YAML, where they can be anything."""
     for connection in reader.connections:
         if not isinstance(connection.topic, str) or not isinstance(connection.msgtype, str):
             raise TypeError(f"found the topic {connection.topic!r} of type {connection.msgtype!r}; expected names")
         if not isinstance(connection.msgdef.data, str):
             raise TypeError(f"{connection.topic}: found no definition of {connection.msgtype}; expected one")
+        if not isinstance(connection.msgcount, int):
+            raise TypeError(f"{connection.topic}: found {connection.msgcount!r} messages; expected a whole number")
 
 
 def bag_parts(path: Path) -> tuple[Path, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import tracemalloc
 from pathlib import Path
@@ -15,7 +16,7 @@ from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
 from tests.adapter_contract import check_contract
 from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
-from tests.disk import moving_picture
+from tests.disk import moving_picture, write_text
 from vfoa.errors import VfoaError
 from vfoa.stereo import MATCHERS
 
@@ -119,6 +120,16 @@ def test_a_database_without_its_metadata_is_read(tmp_path: Path) -> None:
     assert len(open_clip(path).frames) == 2
     (file,) = path.glob("*.db3")
     assert len(open_clip(file).frames) == 2
+
+
+@pytest.mark.parametrize("count", ["2001-01-01", "1.5", "many"])
+def test_a_count_of_messages_that_is_no_number_is_refused(tmp_path: Path, count: str) -> None:
+    path = write_take(tmp_path, "db3", map(shot, (1, 2)))
+    noted = (path / "metadata.yaml").read_text(encoding="utf-8")
+    changed = re.sub(r"message_count: \d+(?=\n    topic_metadata)", f"message_count: {count}", noted)
+    write_text(path / "metadata.yaml", changed)
+    with pytest.raises(VfoaError, match="messages; expected a whole number"):
+        open_clip(path)
 
 
 def test_counts_and_offsets_differ_as_a_rule_and_are_told(tmp_path: Path) -> None:
