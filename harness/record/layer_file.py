@@ -21,15 +21,18 @@ from rerun.chunk import Chunk, RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
+from harness.run.resume import EVEN_FRAMES
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-SENT_EVERY = 500
+SENT_EVERY = EVEN_FRAMES
 """Most frames between flushes, which write all waiting rows: larger chunks take less room in the file."""
 WAITING_BYTES = 4 * 2**20
 """Most memory of the rows that wait, roughly: more are written earlier."""
+FLUSHED_ROWS = 1000
+"""Least rows between flushes when a file is written from others: Rerun takes chunks faster than the file does."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
 GO_ON = "finished frames are kept, and the same command continues"
@@ -189,8 +192,13 @@ def write_whole(
     stream = rr.RecordingStream(application_id, recording_id=recording_id, send_properties=False)
     whole = _StreamFile(stream, path, layout, footer=True)
     try:
+        unwritten = 0
         for chunk in chunks:
             stream.send_chunks(chunk)
+            unwritten += chunk.num_rows
+            if unwritten >= FLUSHED_ROWS:
+                whole.flush()
+                unwritten = 0
     finally:
         whole.close()
 

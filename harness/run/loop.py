@@ -29,7 +29,7 @@ from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext, SinkFactory
 from harness.run.records import to_record
-from harness.run.resume import Checkpoint, pause_s, read_checkpoint, write_checkpoint
+from harness.run.resume import Checkpoint, is_due, read_checkpoint, write_checkpoint
 from harness.sources import Clip, MeasuredClip
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
@@ -194,12 +194,12 @@ def attend_to(
         for runner in runners:
             sinks.enter_context(runner)
         try:
-            while any(configuration_runner.error is None for configuration_runner in runners) and (
-                frame := next(frames, None)
-            ):
+            count = 0
+            while any(runner.error is None for runner in runners) and (frame := next(frames, None)):
                 for runner in runners:
                     runner.attend(frame)
-                if time.monotonic() - written_s >= pause_s(written_s - began_s):
+                count, now_s = count + 1, time.monotonic()
+                if is_due(now_s - began_s, now_s - written_s, count):
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)

@@ -51,8 +51,13 @@ SECONDS = 10.0
 """Least time between two checkpoints of a run."""
 
 _STEADY_S = 100.0
-"""After this time, the pause grows as the run does: a kill loses at most a tenth of the time so far. A checkpoint makes
-recordings send all that waits, in small chunks, whose number would else grow with the time."""
+"""After this time, the pause grows as the run does. A checkpoint makes recordings send all that waits, in small chunks,
+whose number would else grow with the time."""
+
+EVEN_FRAMES = 600
+"""A checkpoint waits for a frame at a multiple of this number, for at most as long again as the pause, so that a kill
+loses at most a fifth of the time so far. Recordings send their rows at these frames anyway: chunks of all sizes would
+fragment the memory. It is a multiple of the key frames' distance at common rates."""
 
 _TAIL = 1 << 16
 """Number of bytes at the end of a file's written part that are checked."""
@@ -117,9 +122,10 @@ class _CheckpointCodec(Codec):
 _codec = _CheckpointCodec()
 
 
-def pause_s(run_s: float) -> float:
-    """Seconds between the checkpoint after ``run_s`` seconds of a run and the next one."""
-    return SECONDS * max(1.0, run_s / _STEADY_S)
+def is_due(run_s: float, since_s: float, frames: int) -> bool:
+    """Whether a checkpoint is due, so many seconds and frames after the begin of a run, and seconds after the last."""
+    pause_s = SECONDS * max(1.0, (run_s - since_s) / _STEADY_S)
+    return since_s >= (pause_s if frames % EVEN_FRAMES == 0 else 2 * pause_s)
 
 
 def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> None:
