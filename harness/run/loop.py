@@ -155,10 +155,8 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     chosen = (number for number in (job.frames if numbers is None else numbers) if number >= first)
     if isinstance(clip, MeasuredClip):
         scenes = pose_frames(job.configurations, clip, chosen)
-        return job.outcome(
-            configuration_runner.error
-            for configuration_runner in attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
-        )
+        runners = attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
+        return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
     begins = {name: each.frame + 1 for name, each in resumed.items()}
     starts = {name: each.window for name, each in resumed.items() if each.window}
@@ -203,13 +201,11 @@ def attend_to(
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)
-        except ChangedError as error:
-            for runner in runners:
-                runner.fail(error)
         except VfoaError as error:  # a frame that cannot be read
             more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"
+            told = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
             for runner in runners:
-                runner.fail(VfoaError(f"{error}; {more}"))
+                runner.fail(told)
     return runners
 
 
