@@ -6,12 +6,10 @@ from pathlib import Path
 
 import cv2
 
-from harness.bench.stage_outputs import write_stage_outputs
+from harness.bench.stage_outputs import perceive_frames, write_stage_outputs
 from harness.clips.manifest import load_manifest
 from harness.files.io import atomic_write
-from harness.pipeline.configuration import STAGES
 from harness.run.experiment import load_experiment
-from vfoa.pipeline import Stages, perceive
 
 FOLDER = Path(__file__).parent.parent / "harness" / "cli" / "example" / "data" / "example"
 FRAMES = (1, 2)
@@ -21,18 +19,8 @@ _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 def main() -> None:
     """Write the pairs as JPEG, and the outputs as the files that the stages ``files`` and ``coco_panoptic`` read."""
     clip = load_manifest("studio_talk").open_images()
-    choices = load_experiment("demo").configurations[0].choices
-    built = {slot: STAGES[slot].build(choice, clip) for slot, choice in choices.items() if choice}
-    stages = Stages(
-        matcher=built["stereo"],
-        segmenter=built["segmentation"],
-        heads=built["heads"],
-        head_pose=built["head_pose"],
-        gaze=built["gaze"],
-    )
-    frames = [clip.frame(number) for number in FRAMES]
-    write_stage_outputs(FOLDER, [perceive(frame, stages) for frame in frames])
-    for frame in frames:
+    write_stage_outputs(FOLDER, perceive_frames(load_experiment("demo").configurations[0], clip, FRAMES))
+    for frame in map(clip.frame, FRAMES):
         for side, image in (("left", frame.left), ("right", frame.right)):
             content = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _JPEG)[1].tobytes()
             atomic_write(FOLDER / side / f"{frame.index:04d}.jpg", content)

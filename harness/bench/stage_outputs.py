@@ -13,10 +13,28 @@ import numpy as np
 
 from harness.files.io import atomic_write
 from harness.files.tables import write_rows
+from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.outputs.directions import DIRECTION, HEAD_ANGLES
 from harness.pipeline.outputs.heads import BOX, COLUMNS, FACE, KEYS, LANDMARKS
+from harness.sources import Clip
 from vfoa.errors import VfoaError
+from vfoa.pipeline import Stages, perceive
 from vfoa.types import Float, Gaze, Head, HeadPose, Instances, Mask, Percepts
+
+
+def perceive_frames(configuration: Configuration, clip: Clip, numbers: Iterable[int]) -> list[Percepts]:
+    """What the stages of a configuration make of some frames, without a cache."""
+    built: dict[str, Any] = {
+        slot: STAGES[slot].build(choice, clip) if choice else None for slot, choice in configuration.choices.items()
+    }
+    stages = Stages(
+        matcher=built["stereo"],
+        segmenter=built["segmentation"],
+        heads=built["heads"],
+        head_pose=built["head_pose"],
+        gaze=built["gaze"],
+    )
+    return [perceive(clip.frame(number), stages) for number in numbers]
 
 
 def write_stage_outputs(root: Path, percepts: Sequence[Percepts]) -> None:
