@@ -230,8 +230,8 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
         If a run cannot be scored, or the runs have nothing in common.
     """
     paths = [local_folder(run, "compare_runs:") for run in runs]
-    found = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
-    return _read(io.StringIO(to_csv(comparisons_csv(found))))
+    comparisons = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
+    return _read(io.StringIO(to_csv(comparisons_csv(comparisons))))
 
 
 def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:

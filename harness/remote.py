@@ -93,12 +93,12 @@ def expand(text: str, base: Path, where: str) -> Path:
     """
 
     def value(match: re.Match[str]) -> str:
-        found = os.environ.get(match[1])
-        if not found:
+        setting = os.environ.get(match[1])
+        if not setting:
             below = text[match.end() :].strip("/")
             holds = f"; set it to the folder that holds {below}" if below else ""
             raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set{holds}")
-        return found
+        return setting
 
     place = _VARIABLE.sub(value, text)
     return local_copy(place, where) if is_address(place) else base / os.path.expanduser(place)
@@ -128,16 +128,16 @@ def _update(storage: Any, files: Mapping[str, Mapping[str, Any]], place: Path) -
     """Fetch new and changed files, and remove those that are gone from the storage."""
     folder, path = place / "files", place / _INDEX
     have: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    found = {name: _version(info) for name, info in files.items()}
-    _remove(folder, have.keys() - found.keys())
-    names = [name for name in found if have.get(name) != found[name] or not (folder / name).is_file()]
+    versions = {name: _version(info) for name, info in files.items()}
+    _remove(folder, have.keys() - versions.keys())
+    names = [name for name in versions if have.get(name) != versions[name] or not (folder / name).is_file()]
     for begin in range(0, len(names), _TOGETHER):
         batch = names[begin : begin + _TOGETHER]
         with ExitStack() as drafts:
             here = [str(drafts.enter_context(replacing(folder / name))) for name in batch]
             storage.get([files[name]["name"] for name in batch], here)
-    if found != have:
-        atomic_write(path, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    if versions != have:
+        atomic_write(path, json.dumps(versions, indent=1, ensure_ascii=False) + "\n")
 
 
 def _remove(folder: Path, names: Iterable[str]) -> None:
@@ -153,12 +153,12 @@ def _files(storage: Any, root: str, address: str) -> dict[str, Mapping[str, Any]
     """The storage's details of each file that is not hidden, by name; that of a single file is its last part."""
     storage.invalidate_cache()  # others write there, too
     try:
-        found = storage.find(root, detail=True)
+        listing = storage.find(root, detail=True)
     except FileNotFoundError:
-        found = {}
-    top = str(PurePosixPath(root).parent) if list(found) == [root] else root
-    found = {path: info for path, info in found.items() if not path.endswith("/")}  # a folder made in a console
-    files = {str(PurePosixPath(path).relative_to(top)): found[path] for path in sorted(found)}
+        listing = {}
+    top = str(PurePosixPath(root).parent) if list(listing) == [root] else root
+    listing = {path: info for path, info in listing.items() if not path.endswith("/")}  # a folder made in a console
+    files = {str(PurePosixPath(path).relative_to(top)): listing[path] for path in sorted(listing)}
     if escaping := next((name for name in files if ".." in PurePosixPath(name).parts), None):
         raise VfoaError(f"{address}: holds {escaping!r}; expected only names inside it")
     return {name: info for name, info in files.items() if not any(part.startswith(".") for part in name.split("/"))}

@@ -54,7 +54,10 @@ def edited(
         case "move":
             return move_change(track, at, action.last)
         case "accept":
-            enough = (each[0] if each and each[1] >= action.attention else None for each in suggested or ())
+            enough = (
+                suggestion[0] if suggestion and suggestion[1] >= action.attention else None
+                for suggestion in suggested or ()
+            )
             return accept(track, list(enough), seen) if suggested else []
         case "confirm":
             return confirm(track, at)

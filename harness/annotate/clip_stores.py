@@ -25,14 +25,14 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
         If the file is wrong, or another process labels it.
     """
     files = manifest.annotations
-    path, found = files.place(annotator), files.find(annotator)
+    path, present = files.place(annotator), files.find(annotator)
     return LabelStore(
         path,
         _journal_of(path),
         timeline=timeline,
         subjects=tuple(manifest.subjects),
-        targets=_targets(manifest, found),
-        origin=_origin(manifest, path, found),
+        targets=_targets(manifest, present),
+        origin=_origin(manifest, path, present),
     )
 
 
@@ -56,14 +56,14 @@ def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[s
     Raises as :class:`DrawingStore`.
     """
     files = manifest.annotations
-    path, found = files.place_drawn(), files.find_drawn()
+    path, present = files.place_drawn(), files.find_drawn()
     return DrawingStore(
         path,
         _journal_of(path),
         frames=frames,
         subjects=manifest.subjects,
         targets=[*manifest.targets, *also],
-        origin=_origin(manifest, path, found),
+        origin=_origin(manifest, path, present),
     )
 
 
@@ -89,6 +89,6 @@ def _journal_of(path: Path) -> Path:
     return path.parent / ".journal" / f"{path.stem}.jsonl"
 
 
-def _origin(manifest: ClipManifest, path: Path, found: Path | None) -> Path | None:
+def _origin(manifest: ClipManifest, path: Path, present: Path | None) -> Path | None:
     """The file that came with the program or the clip, from which one that is to be written at ``path`` begins."""
-    return found if found != path and (came_with_program(manifest.path) or manifest.labels_file) else None
+    return present if present != path and (came_with_program(manifest.path) or manifest.labels_file) else None

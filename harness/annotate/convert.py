@@ -110,7 +110,7 @@ def export_labels(
     check_new(to, replace=replace, inputs=manifest.files)
     labels = manifest.read(manifest.annotations.expect(annotator), exchange.timeline, allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
-    return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
+    return [f"{to}: {note}" for note in chosen.write(to, labels, exchange)]
 
 
 def export_predictions(
@@ -142,33 +142,35 @@ def export_predictions(
         If the run has no such clip or configuration, the format needs data that the run lacks, or a file exists.
     """
     manifest = RunDirectory(run).read_manifest()
-    clips = {each["name"]: each for each in manifest["clips"]}
+    clips = {entry["name"]: entry for entry in manifest["clips"]}
     if clip is not None and clip not in clips:
         raise VfoaError(f"{run}: no clip {clip!r}; {did_you_mean(clip, clips)}")
     chosen = [clip] if clip is not None else list(clips)
     if to is not None and len(chosen) > 1:
         raise VfoaError(f"{run}: has the clips {', '.join(chosen)}; expected --clip CLIP with a file of your own")
     written: AnnotationFormat = FORMATS.load(name)()
-    for each in chosen:
-        records = read_clip_records(run, each, configuration)
-        names = clips[each]["names"]
+    for clip_name in chosen:
+        records = read_clip_records(run, clip_name, configuration)
+        names = clips[clip_name]["names"]
         subjects, targets = tuple(names["subjects"]), tuple(names["targets"])
-        found = predicted_labels(records, {*subjects, *targets})
-        if not found.labels.ranges:
-            raise VfoaError(f"{run}: {each}: nothing was predicted; {' '.join(found.notes) or 'no person was found'}")
-        place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"
+        predicted = predicted_labels(records, {*subjects, *targets})
+        if not predicted.labels.ranges:
+            raise VfoaError(
+                f"{run}: {clip_name}: nothing was predicted; {' '.join(predicted.notes) or 'no person was found'}"
+            )
+        place = to or run / "labels" / f"{clip_name}__{records.configuration}{SUFFIXES.get(name, '')}"
         check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
         exchange = Exchange(
-            timeline=Timeline(frames=clips[each]["frames"], times_ns=clips[each]["times_ns"]),
-            rate_hz=clips[each]["rate_hz"],
-            subjects=found.labels.subjects,
+            timeline=Timeline(frames=clips[clip_name]["frames"], times_ns=clips[clip_name]["times_ns"]),
+            rate_hz=clips[clip_name]["rate_hz"],
+            subjects=predicted.labels.subjects,
             targets=targets,
             **options,
         )
-        yield place, (*found.notes, *written.write(place, found.labels, exchange))
+        yield place, (*predicted.notes, *written.write(place, predicted.labels, exchange))
 
 
-def predicted_labels(found: ClipRecords, names: Collection[str]) -> Imported:
+def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
     """Make one suggested label per frame and person with a prediction; frames without a prediction have none.
 
     Parameters
@@ -183,11 +185,11 @@ def predicted_labels(found: ClipRecords, names: Collection[str]) -> Imported:
     """
     labelled: dict[str, dict[int, tuple[Label, float]]] = {}
     counts = Counter[str]()
-    for frame, record in sorted(found.by_frame.items()):
+    for frame, record in sorted(records.by_frame.items()):
         for person in record.subjects:
             name = person.name or f"person#{person.track_id}"
             of_person = labelled.setdefault(name, {})
-            missing = person.missing or (None if found.says_nowhere or person.focus is not None else "nothing hit")
+            missing = person.missing or (None if records.says_nowhere or person.focus is not None else "nothing hit")
             if missing is not None:
                 counts[f"frames of {name} have no prediction ({missing}) and no label"] += 1
             elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
@@ -195,9 +197,9 @@ def predicted_labels(found: ClipRecords, names: Collection[str]) -> Imported:
                 counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
                     of_person[frame][0].target == IGNORED
                 )
-    frames = sorted(found.by_frame)
+    frames = sorted(records.by_frame)
     rows = [
-        _with_probability(row, labels, frames) if found.has_probabilities else row
+        _with_probability(row, labels, frames) if records.has_probabilities else row
         for name, labels in labelled.items()
         for row in ranges_of(name, ((frame, labels[frame][0] if frame in labels else None) for frame in frames))
     ]

@@ -102,7 +102,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
 
 def _place(directory: RunDirectory, clip: str) -> str:
     """The manifest of a run's clip where the run found it or, if it has moved since, its name."""
-    places = {each["name"]: each["manifest"] for each in directory.read_manifest()["clips"]}
+    places = {entry["name"]: entry["manifest"] for entry in directory.read_manifest()["clips"]}
     if clip not in places:
         raise VfoaError(f"{directory.path}: no clip {clip!r}; {did_you_mean(clip, places)}")
     return places[clip] if Path(places[clip]).is_file() else clip

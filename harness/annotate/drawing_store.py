@@ -216,13 +216,13 @@ def _changed(before: Keys, frame: int, draw: Draw) -> Keys:
             track = Track(name=draw.name, kind=draw.kind, keys=before)
             key = KeyFrame(frame=frame, place=track.place_at(frame), outside=track.at(frame) is not None)
         case "delete":
-            return tuple(each for each in before if each.frame != frame)
+            return tuple(other for other in before if other.frame != frame)
         case "remove":
             return ()
-    others = (each for each in before if each.frame != frame)
-    return tuple(sorted([*others, replace(key, place=_rounded(key.place))], key=lambda each: each.frame))
+    others = (other for other in before if other.frame != frame)
+    return tuple(sorted([*others, replace(key, place=_rounded(key.place))], key=lambda other: other.frame))
 
 
 def _rounded(place: Place) -> Place:
     """Round to a hundredth of a pixel."""
-    return tuple(round(each, 2) for each in place)
+    return tuple(round(coordinate, 2) for coordinate in place)

@@ -164,7 +164,7 @@ class LabelStore(JournaledStore[Labels, Step]):
         self.steps.clear()
         self.revision = max(self.revision, entry["revision"])
         for subject, plain in entry["base"].items():
-            self._place(subject, [Stretch.parse(each) for each in plain])
+            self._place(subject, [Stretch.parse(stretch) for stretch in plain])
 
     def _make(self, step: Step, entry: Entry) -> None:
         self._set(step.changes)
@@ -188,7 +188,7 @@ class LabelStore(JournaledStore[Labels, Step]):
 
     def _labelled(self, parts: Mapping[str, Sequence[Stretch]]) -> int:
         """Number of (frame, subject) pairs of all tracks that a person has labelled, without undecided ones."""
-        return sum(labelled(part, self._seen[subject]) for subject, found in parts.items() for part in found)
+        return sum(labelled(part, self._seen[subject]) for subject, track in parts.items() for part in track)
 
     def _change_to(self, subject: str, new: Sequence[Stretch]) -> Change:
         """The change that sets these stretches, which follow each other without a gap."""
@@ -217,7 +217,7 @@ class LabelStore(JournaledStore[Labels, Step]):
         is_known = self._active_s >= MEANINGFUL_S and gained >= MEANINGFUL_SHARE * total
         return {
             "revision": self.revision,
-            "tracks": {name: [part.plain() for part in found] for name, found in parts.items()},
+            "tracks": {name: [part.plain() for part in track] for name, track in parts.items()},
             "seen": dict(self._seen),
             "labelled": done,
             "total": total,

@@ -67,13 +67,13 @@ class Stretch:
 
 def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stretch, ...]:
     """The part of a track between two positions, both included, as maximal stretches."""
-    found = []
+    parts = []
     start = first
     for mark, run in groupby(track[first : last + 1]):
         end = start + len(list(run))
-        found.append(Stretch(first=start, last=end - 1, mark=mark))
+        parts.append(Stretch(first=start, last=end - 1, mark=mark))
         start = end
-    return tuple(found)
+    return tuple(parts)
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:

@@ -153,12 +153,14 @@ class Session:
         """
         stores = (self._store, self._drawing)
         with self.changing:
-            made = [at for at, each in enumerate(actions) if each.id and any(store.knows(each.id) for store in stores)]
+            made = [
+                at for at, action in enumerate(actions) if action.id and any(store.knows(action.id) for store in stores)
+            ]
             rest = actions[made[-1] + 1 if made else 0 :]
             if not made:  # else, the first of them had the right revision
                 for store in stores:
                     store.refresh()
-                kinds = {each.kind for each in rest}
+                kinds = {action.kind for action in rest}
                 if kinds & {"draw", "undo", "redo"} and drawn != self._drawing.revision:
                     raise StaleRevisionError
                 if kinds - {"draw", "seen"} and revision != self._store.revision:
@@ -214,11 +216,11 @@ class Session:
         both = [(self._store, self._store.steps.plain()), (self._drawing, self._drawing.undo_state())]
         made_s = max(plain["made_s"] or 0.0 for _, plain in both)
         if kind == "undo":
-            found = [(plain["made_s"], each) for each, plain in both if plain["can_undo"]]
+            steps = [(plain["made_s"], store) for store, plain in both if plain["can_undo"]]
         else:
-            undone = [(plain["undone_s"], each) for each, plain in both if plain["can_redo"]]
-            found = [each for each in undone if each[0] >= made_s]
-        return max(found, key=lambda each: each[0])[1] if found else None
+            undone = [(plain["undone_s"], store) for store, plain in both if plain["can_redo"]]
+            steps = [step for step in undone if step[0] >= made_s]
+        return max(steps, key=lambda step: step[0])[1] if steps else None
 
     def drawn(self) -> dict[str, Any]:
         """The drawn shapes as JSON, read again if another program has changed the file."""
@@ -240,7 +242,10 @@ class Session:
                 return
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 labels = {store.path.name: store.reassigned(name, new_name) for store in stores}
-            drawn = [[new_name if each == name else each, kind, keys] for each, kind, keys in self._drawing.tracks()]
+            drawn = [
+                [new_name if drawn_name == name else drawn_name, kind, keys]
+                for drawn_name, kind, keys in self._drawing.tracks()
+            ]
             self._change(to, labels, drawn)
 
     def delete_target(self, name: str, to: str | None) -> None:
@@ -257,7 +262,7 @@ class Session:
                     if to is not None
                     else {}
                 )
-            drawn = [each for each in self._drawing.tracks() if each[0] != name]
+            drawn = [track for track in self._drawing.tracks() if track[0] != name]
             self._change(targets.without_target(self.manifest.path, name), labels, drawn)
 
     def _change(self, text: str, labels: dict[str, list[Any]] | None = None, drawn: list[Any] | None = None) -> None:
@@ -265,7 +270,7 @@ class Session:
         before = self._drawing.tracks()
         change = TargetChange(
             manifest=(read_bytes(self.manifest.path).decode(), text),
-            labels={name: found for name, found in (labels or {}).items() if found},
+            labels={name: changes for name, changes in (labels or {}).items() if changes},
             drawn=None if drawn is None or drawn == before else (before, drawn),
         )
         self._with_targets(change, lambda: self._store.change_targets(change.model_dump(mode="json")))
@@ -330,7 +335,7 @@ class Session:
     @cached_property
     def _times_s(self) -> list[float]:
         """Time of each frame, seconds since the first one."""
-        return [round((each - self._timeline.times_ns[0]) / 1e9, 4) for each in self._timeline.times_ns]
+        return [round((time_ns - self._timeline.times_ns[0]) / 1e9, 4) for time_ns in self._timeline.times_ns]
 
     @cached_property
     def _categories(self) -> list[str]:
@@ -342,7 +347,7 @@ class Session:
         self.manifest = load_manifest(self.manifest.path, self.manifest.name)
         if self._run:
             self._predictions = Predictions(self._run, self.manifest, self._configuration)
-        left = [each for each in self._left_over if self._store.uses(each)]
+        left = [name for name in self._left_over if self._store.uses(name)]
         self._store.targets = [*self.manifest.targets, *left]
         self._drawing.targets = [*self.manifest.targets]
         with self._reading:
@@ -358,10 +363,10 @@ class Session:
         if self._predictions is None or self._blind:
             return None
         known = {*self._store.names()} - {subject}
-        found = [self._predictions.predict(frame, subject) for frame in self._frames]
+        predictions = [self._predictions.predict(frame, subject) for frame in self._frames]
         return [
             (prediction.target, round(prediction.attention, 4)) if prediction and prediction.target in known else None
-            for prediction in found
+            for prediction in predictions
         ]
 
 

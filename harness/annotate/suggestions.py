@@ -54,7 +54,7 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     """
     step_s = median(after - before for before, after in pairwise(times_s)) if len(times_s) > 1 else WANTED_S
     whole_s = times_s[-1] - times_s[0] + step_s
-    subjects = [name for name, each in answers.items() if any(each)]
+    subjects = [name for name, predicted in answers.items() if any(predicted)]
     length_s = min(max(WANTED_S / max(len(subjects), 1), SHORTEST_S), LONGEST_S)
     parts = max(ceil(whole_s / max(length_s, step_s)), 1)
     starts_s = [times_s[0] + whole_s * part / parts - step_s / 2 for part in range(parts + 1)]
@@ -67,14 +67,15 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     while left:
         missing = set(subjects) - {block.subject for block in chosen}
         best = max(
-            (block for block in left if not missing or block.subject in missing), key=lambda each: said[each].gain(seen)
+            (block for block in left if not missing or block.subject in missing),
+            key=lambda block: said[block].gain(seen),
         )
         if not missing and (len(chosen) + 0.5) * whole_s / parts > WANTED_S:
             break
         left.remove(best)
         chosen.append(best)
         seen |= {name: seen.get(name, 0.0) + share for name, share in said[best].share.items()}
-    return sorted(chosen, key=lambda each: (subjects.index(each.subject), each.first))
+    return sorted(chosen, key=lambda block: (subjects.index(block.subject), block.first))
 
 
 def advice(blocks: Sequence[Block], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
@@ -118,16 +119,16 @@ class Predictions:
     """
 
     def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:
-        found = read_clip_records(run, clip, configuration)
-        self.configuration, self.records = found.configuration, found.by_frame
-        self._says_nowhere = found.says_nowhere
+        records = read_clip_records(run, clip, configuration)
+        self.configuration, self.records = records.configuration, records.by_frame
+        self._says_nowhere = records.says_nowhere
         known = {*clip.targets, *clip.subjects, NOWHERE}
         self._answers = defaultdict[tuple[str, int], list[str]](list)
         """By subject and frame: the answers of all configurations; all names that the clip does not know are one.
 
         Nothing hit counts as nowhere: where labels say most, there are some of nowhere.
         """
-        for record in found.all:
+        for record in records.all:
             for subject in record.subjects:
                 if subject.name is not None and not subject.missing:
                     name = NOWHERE if subject.focus is None else record.target(subject.focus).name
@@ -141,10 +142,14 @@ class Predictions:
     def predict(self, frame: int, subject: str) -> Prediction | None:
         """The prediction; None if the run has no such frame or subject, could compute nothing, or hit nothing."""
         record = self.records.get(frame)
-        found = next((each for each in record.subjects if each.name == subject), None) if record else None
-        if record is None or found is None or found.missing or (found.focus is None and not self._says_nowhere):
+        person = (
+            next((subject_record for subject_record in record.subjects if subject_record.name == subject), None)
+            if record
+            else None
+        )
+        if record is None or person is None or person.missing or (person.focus is None and not self._says_nowhere):
             return None
-        return _prediction(record, found)
+        return _prediction(record, person)
 
     def order(self, frames: Sequence[int], subject: str) -> list[int]:
         """Positions of the frames, the most uncertain first; frames without a prediction come before all others."""

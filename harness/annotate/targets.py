@@ -46,7 +46,8 @@ class TargetChange(Settings):
         return TargetChange(
             manifest=self.manifest[::-1],
             labels={
-                name: [Change.parse(each).inverse.plain() for each in found] for name, found in self.labels.items()
+                name: [Change.parse(change).inverse.plain() for change in changes]
+                for name, changes in self.labels.items()
             },
             drawn=None if self.drawn is None else self.drawn[::-1],
         )
@@ -161,7 +162,7 @@ def with_change(path: Path, name: str, *, new_name: str, key: str | None, colour
             raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
         if new_name in {*manifest.targets, *manifest.subjects}:
             raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
-        table[name]["formerly"] = [each for each in (*table[name].get("formerly", ()), name) if each != new_name]
+        table[name]["formerly"] = [former for former in (*table[name].get("formerly", ()), name) if former != new_name]
         _rename(table, name, new_name)
     return _text(path, document)
 
@@ -225,8 +226,8 @@ def _table(rule: NameRule) -> Any:
 
 def _rename(targets: Any, name: str, new_name: str) -> None:
     """Rename a key in place. Tables that are separated by others are several containers."""
-    for each in getattr(targets, "_tables", [targets]):
-        if name in each:
-            item = each.value.item(name)
+    for part in getattr(targets, "_tables", [targets]):
+        if name in part:
+            item = part.value.item(name)
             item.display_name = None  # keep the header as it was written
-            each.value._replace(name, new_name, item)
+            part.value._replace(name, new_name, item)

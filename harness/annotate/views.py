@@ -87,7 +87,7 @@ class Views:
         else:
             objects, heads = self._of_run(self._predictions.records.get(number))
         height, width = self._left(number).shape[:2]
-        ordered = sorted(objects, key=lambda each: (-_area(each.box_px), each.instance_id))
+        ordered = sorted(objects, key=lambda scene_object: (-_area(scene_object.box_px), scene_object.instance_id))
         return {"objects": tuple(map(asdict, ordered)), "heads_px": heads, "size_px": (width, height)}
 
     def _of_run(self, record: FrameRecord | None) -> tuple[Iterable[SceneObject], dict[str, BoxPx]]:
@@ -147,14 +147,14 @@ def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[Sc
 
 def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]:
     """The run's names, and those of targets that the manifest has gained since."""
-    found = [
+    instances = [
         (
             Instance(id=target.instance_id, label=target.label, category_id=0, is_thing=True, score=target.score),
             target.box_px,
         )
         for target in record.targets
     ]
-    fresh = _by_rules(record.frame, found, manifest)
+    fresh = _by_rules(record.frame, instances, manifest)
     known = {*manifest.targets, *manifest.subjects}
     return {
         target.instance_id: fresh[target.instance_id]
@@ -164,12 +164,14 @@ def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]
     }
 
 
-def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest) -> Mapping[int, str]:
+def _by_rules(
+    number: int, instances: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest
+) -> Mapping[int, str]:
     """Names by instance id."""
     empty = np.zeros((0, 3), np.float32)
     targets = tuple(
-        Target(instance=each, box_px=None if box is None else np.array(box), points_left=empty, box=None)
-        for each, box in found
+        Target(instance=instance, box_px=None if box is None else np.array(box), points_left=empty, box=None)
+        for instance, box in instances
     )
     result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
     return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
@@ -190,7 +192,7 @@ def _box(array: np.ndarray[Any, np.dtype[np.float64]]) -> BoxPx:
 
 
 def _rectangle(box_px: BoxPx) -> Outline:
-    u0, v0, u1, v1 = (round(each) for each in box_px)
+    u0, v0, u1, v1 = (round(edge) for edge in box_px)
     return [[[u0, v0], [u1, v0], [u1, v1], [u0, v1]]]
 
 

@@ -103,10 +103,10 @@ SIZES = ((6, 1), (6, 4), (20, 3))
 
 def time_methods(*, rounds: int = 40, frames: int = 2) -> dict[str, tuple[float, ...]]:
     """CPU milliseconds per person and frame of every method, for each of the sizes; the best of several rounds."""
-    found: dict[str, tuple[float, ...]] = {}
+    ms_by_method: dict[str, tuple[float, ...]] = {}
     for name, begin in METHODS.items():
-        found[name] = tuple(_ms_per_person(begin(), *size, rounds, frames) for size in SIZES)
-    return found
+        ms_by_method[name] = tuple(_ms_per_person(begin(), *size, rounds, frames) for size in SIZES)
+    return ms_by_method
 
 
 def _ms_per_person(method: Frame, boxes: int, subjects: int, rounds: int, frames: int) -> float:
@@ -117,12 +117,12 @@ def _ms_per_person(method: Frame, boxes: int, subjects: int, rounds: int, frames
     return 1e3 * min(timer.repeat(rounds, frames)) / frames / subjects
 
 
-def methods_table(found: dict[str, tuple[float, ...]]) -> Table:
+def methods_table(ms_by_method: dict[str, tuple[float, ...]]) -> Table:
     """One row per method, one column per size."""
     return Table(
         title="Attention by method, CPU ms per person and frame",
         columns=("method", *(f"{boxes} boxes, {subjects} people" for boxes, subjects in SIZES)),
-        rows=tuple((name, *(f"{ms:.2f}" for ms in row)) for name, row in found.items()),
+        rows=tuple((name, *(f"{ms:.2f}" for ms in row)) for name, row in ms_by_method.items()),
         words=1,
         notes=("Every frame follows the ones before it. One thread; the best of several rounds.",),
     )

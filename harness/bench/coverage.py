@@ -68,12 +68,12 @@ def coverage_table(experiments: int) -> Table:
 def _row(case: _Case, experiments: int) -> tuple[str, ...]:
     world, clips, look_s = case
     rng = np.random.default_rng([int(1000 * world.margin), clips, int(1000 * look_s), int(1000 * world.bias_s)])
-    found = np.array([_measure(simulate(world, clips, look_s, rng), world, rng) for _ in range(experiments)])
-    by_frames, by_units, wilson, plain, ours, of_difference, width = 100 * found.mean(axis=0)
+    measures = np.array([_measure(simulate(world, clips, look_s, rng), world, rng) for _ in range(experiments)])
+    by_frames, by_units, wilson, plain, ours, of_difference, width = 100 * measures.mean(axis=0)
     speaks_of = "all clips" if clips >= LEAST_CLIPS else "these clips"
     return (
         *(f"{100 * world.rate():.1f}", str(clips), f"{world.bias_s:.1f}", f"{look_s:.1f}"),
-        *(f"{each:.1f}" for each in (by_frames, by_units, wilson, plain, ours, of_difference)),
+        *(f"{percent:.1f}" for percent in (by_frames, by_units, wilson, plain, ours, of_difference)),
         *(speaks_of, f"{width:.1f}"),
     )
 
@@ -139,13 +139,13 @@ def _power_row(case: tuple[World, int], pilots: int) -> tuple[str, ...]:
     sums = np.array([[clip.values.sum(), clip.frames.sum()] for clip in clips])
     difference = float(sums[:, 0].sum() / sums[:, 1].sum())
     powers = _true_powers(world)
-    found = []
+    plans = []
     for _ in range(pilots):
         drawn = [clips[k] for k in rng.integers(0, len(clips), size)]
         plan = clips_needed(Spread.of(_together(drawn)), difference)
         if plan is not None:
-            found.append((plan.needed, plan.power, float(np.interp(plan.needed, _SIZES, powers))))
-    needed, promised, had = np.array(found).T
+            plans.append((plan.needed, plan.power, float(np.interp(plan.needed, _SIZES, powers))))
+    needed, promised, had = np.array(plans).T
     low, high = np.quantile(needed, [0.1, 0.9])
     return (
         *(f"{100 * difference:.1f}", str(size), f"{np.median(needed):.0f}", f"{low:.0f} to {high:.0f}"),
@@ -176,9 +176,9 @@ def _together(clips: Sequence[Units]) -> Units:
 def _true_powers(world: World) -> list[float]:
     """How often the test finds the difference on each number of clips of :data:`_SIZES`, drawn from all."""
     rng = np.random.default_rng(int(1000 * world.advantage))
-    values = np.array([each.values.sum() for each in _pool(world)])
+    values = np.array([clip.values.sum() for clip in _pool(world)])
     return [
-        float(np.mean([sign_flip_p(each) < SIGNIFICANCE for each in rng.choice(values, (1000, clips))]))
+        float(np.mean([sign_flip_p(sample) < SIGNIFICANCE for sample in rng.choice(values, (1000, clips))]))
         for clips in _SIZES
     ]
 

@@ -28,13 +28,13 @@ PAPER: Mapping[str, float] = {"sgbm against bm": 0.14, "two against one": 0.06}
 
 def seeds_table(scores: Scores, seeds: int) -> Table:
     """A row for each factor of the grid: its effect under each seed alone."""
-    found: dict[str, list[Comparison]] = {}
+    comparisons: dict[str, list[Comparison]] = {}
     for seed in range(1, seeds + 1):
         of_seed = tuple(outcome for outcome in scores.outcomes if outcome.configuration.endswith(f".seed{seed}"))
         alone = replace(scores, outcomes=of_seed)
         frames = {name: alone.frames_of(name) for name in scores.scored_configurations}
-        for (each,) in compare_factors(frames, scores.factors):
-            found.setdefault(f"{each.configuration} against {each.reference}", []).append(each)
+        for (comparison,) in compare_factors(frames, scores.factors):
+            comparisons.setdefault(f"{comparison.configuration} against {comparison.reference}", []).append(comparison)
     return Table(
         title="The demo's verdict under other seeds of the error",
         columns=(
@@ -42,25 +42,28 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
             *("The paper's points", "Ruled out"),
         ),
         words=1,
-        rows=tuple(_row(name, each) for name, each in found.items()),
+        rows=tuple(_row(name, by_seed) for name, by_seed in comparisons.items()),
         notes=(
             f"`vfoa demo` under {seeds} seeds of the errors of gaze and head, each judged alone: sign flips by clip "
-            f"over {next(iter(found.values()))[0].clips} clips, corrected for {len(found)} comparisons. Shown: seeds "
-            "under which the effect is significant.",
+            f"over {next(iter(comparisons.values()))[0].clips} clips, corrected for {len(comparisons)} comparisons. "
+            "Shown: seeds under which the effect is significant.",
             "Ruled out: seeds whose interval does not hold the paper's difference or more.",
             "Written by `python -m harness.bench.demo_seeds`.",
         ),
     )
 
 
-def _row(name: str, found: list[Comparison]) -> tuple[str, ...]:
-    points = np.array([100 * comparison.difference for comparison in found])
-    verdicts = [comparison.verdict for comparison in found]
+def _row(name: str, comparisons: list[Comparison]) -> tuple[str, ...]:
+    points = np.array([100 * comparison.difference for comparison in comparisons])
+    verdicts = [comparison.verdict for comparison in comparisons]
     paper = PAPER[name]
     return (
         *(name, f"{points.mean():+.1f}", f"{points.min():+.1f}", f"{points.max():+.1f}"),
-        *(f"{verdicts.count('better')} of {len(found)}", f"{verdicts.count('worse')} of {len(found)}"),
-        *(f"{100 * paper:+.0f}", f"{sum(comparison.interval.high < paper for comparison in found)} of {len(found)}"),
+        *(f"{verdicts.count('better')} of {len(comparisons)}", f"{verdicts.count('worse')} of {len(comparisons)}"),
+        *(
+            f"{100 * paper:+.0f}",
+            f"{sum(comparison.interval.high < paper for comparison in comparisons)} of {len(comparisons)}",
+        ),
     )
 
 

@@ -114,5 +114,7 @@ if __name__ == "__main__":
     parser.add_argument("pictures", nargs="+", type=Path, help="picture files")
     read = [cv2.imread(str(path), cv2.IMREAD_COLOR) for path in parser.parse_args().pictures]
     sys.stdout.write(
-        to_markdown(measure_faces([np.ascontiguousarray(each[..., ::-1]) for each in read if each is not None]))
+        to_markdown(
+            measure_faces([np.ascontiguousarray(picture[..., ::-1]) for picture in read if picture is not None])
+        )
     )

@@ -104,12 +104,12 @@ def noisy(true: Float, noise_deg: float, rng: np.random.Generator) -> Float:
 def filtered(measured: Float, settings: GazeFilterSettings) -> Float:
     """The filter's estimates (N, 3) for measurements (N, 3) without gaps."""
     estimate: CueFilter | None = None
-    found = []
+    estimates = []
     for direction in measured:
         estimate = follow(estimate, direction, settings)
         assert estimate is not None
-        found.append(estimate.direction)
-    return np.array(found)
+        estimates.append(estimate.direction)
+    return np.array(estimates)
 
 
 def _measure(noise_deg: float, settings: GazeFilterSettings, seeds: Sequence[int]) -> FilterQuality:

@@ -104,11 +104,11 @@ def _write_views(root: Path, frames: int) -> None:
 def _masks() -> Instances:
     ids = np.zeros((HEIGHT, WIDTH), np.uint16)
     ids[PERSON_PX] = 1
-    found: list[Any] = [Instance(id=1, label="person", category_id=1, is_thing=True, score=0.9)]
+    instances: list[Any] = [Instance(id=1, label="person", category_id=1, is_thing=True, score=0.9)]
     for place, name in enumerate(THINGS):
         ids[80:104, 8 + 18 * place : 20 + 18 * place] = 2 + place
-        found.append(Instance(id=2 + place, label=name, category_id=47 + place, is_thing=True, score=0.9))
-    return Instances(ids=ids, instances=tuple(found))
+        instances.append(Instance(id=2 + place, label=name, category_id=47 + place, is_thing=True, score=0.9))
+    return Instances(ids=ids, instances=tuple(instances))
 
 
 def _looked_at(number: int) -> int:

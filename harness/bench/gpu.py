@@ -75,10 +75,10 @@ def _calls(clip: Clip, choices: Mapping[str, StageChoice | None], frames: Sequen
     nobody = [Instances(ids=np.zeros(stereo_frame.left.shape[:2], np.uint16), instances=()) for stereo_frame in frames]
     seen = list(zip(frames, nobody, strict=True))
     heads, poses = (_built(choices[slot], clip) for slot in ("heads", "head_pose"))
-    found = [(frame, head) for frame, masks in seen for head in (heads.detect(frame, masks) if heads else ())]
-    posed = [(frame, head, poses.estimate(frame, head) if poses else None) for frame, head in found]
+    heads_in_frames = [(frame, head) for frame, masks in seen for head in (heads.detect(frame, masks) if heads else ())]
+    posed = [(frame, head, poses.estimate(frame, head) if poses else None) for frame, head in heads_in_frames]
     alone = [(stereo_frame,) for stereo_frame in frames]
-    return {"stereo": alone, "segmentation": alone, "heads": seen, "head_pose": found, "gaze": posed}
+    return {"stereo": alone, "segmentation": alone, "heads": seen, "head_pose": heads_in_frames, "gaze": posed}
 
 
 def _built(choice: StageChoice | None, clip: Clip) -> Any:
@@ -124,7 +124,9 @@ def gpu_table(clip: str, rows: Sequence[StageTime]) -> Table:
     return Table(
         title=f"Stages on CUDA and on the CPU, milliseconds a call on {clip}",
         columns=("stage", "name", *PROVIDERS, "times faster"),
-        rows=tuple((row.slot, row.name, *(_text(row.ms[each]) for each in PROVIDERS), _ratio(row)) for row in rows),
+        rows=tuple(
+            (row.slot, row.name, *(_text(row.ms[provider]) for provider in PROVIDERS), _ratio(row)) for row in rows
+        ),
         words=2,
         notes=(
             "A call with its pre- and post-processing: stereo, segmentation and heads of a frame, pose and gaze of a "

@@ -67,12 +67,12 @@ def cpu_seconds(address: str) -> float:
 def measure_many_clips(clips: int, times: int, folder: Path) -> Mapping[str, list[Cost]]:
     """Run clips on a pool and on a cluster, alternately; the first run of each is not counted."""
     experiment = _experiment(clips, folder)
-    found: dict[str, list[Cost]] = {"pool": [], "cluster": []}
+    by_executor: dict[str, list[Cost]] = {"pool": [], "cluster": []}
     with local_cluster(WORKERS) as scheduler:
         for number in range(times + 1):
             for name, address in (("pool", None), ("cluster", scheduler)):
-                found[name].append(_run(experiment, folder / f"{name} {number}", address))
-    return {name: costs[1:] for name, costs in found.items()}
+                by_executor[name].append(_run(experiment, folder / f"{name} {number}", address))
+    return {name: costs[1:] for name, costs in by_executor.items()}
 
 
 PARTS = {
@@ -142,7 +142,7 @@ def _stage_shares(directory: RunDirectory) -> dict[str, float]:
     """The share of each part in the time of the stages."""
     with directory.timings.open(encoding="utf-8") as timings:
         rows = sorted((row["stage"], float(row["ms"])) for row in csv.DictReader(timings))
-    ms = {stage: sum(each for _, each in group) for stage, group in groupby(rows, key=lambda row: row[0])}
+    ms = {stage: sum(stage_ms for _, stage_ms in group) for stage, group in groupby(rows, key=lambda row: row[0])}
     return {part: sum(ms.get(stage, 0.0) for stage in stages) / sum(ms.values()) for part, stages in PARTS.items()}
 
 
@@ -169,7 +169,7 @@ def model_tables(model: RunModel, workers: Sequence[int] = (1, 2, 4, 8, 16, 32))
                     f"{model.seconds(number):.1f}",
                     f"{one / model.seconds(number):.1f}",
                     f"{100 * one / model.seconds(number) / number:.0f}%",
-                    *(f"{each:.1f}" for each in model.measured.get(number, ())),
+                    *(f"{seconds:.1f}" for seconds in model.measured.get(number, ())),
                     *([] if number in model.measured else [UNKNOWN, UNKNOWN]),
                 )
                 for number in workers
@@ -211,13 +211,13 @@ def many_clips_table(clips: int, costs: Mapping[str, Sequence[Cost]]) -> Table:
         rows=tuple(
             (
                 name,
-                f"{_seconds(each):.1f}",
-                f"{_seconds(each) / _seconds(base):.2f}",
-                f"{_cpu_seconds(each):.1f}",
-                f"{_cpu_seconds(each) / _cpu_seconds(base):.2f}",
-                "yes" if {cost.results for cost in each} == {base[0].results} else "no",
+                f"{_seconds(of_executor):.1f}",
+                f"{_seconds(of_executor) / _seconds(base):.2f}",
+                f"{_cpu_seconds(of_executor):.1f}",
+                f"{_cpu_seconds(of_executor) / _cpu_seconds(base):.2f}",
+                "yes" if {cost.results for cost in of_executor} == {base[0].results} else "no",
             )
-            for name, each in costs.items()
+            for name, of_executor in costs.items()
         ),
         words=1,
         notes=(f"The least of {len(base)} runs of each, alternately. Only the start of the pool counts.",),

@@ -80,7 +80,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
         clip=clip.manifest.name,
         frames=len(clip.frames),
         configurations=len(configurations),
-        ms={name: 1e3 * each / per for name, each in zip(names, added, strict=True)},
+        ms={name: 1e3 * seconds_added / per for name, seconds_added in zip(names, added, strict=True)},
     )
 
 
@@ -103,13 +103,13 @@ def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path
     return time.process_time() - started
 
 
-def overhead_table(found: Overhead) -> Table:
+def overhead_table(overhead: Overhead) -> Table:
     """One row per purpose, and their sum without the first."""
-    total = sum(list(found.ms.values())[1:])
+    total = sum(list(overhead.ms.values())[1:])
     return Table(
-        title=f"CPU ms a frame of {found.clip} and configuration, {found.configurations} of them",
+        title=f"CPU ms a frame of {overhead.clip} and configuration, {overhead.configurations} of them",
         columns=("what", "ms"),
-        rows=(*((name, f"{ms:.1f}") for name, ms in found.ms.items()), ("overhead in all", f"{total:.1f}")),
+        rows=(*((name, f"{ms:.1f}") for name, ms in overhead.ms.items()), ("overhead in all", f"{total:.1f}")),
         words=1,
         notes=("Overhead: all but the first row. What configurations share (images, masks) is divided by them.",),
     )

@@ -97,7 +97,7 @@ def measure_true_claims(
 ) -> Cell:
     """Measure sequences whose claimed 11.1 degrees are true, without bias and gain: the cost of not knowing this."""
     drawn = [draw_sequence(generator, Errors(gaze_deg=11.1), np.random.default_rng([7, k])) for k in range(sequences)]
-    return _measured_cell("11.1 deg, as claimed", [(each, each) for each in drawn], 11.1, settings)
+    return _measured_cell("11.1 deg, as claimed", [(sequence, sequence) for sequence in drawn], 11.1, settings)
 
 
 def posterior_table(generator: str, cells: Sequence[Cell], true_claims: Cell) -> Table:
@@ -135,9 +135,9 @@ def _entry(answers: Answers) -> str:
 
 def _joined(many: Iterable[Answers]) -> Answers:
     joined = Answers()
-    for each in many:
-        joined.confidence += each.confidence
-        joined.right += each.right
+    for answers in many:
+        joined.confidence += answers.confidence
+        joined.right += answers.right
     return joined
 
 
@@ -148,15 +148,15 @@ def _measured_cell(
     answers = {method: Answers() for method in METHODS}
     seconds = frames = 0.0
     told = settings.model_copy(update={"error": "told", "gaze_error_deg": error_deg})
-    for each, unbiased in drawn:
-        truth = np.where(each.label == NOWHERE, len(each.objects), each.label)
-        answers["nearest"].add(np.ones(len(truth)), _nearest(each) == truth)
-        answers["told"].add(*_judged(_answers(_beliefs(each, told), told), truth))
+    for sequence, unbiased in drawn:
+        truth = np.where(sequence.label == NOWHERE, len(sequence.objects), sequence.label)
+        answers["nearest"].add(np.ones(len(truth)), _nearest(sequence) == truth)
+        answers["told"].add(*_judged(_answers(_beliefs(sequence, told), told), truth))
         start = time.perf_counter()
-        beliefs = _beliefs(each, settings)
+        beliefs = _beliefs(sequence, settings)
         seconds, frames = seconds + time.perf_counter() - start, frames + len(truth)
         answers["forward"].add(*_judged(_answers(beliefs, settings), truth))
-        both = [answered(*each, settings, later_known=True) for each in zip(beliefs, smoothed(beliefs), strict=True)]
+        both = [answered(*pair, settings, later_known=True) for pair in zip(beliefs, smoothed(beliefs), strict=True)]
         answers["both"].add(*_judged(both, truth))
         known = smoothed(_beliefs(unbiased, told))
         answers["all known"].add(*_judged(known, truth))
@@ -194,9 +194,9 @@ def _beliefs(drawn: Drawn, settings: PosteriorSettings) -> list[Belief]:
         gaze_sigma_rad=sigma_rad(settings.gaze_error_deg),
         head_sigma_rad=sigma_rad(settings.head_error_deg),
     )
-    found: list[Belief] = []
+    beliefs: list[Belief] = []
     dt_s = float(drawn.time_s[1] - drawn.time_s[0])
     for gaze, head in zip(drawn.gaze, drawn.head, strict=True):
-        before = found[-1] if found else None
-        found.append(update(before, scenery, replace(claims, gaze=gaze, head=head), dt_s, settings))
-    return found
+        before = beliefs[-1] if beliefs else None
+        beliefs.append(update(before, scenery, replace(claims, gaze=gaze, head=head), dt_s, settings))
+    return beliefs

@@ -106,10 +106,10 @@ class _TimedMatcher:
 
     def _timed(self, method: str, inputs: tuple[object, ...]) -> Disparity:
         started = time.perf_counter()
-        found: Disparity = getattr(self._matcher, method)(*inputs)
+        disparity: Disparity = getattr(self._matcher, method)(*inputs)
         self.milliseconds.append(1e3 * (time.perf_counter() - started))
-        self.found.append(found)
-        return found
+        self.found.append(disparity)
+        return disparity
 
 
 def measure_speed(
@@ -132,11 +132,14 @@ def measure_speed(
     compute_with(threads)
     configurations = [configuration_of(experiment, manifest.name, row, overrides).on(provider) for row in rows]
     held = _hold(manifest, configurations[0], frames)
-    measured = [
-        [_measure(row, manifest, each, held, threads) for row, each in zip(rows, configurations, strict=True)]
+    by_round = [
+        [
+            _measure(row, manifest, configuration, held, threads)
+            for row, configuration in zip(rows, configurations, strict=True)
+        ]
         for _ in range(rounds)
     ]
-    return [max(same, key=lambda speed: speed.fps) for same in zip(*measured, strict=True)]
+    return [max(same, key=lambda speed: speed.fps) for same in zip(*by_round, strict=True)]
 
 
 def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[Row], list[str]]:
@@ -144,7 +147,7 @@ def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) ->
     with_models = next(row for row in ROWS if row.has_models)
     choices = configuration_of(experiment, clip, with_models, overrides).choices
     try:
-        check_located(name for slot in _HEAD_SLOTS if (each := choices[slot]) for name in weights_of(each.settings))
+        check_located(name for slot in _HEAD_SLOTS if (choice := choices[slot]) for name in weights_of(choice.settings))
     except VfoaError as error:
         return [row for row in ROWS if not row.has_models], [f"Rows with models are left out: {error}"]
     return [*ROWS], []
@@ -200,7 +203,7 @@ def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, hel
         )
         perceived = (perceive(frame, stages, beside=heads_beside) for frame in held.frames)
         wall_s, cpu_s = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
-    pairs = [(found, true) for found, true in zip(matcher.found, held.truths, strict=True) if true is not None]
+    pairs = [(disparity, true) for disparity, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(
         what=row.what,
         match_ms=_median_and_95(matcher.milliseconds[1:]),

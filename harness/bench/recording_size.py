@@ -95,9 +95,9 @@ def measure_recordings(frames: int) -> list[RecordedRun]:
 
 def _write_clip(root: Path, frames: int) -> Experiment:
     """The experiment ``demo`` on a longer ``studio_talk``, labelled by its script."""
-    found = find("datasets", "studio_talk")
-    assert found is not None
-    text = found.read_text(encoding="utf-8")
+    manifest = find("datasets", "studio_talk")
+    assert manifest is not None
+    text = manifest.read_text(encoding="utf-8")
     place = root / "datasets" / "studio_talk.toml"
     place.parent.mkdir()
     place.write_text(re.sub(r"(?m)^frames = \d+$", f"frames = {frames}", text), encoding="utf-8")

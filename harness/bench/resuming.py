@@ -137,7 +137,7 @@ def resume_table(rows: Sequence[Resumed]) -> Table:
         rows=tuple(
             (
                 *(str(row.frames), str(row.killed_at)),
-                *(f"{each.cpu_seconds:.1f}" for each in (row.imported, row.opened, row.described, row.first_frame)),
+                *(f"{cost.cpu_seconds:.1f}" for cost in (row.imported, row.opened, row.described, row.first_frame)),
                 f"{row.first_frame.seconds:.1f}",
                 f"{row.finished.cpu_seconds:.1f}",
                 f"{row.finished.seconds:.1f}",

@@ -124,5 +124,5 @@ def _errors(bias_s: float, n: int, rng: np.random.Generator) -> Float:
 def _mean_rate(margins: Float, spread: float) -> Float:
     """The mean rate (m,) at log-normal margins about these (m,): 1 - exp(-x^2 / 2) at a margin x."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
-    each = margins[:, None] * np.exp(spread * nodes)
-    return (1 - np.exp(-(each**2) / 2)) @ weights / weights.sum()
+    drawn = margins[:, None] * np.exp(spread * nodes)
+    return (1 - np.exp(-(drawn**2) / 2)) @ weights / weights.sum()

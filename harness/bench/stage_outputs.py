@@ -123,15 +123,15 @@ def _segments(instances: Instances) -> list[dict[str, Any]]:
     masks = ((instance, instances.mask(instance.id)) for instance in instances.instances)
     return [
         {
-            "id": each.id,
-            "category_id": each.category_id,
+            "id": instance.id,
+            "category_id": instance.category_id,
             "iscrowd": 0,
             "bbox": _bbox(mask),
             "area": int(np.count_nonzero(mask)),
-            "score": each.score,
-            **({} if each.name is None else {"name": each.name}),
+            "score": instance.score,
+            **({} if instance.name is None else {"name": instance.name}),
         }
-        for each, mask in masks
+        for instance, mask in masks
         if mask.any()
     ]
 

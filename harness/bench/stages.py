@@ -87,7 +87,7 @@ def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
 
     table = pd.read_csv(directory.timings)
     table = table[table["frame"] != job.frames[0]] if len(job.frames) > 1 else table
-    layers = layer_names({each.name: each.plain() for each in job.configurations})
+    layers = layer_names({configuration.name: configuration.plain() for configuration in job.configurations})
     costs = []
     for clip, configuration in job.pairs:
         own = table[table["configuration"] == configuration]

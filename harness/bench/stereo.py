@@ -48,7 +48,7 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
         seen.add(str(choice.plain()))
         matcher = STAGES["stereo"].build(choice, clip)
         pairs = [(matcher.match(clip.frame(number)), clip.truth(number).disparity) for number in frames]
-        known = [(found, truth) for found, truth in pairs if truth is not None]
+        known = [(disparity, truth) for disparity, truth in pairs if truth is not None]
         if known:
             rows.append(quality(configuration.name, known))
     return rows
@@ -57,7 +57,10 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
 def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
     """Quality of disparities given as pairs (found, truth)."""
     errors = np.concatenate(
-        [np.abs(found.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)] for found, truth in pairs]
+        [
+            np.abs(disparity.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)]
+            for disparity, truth in pairs
+        ]
     )
     known = errors[np.isfinite(errors)]
     return StereoQuality(

@@ -105,10 +105,10 @@ def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[
     )
 
 
-def _quality(found: StereoQuality | None) -> tuple[str, str, str]:
-    if found is None:
+def _quality(quality: StereoQuality | None) -> tuple[str, str, str]:
+    if quality is None:
         return UNKNOWN, UNKNOWN, UNKNOWN
-    return f"{found.known_share:.1%}", f"{found.median_error_px:.3f}", f"{found.off_share:.1%}"
+    return f"{quality.known_share:.1%}", f"{quality.median_error_px:.3f}", f"{quality.off_share:.1%}"
 
 
 def memory_table(rows: Sequence[Peak]) -> Table:

@@ -66,24 +66,24 @@ def calibrate(
     seen, unseen, size_px = find_views(views.frames[::every], views.read, board)
     for dropped in unseen:
         say(f"frame {dropped.number} dropped: {dropped.reason}")
-    found = solve(seen, size_px)
-    for dropped in found.dropped:
+    calibration = solve(seen, size_px)
+    for dropped in calibration.dropped:
         say(f"frame {dropped.number} dropped: {dropped.reason}")
-    for number, error in found.errors.items():
+    for number, error in calibration.errors.items():
         say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
-    rectified = rectifier_of(found)
-    shown = next(iter(found.errors))
+    rectified = rectifier_of(calibration)
+    shown = next(iter(calibration.errors))
     picture = rectified_preview(rectified, *views.read(shown))
-    write_together({out: format_calibration(found), preview: preview_png(picture)})
-    _print_result(out, preview, shown, found, rectified.calibration.baseline_m)
+    write_together({out: format_calibration(calibration), preview: preview_png(picture)})
+    _print_result(out, preview, shown, calibration, rectified.calibration.baseline_m)
 
 
-def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration, baseline_m: float) -> None:
+def _print_result(out: Path, preview: Path, shown: int, calibration: StereoCalibration, baseline_m: float) -> None:
     from harness.clips.check import MAX_BASELINE_M, MIN_BASELINE_M
 
     say(f"{preview}: frame {shown}, rectified")
-    errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
-    say(f"{out}: {len(found.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
+    errors = f"RMS {calibration.rms_px:.3f} px, mean epipolar error {calibration.epipolar_px:.3f} px"
+    say(f"{out}: {len(calibration.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
     if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
         say(
             f"next: measure a square of the board: {baseline_m:.4f} m is an unusual distance of two cameras "

@@ -101,7 +101,7 @@ def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> 
 def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
     """``NAME`` or ``NAME=CATEGORY`` as name -> category; by default the name itself, or ``category`` if given."""
     parts = [text.partition("=") for text in given or ()]
-    return {name: found or category or name for name, _, found in parts}
+    return {name: own or category or name for name, _, own in parts}
 
 
 def _print(added: Added) -> None:
@@ -148,9 +148,9 @@ def _run_options(added: Added) -> tuple[str, str | None]:
         return " --preset measured", None
     sensor = "" if added.has_right else " --set stereo.matcher=sensor"
     (default,) = load_experiment("default", clips=(added.name,)).configurations
-    missing = [each for choice in default.choices.values() if choice and (each := missing_weights([choice]))]
-    options = [option.partition(" (")[0] for each in missing for option in each.instead[:1]]
-    models = [name for each in missing if not each.instead for name in each.models]
+    missing = [weights for choice in default.choices.values() if choice and (weights := missing_weights([choice]))]
+    options = [option.partition(" (")[0] for weights in missing for option in weights.instead[:1]]
+    models = [name for weights in missing if not weights.instead for name in weights.models]
     return " ".join([sensor, *options]), f"vfoa models fetch {' '.join(models)}" if models else None
 
 

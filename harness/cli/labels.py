@@ -70,7 +70,7 @@ def import_(
     from harness.annotate.convert import import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
-    manifest, renamed = load_manifest(clip), dict(_pair(each) for each in rename or ())
+    manifest, renamed = load_manifest(clip), dict(_pair(text) for text in rename or ())
     exchange = open_exchange(manifest, fps=fps, offset=offset, renamed=renamed, gaps=gaps, observation=observation)
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
@@ -165,12 +165,12 @@ def agreement(
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
-    found = compare_annotators(labels, opened.frames, opened.rate_hz)
-    tables = agreement_tables(manifest.name, labels, found, opened.frames)
+    comparison = compare_annotators(labels, opened.frames, opened.rate_hz)
+    tables = agreement_tables(manifest.name, labels, comparison, opened.frames)
     print_reports(tables.values())
     if out:
         page = "\n".join(to_markdown(table, level=2) for table in tables.values())
-        texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(each) for name, each in tables.items()}}
+        texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(table) for name, table in tables.items()}}
         for path in texts:
             check_new(path, replace=replace, hint=", or another --out", inputs=manifest.files)
         write_together(texts)
@@ -216,7 +216,7 @@ def _labels_by_annotator(
     from harness.labels.labels import timeline_of
     from vfoa.errors import VfoaError
 
-    names = annotators or [each for each in manifest.annotations.annotators() if each != but]
+    names = annotators or [name for name in manifest.annotations.annotators() if name != but]
     if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
         names = [manifest.name, *names]
     if len(set(names)) < 2:

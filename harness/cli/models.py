@@ -126,12 +126,12 @@ def export(
     say(f"{name}: {out}: ONNX and PyTorch differ by {difference_rad:.1e} rad at most on 20 random inputs")
 
 
-def _line(found: ModelCheck) -> str:
-    if found.verdict != "ok":
-        return f"{found.name}: {found.verdict}: {found.message}"
-    checksum = "checksum correct" if found.checksum_known else "checksum unknown"
-    run = "" if found.inference_ms is None else f"{found.provider}, {found.inference_ms:.1f} ms, "
-    return f"{found.name}: ok: {run}{checksum}" + (f"; {found.message}" if found.message else "")
+def _line(model: ModelCheck) -> str:
+    if model.verdict != "ok":
+        return f"{model.name}: {model.verdict}: {model.message}"
+    checksum = "checksum correct" if model.checksum_known else "checksum unknown"
+    run = "" if model.inference_ms is None else f"{model.provider}, {model.inference_ms:.1f} ms, "
+    return f"{model.name}: ok: {run}{checksum}" + (f"; {model.message}" if model.message else "")
 
 
 def _path(entry: CatalogueEntry) -> str | None:

@@ -52,8 +52,8 @@ def stage_names(incomplete: str) -> list[str]:
 def run_directories(incomplete: str) -> list[str]:
     """Runs in ``runs/`` and in the path typed so far."""
     places = {Path("runs"), Path(os.path.dirname(incomplete) or ".")}
-    found = (manifest.parent.as_posix() for place in places for manifest in place.glob("*/manifest.json"))
-    return _matching(found, incomplete)
+    directories = (manifest.parent.as_posix() for place in places for manifest in place.glob("*/manifest.json"))
+    return _matching(directories, incomplete)
 
 
 def configuration_names(context: typer.Context, incomplete: str) -> list[str]:

@@ -142,7 +142,7 @@ def _advice(plan: Plan) -> str | None:
     from vfoa.logit import LogitSettings, shipped_weights
 
     used = [configuration.attend.attention for configuration in plan.experiment.configurations]
-    is_default = any(isinstance(each, LogitSettings) and each.weights == shipped_weights() for each in used)
+    is_default = any(isinstance(settings, LogitSettings) and settings.weights == shipped_weights() for settings in used)
     clip = next((one.manifest.name for one in plan.clips if one.labels is None or not one.labels.ranges), None)
     if clip is None or not is_default:
         return None
@@ -187,8 +187,8 @@ def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, wor
 def _report_failures(directory: RunDirectory) -> None:
     """Print what could not be finished, and exit with code 1 if there is anything."""
     failed = directory.read_manifest()["failed"]
-    for each in failed:
-        say(f"vfoa: {directory.told(each)}", err=True)
+    for failure in failed:
+        say(f"vfoa: {directory.told(failure)}", err=True)
     if failed:
         say(f"vfoa: {len(failed)} failed; run again with --retry-failed when the cause is fixed", err=True)
         raise typer.Exit(1)
@@ -224,8 +224,8 @@ def _only_experiment() -> str:
 
     here = sorted(Path("experiments").glob("*.toml"))
     if len(here) != 1:
-        found = ", ".join(path.stem for path in here) or "no experiment"
-        raise VfoaError(f"run: found {found} in ./experiments; expected an experiment or clips: vfoa run demo")
+        present = ", ".join(path.stem for path in here) or "no experiment"
+        raise VfoaError(f"run: found {present} in ./experiments; expected an experiment or clips: vfoa run demo")
     return str(here[0])
 
 

@@ -69,7 +69,7 @@ def report(
     from harness.record.composed import served_recordings
 
     recordings = served_recordings(folder)
-    page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
+    page = partial(report_page, directory, {pair: recording.name for pair, recording in recordings.items()})
     page()  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)
     browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
@@ -124,15 +124,19 @@ def compare(
         compared = [*folders, *([] if against is None else [against])]
         inputs = [file for run in compared for file in RunDirectory(run).inputs]
         check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
-    found = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
-    failing = [] if check is None else _failing(found, *check)
+    comparisons = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
+    failing = [] if check is None else _failing(comparisons, *check)
     if as_json:
-        plain = [{**asdict(with_values(comparison, units=None)), "verdict": comparison.verdict} for comparison in found]
-        print_json([{**row, "sentence": each.sentence} for row, each in zip(plain, found, strict=True)])
+        plain = [
+            {**asdict(with_values(comparison, units=None)), "verdict": comparison.verdict} for comparison in comparisons
+        ]
+        print_json(
+            [{**row, "sentence": comparison.sentence} for row, comparison in zip(plain, comparisons, strict=True)]
+        )
     else:
-        print_reports([terminal_comparisons(found)])
+        print_reports([terminal_comparisons(comparisons)])
         if page is not None:
-            atomic_write(page, render_comparison(found))
+            atomic_write(page, render_comparison(comparisons))
             say(f"Page: {page}")
     for line in failing:
         say(f"vfoa: --fail-on {fail_on}: {line}", err=True)
@@ -144,14 +148,14 @@ def _parsed(fail_on: str) -> tuple[str, float]:
     """The kind of a check and its points."""
     from vfoa.errors import VfoaError
 
-    found = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d*\.?\d+))?", fail_on)
-    points = float(found[2] or 0) if found else -1.0
-    if not found or not 0 <= points <= 100 or (found[1] == "possible-drop" and points == 0):
+    match = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d*\.?\d+))?", fail_on)
+    points = float(match[2] or 0) if match else -1.0
+    if not match or not 0 <= points <= 100 or (match[1] == "possible-drop" and points == 0):
         raise VfoaError(f"compare: --fail-on: found {fail_on!r}; expected {_KINDS}, in points of FRR up to 100")
-    return found[1], points
+    return match[1], points
 
 
-def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]:
+def _failing(comparisons: Sequence[Comparison], kind: str, points: float) -> list[str]:
     """A line for each comparison on which a check fails.
 
     Raises
@@ -163,15 +167,15 @@ def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]
     from harness.score.statistics import SIGNIFICANCE
     from vfoa.errors import VfoaError
 
-    if kind == "significant-drop" and not any(each.can_be_significant for each in found):
-        least = min(each.smallest_p for each in found)
+    if kind == "significant-drop" and not any(comparison.can_be_significant for comparison in comparisons):
+        least = min(comparison.smallest_p for comparison in comparisons)
         raise VfoaError(
-            f"compare: --fail-on significant-drop: cannot fail: with {found[0].counted_units} and {len(found)} "
-            f"comparisons the smallest corrected p is {min(least * len(found), 1.0):.2g}; expected below "
-            f"{SIGNIFICANCE:g}. Use --fail-on drop=POINTS, more clips, or fewer configurations"
+            f"compare: --fail-on significant-drop: cannot fail: with {comparisons[0].counted_units} and "
+            f"{len(comparisons)} comparisons the smallest corrected p is {min(least * len(comparisons), 1.0):.2g}; "
+            f"expected below {SIGNIFICANCE:g}. Use --fail-on drop=POINTS, more clips, or fewer configurations"
         )
     lines = []
-    for comparison in found:
+    for comparison in comparisons:
         line = f"{comparison.configuration}: {100 * comparison.difference:+.1f} points against {comparison.reference}"
         fails = comparison.difference < -points / 100 and (kind == "drop" or comparison.verdict == "worse")
         if kind == "possible-drop":
@@ -201,8 +205,8 @@ def plan(
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    found = plans(read_scores(RunDirectory(run_folder(run))), points, power)
+    planned = plans(read_scores(RunDirectory(run_folder(run))), points, power)
     if as_json:
-        print_json([asdict(each) for each in found])
+        print_json([asdict(row) for row in planned])
     else:
-        print_reports([plan_table(found, points, power)])
+        print_reports([plan_table(planned, points, power)])

@@ -185,15 +185,15 @@ def info(cache: Cache = None, as_json: Json = False) -> None:
 
     store = open_store(cache)
     usage = store.usage()
-    total = sum(each.bytes for each in usage)
+    total = sum(entry.bytes for entry in usage)
     if as_json:
         where = {"path": str(store.stages), "limit_bytes": store.limit_bytes, "bytes": total}
-        print_json({**where, "stages": [asdict(each) for each in usage]})
+        print_json({**where, "stages": [asdict(entry) for entry in usage]})
         return
     if usage:
         print_table(
             ["stage", "clip", "results", "MB"],
-            [[f"{each.slot} {each.name}", each.clip, each.files, f"{each.bytes / 1e6:.1f}"] for each in usage],
+            [[f"{entry.slot} {entry.name}", entry.clip, entry.files, f"{entry.bytes / 1e6:.1f}"] for entry in usage],
         )
     say(f"{store.stages}: {total / 1e6:.1f} MB of at most {store.limit_bytes / 1e6:.0f} MB ($VFOA_CACHE_GB)")
 

@@ -88,9 +88,9 @@ def _compared(
         raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
     for configuration in compare:
         find_clips(run, clip, configuration)
-    (found,) = find_clips(run, clip, None)
-    found.expect_subject(subject)
-    return replace(found.compare(*compare), subject=subject)
+    (recorded,) = find_clips(run, clip, None)
+    recorded.expect_subject(subject)
+    return replace(recorded.compare(*compare), subject=subject)
 
 
 KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
@@ -155,10 +155,11 @@ def next_place(key: str, place: int, count: int) -> int | None:
 
 def describe(wrong: Sequence[Verdict], place: int) -> str:
     """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
-    each = wrong[place]
-    where = f"{each.clip}, {each.configuration}, frame {each.frame}"
-    predicted = "no prediction" if each.predicted is None else f"predicted {each.predicted}"
-    return f"{place + 1}/{len(wrong)}  {where}: {each.subject} looks at {each.truth}, {predicted} ({each.error_type})"
+    verdict = wrong[place]
+    where = f"{verdict.clip}, {verdict.configuration}, frame {verdict.frame}"
+    predicted = "no prediction" if verdict.predicted is None else f"predicted {verdict.predicted}"
+    answer = f"{verdict.subject} looks at {verdict.truth}, {predicted} ({verdict.error_type})"
+    return f"{place + 1}/{len(wrong)}  {where}: {answer}"
 
 
 def _correct(run: Path, wrong: Verdict) -> bool:
@@ -183,8 +184,8 @@ def _correct(run: Path, wrong: Verdict) -> bool:
 
 def _told(said: str, frame: int) -> tuple[str, int, int]:
     """Parse a target and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
-    if found := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
-        return found[1], int(found[2]), int(found[3])
+    if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
+        return match[1], int(match[2]), int(match[3])
     return said, frame, frame
 
 
@@ -226,7 +227,7 @@ def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) 
             for verdict in wrong
             if clip in (None, verdict.clip) and configuration in (None, verdict.configuration)
         ),
-        key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame),
+        key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
     )
 
 
@@ -274,17 +275,17 @@ def export_failure(
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
 
-    found = find_clips(run_folder(run), clip, config)
+    recorded = find_clips(run_folder(run), clip, config)
     pairs = [
         f"{recorded_clip.files.clip}, {layers.configuration}"
-        for recorded_clip in found
+        for recorded_clip in recorded
         for layers in recorded_clip.layers
     ]
     if len(pairs) > 1:
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
-    found[0].expect_subject(subject)
-    recording = changed(found[0].compose(), subject=subject)
+    recorded[0].expect_subject(subject)
+    recording = changed(recorded[0].compose(), subject=subject)
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
-    write_excerpt(recording, found[0].rate_hz, frame, margin, excerpt)
+    write_excerpt(recording, recorded[0].rate_hz, frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

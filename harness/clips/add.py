@@ -42,17 +42,17 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     complete = [reading for reading in readings if reading.found.calibration] or readings
     fitting = [reading for reading in complete if len(complete) == 1 or _agrees(reading.found, given)]
     filled = [Reading(reading.adapter, _filled(reading.found, given)) for reading in fitting]
-    distinct = [each for place, each in enumerate(filled) if each not in filled[:place]]
+    distinct = [reading for place, reading in enumerate(filled) if reading not in filled[:place]]
     if len(distinct) != 1:
         raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
-    found = distinct[0].found
-    if found.calibration is None:
-        missing = "; ".join(found.incomplete) or (
+    recognised = distinct[0].found
+    if recognised.calibration is None:
+        missing = "; ".join(recognised.incomplete) or (
             "no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the manifest: "
             "calibration = in [source]), or --fx --cx --cy, and --baseline of a rectified pair, in pixels and metres "
             "(the table [source.camera])"
         )
-        raise VfoaError(f"{path}: {found.layout}; {missing}")
+        raise VfoaError(f"{path}: {recognised.layout}; {missing}")
     return distinct[0]
 
 
@@ -62,15 +62,15 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
         raise VfoaError(f"{path}: no such file or folder")
     names = [adapter] if adapter else ADAPTERS.names()
     asked = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
-    found: list[Reading] = []
+    readings: list[Reading] = []
     failures: list[VfoaError] = []
     for name, cls in asked.items():
         try:
-            found += [Reading(name, each) for each in cls.recognise(path, given)]
+            readings += [Reading(name, recognised) for recognised in cls.recognise(path, given)]
         except VfoaError as error:
             failures.append(error)
-    if found:
-        return found
+    if readings:
+        return readings
     if failures:
         raise failures[0]
     raise VfoaError(
@@ -78,22 +78,22 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     )
 
 
-def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:
-    return all(found.source.get(key, value) == value for key, value in given.items() if key not in _CALIBRATIONS)
+def _agrees(recognised: Recognised, given: Mapping[str, Any]) -> bool:
+    return all(recognised.source.get(key, value) == value for key, value in given.items() if key not in _CALIBRATIONS)
 
 
-def _filled(found: Recognised, given: Mapping[str, Any]) -> Recognised:
-    calibrations = {key: _below(found.root, value) for key, value in given.items() if key in _CALIBRATIONS}
+def _filled(recognised: Recognised, given: Mapping[str, Any]) -> Recognised:
+    calibrations = {key: _below(recognised.root, value) for key, value in given.items() if key in _CALIBRATIONS}
     if not calibrations:
-        return replace(found, source={**found.source, **given})
-    seen = {key: value for key, value in found.source.items() if key not in _CALIBRATIONS}
-    return replace(found, source={**seen, **given, **calibrations}, calibration="as given")
+        return replace(recognised, source={**recognised.source, **given})
+    seen = {key: value for key, value in recognised.source.items() if key not in _CALIBRATIONS}
+    return replace(recognised, source={**seen, **given, **calibrations}, calibration="as given")
 
 
 def _below(root: Path, calibration: Any) -> Any:
     """Paths of files relative to the clip's root, if they are below it, so that all can be moved together."""
     if isinstance(calibration, list):
-        return [_below(root, each) for each in calibration]
+        return [_below(root, file) for file in calibration]
     if isinstance(calibration, str) and Path(calibration).is_relative_to(root):
         return str(Path(calibration).relative_to(root))
     return calibration
@@ -102,7 +102,7 @@ def _below(root: Path, calibration: Any) -> Any:
 def _alternatives(readings: Sequence[Reading]) -> str:
     """The settings in which readings differ, each with its values and the option that decides."""
     if len({reading.adapter for reading in readings}) > 1:
-        layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
+        layouts = ", ".join(f"--adapter {adapter} ({recognised.layout})" for adapter, recognised in readings)
         return f"several adapters can read it; expected one of: {layouts}"
     keys = dict.fromkeys(key for reading in readings for key in reading.found.source)
     values = {key: [str(reading.found.source.get(key)) for reading in readings] for key in keys}
@@ -187,9 +187,9 @@ def add_clip(
         No file is left behind then.
     """
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
-    chosen, found = recognise(path, adapter, source or {})
-    name = name or as_clip_name(found.name, default="clip")
-    bare = _manifest_text(name, chosen, found, {}, {})
+    chosen, recognised = recognise(path, adapter, source or {})
+    name = name or as_clip_name(recognised.name, default="clip")
+    bare = _manifest_text(name, chosen, recognised, {}, {})
     manifest_path, annotations_path = _free_paths(name, bare if subjects or targets else None)
     clip, first = _open(path, make_manifest(parse_toml(bare, manifest_path), manifest_path))
     rules: list[Rules] = [_from_left(subjects or {}), _from_left(targets or {})]
@@ -197,17 +197,20 @@ def add_clip(
         if subjects or targets:
             raise VfoaError(f"{path}: --subject, --target: expected none: the measurements name all people and objects")
         rules = [
-            {each: {"category": clip.categories[each], "instance": number} for each, number in ids.items()}
+            {
+                object_name: {"category": clip.categories[object_name], "instance": number}
+                for object_name, number in ids.items()
+            }
             for ids in (clip.people, clip.objects)
         ]
-    text = _manifest_text(name, chosen, found, *rules)
+    text = _manifest_text(name, chosen, recognised, *rules)
     manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     frame = None if isinstance(first, Scene) else first
     added = Added(
         name=name,
         adapter=chosen,
-        layout=found.layout,
-        calibration=str(found.calibration),
+        layout=recognised.layout,
+        calibration=str(recognised.calibration),
         frames=len(clip.frames),
         first_frame=clip.frames[0],
         last_frame=clip.frames[-1],
@@ -262,13 +265,13 @@ def _from_left(names: Names) -> Rules:
     return rules
 
 
-def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Rules, targets: Rules) -> str:
-    head = {"name": name, "adapter": adapter, "root": _portable(found.root), "licence": found.licence}
+def _manifest_text(name: str, adapter: str, recognised: Recognised, subjects: Rules, targets: Rules) -> str:
+    head = {"name": name, "adapter": adapter, "root": _portable(recognised.root), "licence": recognised.licence}
     lines = [f"{key} = {toml_value(value)}" for key, value in head.items() if value is not None]
-    lines += ["", "[source]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in found.source.items())]
+    lines += ["", "[source]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in recognised.source.items())]
     for table, rules in (("subjects", subjects), ("targets", targets)):
-        for each, rule in rules.items():
-            lines += ["", f"[{table}.{toml_key(each)}]"]
+        for rule_name, rule in rules.items():
+            lines += ["", f"[{table}.{toml_key(rule_name)}]"]
             lines += [f"{key} = {toml_value(value)}" for key, value in rule.items()]
     return "\n".join(lines) + "\n" + ("" if subjects or targets else _WHO)
 

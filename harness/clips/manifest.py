@@ -277,22 +277,22 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
             here.append(name)
             continue
         roots = {clip: load_manifest(clip).resolve_root() for clip in known[name]}
-        found = [clip for clip, root in roots.items() if root is None or root.exists()]
-        if not found:
+        present = [clip for clip, root in roots.items() if root is None or root.exists()]
+        if not present:
             first = next(iter(roots.values()))
             raise VfoaError(f"{name}: none of its {len(roots)} clips is here; expected the first one at {first}")
-        here += found
-        absent += [clip for clip in roots if clip not in found]
+        here += present
+        absent += [clip for clip in roots if clip not in present]
     return tuple(here), tuple(absent)
 
 
 def _clips_of(path: Path) -> tuple[str, ...]:
     """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
     try:
-        found = read_toml(path).get("clips", {}) if "[clips]" in read_text(path) else {}
+        clips = read_toml(path).get("clips", {}) if "[clips]" in read_text(path) else {}
     except VfoaError:
         return ()
-    return tuple(found) if isinstance(found, dict) else ()
+    return tuple(clips) if isinstance(clips, dict) else ()
 
 
 def _member(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
@@ -313,8 +313,8 @@ def _filled(value: Any, values: Mapping[str, Any]) -> Any:
     if isinstance(value, str):
         return re.sub(r"\$\{(\w+)\}", lambda match: str(values.get(match[1], match[0])), value)
     if isinstance(value, dict):
-        return {_filled(key, values): _filled(each, values) for key, each in value.items()}
-    return [_filled(each, values) for each in value] if isinstance(value, list) else value
+        return {_filled(key, values): _filled(item, values) for key, item in value.items()}
+    return [_filled(item, values) for item in value] if isinstance(value, list) else value
 
 
 def _find(name: str) -> Path:

@@ -101,11 +101,11 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     taken = {by_track[person.key] for person in people if person.key in by_track}
     free = {name: rule for name, rule in rules.items() if name not in taken}
     unnamed = [person for person in people if person.key not in by_track]
-    found = _assign(_returning(free, memory), unnamed, people)
-    unnamed = [person for person in unnamed if person.key not in found]
-    new = {name: rule for name, rule in free.items() if name not in found.values()}
-    found |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
-    by_track = {track: name for track, name in by_track.items() if name not in found.values()} | found
+    assigned = _assign(_returning(free, memory), unnamed, people)
+    unnamed = [person for person in unnamed if person.key not in assigned]
+    new = {name: rule for name, rule in free.items() if name not in assigned.values()}
+    assigned |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
+    by_track = {track: name for track, name in by_track.items() if name not in assigned.values()} | assigned
     seen = {
         by_track[candidate.key]: place
         for candidate in people
@@ -117,8 +117,10 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
 def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
     """Name every instance of a frame: by the subject it belongs to, its own name, the rules, or as ``label#id``."""
     things = [
-        _Candidate(key=each.instance.id, instance_id=each.instance.id, label=each.instance.label, box_px=each.box_px)
-        for each in result.scene.targets
+        _Candidate(
+            key=target.instance.id, instance_id=target.instance.id, label=target.instance.label, box_px=target.box_px
+        )
+        for target in result.scene.targets
     ]
     names = {}
     for person in _people(result):
@@ -204,18 +206,18 @@ def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_
         for candidate in candidates
         if (match := _match(rule, candidate, places[candidate.key])) is not None
     )
-    found: dict[int, str] = {}
+    assigned: dict[int, str] = {}
     for *_, key, name in matches:
-        if key not in found and name not in found.values():
-            found[key] = name
-    return found
+        if key not in assigned and name not in assigned.values():
+            assigned[key] = name
+    return assigned
 
 
 def _places_from_left(candidates: Iterable[_Candidate]) -> dict[int, int]:
     """The place of each candidate among those of its category, 1 = leftmost, by the middle of its box."""
     places: dict[int, int] = {}
     count: dict[str | None, int] = {}
-    for candidate in sorted(candidates, key=lambda each: (each.center_px or (0.0, 0.0), each.key)):
+    for candidate in sorted(candidates, key=lambda candidate: (candidate.center_px or (0.0, 0.0), candidate.key)):
         count[candidate.label] = places[candidate.key] = count.get(candidate.label, 0) + 1
     return places
 

@@ -46,11 +46,11 @@ def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
     total, newest_ns = hashlib.blake2b(digest_size=20), 0
     try:
         for role, path in parts:
-            found = os.stat(path)
-            note_stamp(path, found)
-            newest_ns = max(newest_ns, found.st_mtime_ns, found.st_ctime_ns)
-            times = f"{found.st_mtime_ns} {found.st_ctime_ns}"
-            total.update(f"{role}\0{path}\0{found.st_size} {times} {found.st_ino} {found.st_dev}\n".encode())
+            status = os.stat(path)
+            note_stamp(path, status)
+            newest_ns = max(newest_ns, status.st_mtime_ns, status.st_ctime_ns)
+            times = f"{status.st_mtime_ns} {status.st_ctime_ns}"
+            total.update(f"{role}\0{path}\0{status.st_size} {times} {status.st_ino} {status.st_dev}\n".encode())
     except (OSError, ValueError):  # reading them gives the error
         return None
     return Stamp(total.hexdigest(), newest_ns <= settled_ns)
@@ -218,9 +218,9 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 def _versions(packages: set[str]) -> dict[str, str]:
     """Versions of the distributions of these packages, of Python, and the kind of machine."""
-    distributions = {each for package in packages for each in _distributions().get(package, ())}
-    found = {name: version(name) for name in sorted(distributions)}
-    return {**found, "python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    distributions = {distribution for package in packages for distribution in _distributions().get(package, ())}
+    versions = {name: version(name) for name in sorted(distributions)}
+    return {**versions, "python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
 
 
 @cache

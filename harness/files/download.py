@@ -94,9 +94,9 @@ def _first_byte(response: httpx.Response, url: str, start: int) -> int:
     if response.status_code == HTTPStatus.OK:
         return 0
     if start and response.status_code == HTTPStatus.PARTIAL_CONTENT:
-        found = response.headers.get("Content-Range", "nothing")
-        if not found.startswith(f"bytes {start}-"):
-            raise VfoaError(f"{url}: answered with {found}; expected bytes {start}- of the file")
+        content_range = response.headers.get("Content-Range", "nothing")
+        if not content_range.startswith(f"bytes {start}-"):
+            raise VfoaError(f"{url}: answered with {content_range}; expected bytes {start}- of the file")
         return start
     raise VfoaError(f"{url}: HTTP {response.status_code} {response.reason_phrase}; expected the file")
 
@@ -122,9 +122,9 @@ def _verify(url: str, partial: Path, sha256: str | None, begins: bytes) -> None:
     if is_lfs_pointer(partial):
         partial.unlink()
         raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file itself")
-    found = None if sha256 is None else file_digest(partial)
-    if found != sha256 or not head.startswith(begins):
+    digest = None if sha256 is None else file_digest(partial)
+    if digest != sha256 or not head.startswith(begins):
         partial.unlink()
-        if found != sha256:
-            raise VfoaError(f"{url}: wrong checksum, removed: found sha256 {found}, expected {sha256}")
+        if digest != sha256:
+            raise VfoaError(f"{url}: wrong checksum, removed: found sha256 {digest}, expected {sha256}")
         raise VfoaError(f"{url}: another kind of file, removed: begins with {head[:8]!r}, expected {begins!r}")

@@ -83,9 +83,9 @@ def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str,
         The digest of the code that reads it.
     """
     stamp = settled_stamp(source)
-    found = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
-    if found is not None and found[:2] == (stamp, code):
-        value: Value = found[2]
+    kept = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
+    if kept is not None and kept[:2] == (stamp, code):
+        value: Value = kept[2]
         return value
     value = read()
     if stamp is not None:
@@ -125,11 +125,11 @@ def folders(kind: Kind) -> list[Path]:
     """Every folder that may hold files of this kind, in search order; some may not exist."""
     if kind == "experiments":
         return [Path.cwd() / kind, _PACKAGE / kind]
-    found = [Path.cwd() / kind, _PACKAGE / "_data" / kind]
+    places = [Path.cwd() / kind, _PACKAGE / "_data" / kind]
     # Beside an installed package, "datasets" would belong to something else; beside a checkout it is ours.
     if (_PACKAGE.parent / "pyproject.toml").is_file():
-        found.append(_PACKAGE.parent / kind)
-    return found
+        places.append(_PACKAGE.parent / kind)
+    return places
 
 
 def came_with_program(manifest: Path) -> bool:
@@ -150,7 +150,7 @@ def find(kind: Kind, name: str) -> Path | None:
 
 def names(kind: Kind) -> dict[str, Path]:
     """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns."""
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if is_file_or_link(path))
-    return dict(sorted(found.items()))
+        paths.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if is_file_or_link(path))
+    return dict(sorted(paths.items()))

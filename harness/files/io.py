@@ -135,7 +135,7 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
         If a file exists and may not be replaced, is an input, or the path is no plain file.
     """
     _check_plain(path, "write", folders=False)
-    if is_file(path) and any(is_file(each) and path.samefile(each) for each in inputs):
+    if is_file(path) and any(is_file(file) and path.samefile(file) for file in inputs):
         raise VfoaError(f"{path}: this command reads it and would replace it; expected another file to write")
     if path.exists() and not replace:
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
@@ -268,7 +268,7 @@ class UnchangedFiles:
         """
         for _ in range(_ATTEMPTS):
             try:
-                found = frame(number)
+                value = frame(number)
                 for path in (
                     tuple(self._large) if len(self._large) <= _FEW else ()
                 ):  # a video stays open while it is read
@@ -276,18 +276,18 @@ class UnchangedFiles:
             except (ChangedError, FileNotFoundError):
                 self._renew()
             else:
-                return found
+                return value
         raise VfoaError(changed_during_run(self._clip))
 
-    def check(self, path: str, found: os.stat_result) -> None:
+    def check(self, path: str, status: os.stat_result) -> None:
         """Raise a :class:`ChangedError` if a file of the clip has another stamp."""
-        if self._stamps.get(hash(path), expected := _short(found)) != expected:
+        if self._stamps.get(hash(path), expected := _short(status)) != expected:
             raise ChangedError(f"{path}: changed during the run")
 
-    def note(self, path: str, found: os.stat_result) -> None:
+    def note(self, path: str, status: os.stat_result) -> None:
         """Note the stamp of a file that is being digested."""
-        self._stamps[hash(path)] = _short(found)
-        if found.st_size > LARGE_BYTES:
+        self._stamps[hash(path)] = _short(status)
+        if status.st_size > LARGE_BYTES:
             self._large.add(path)
 
     def _renew(self) -> None:
@@ -308,16 +308,16 @@ def changed_during_run(clip: str) -> str:
     )
 
 
-def check_unchanged(path: str, found: os.stat_result) -> None:
+def check_unchanged(path: str, status: os.stat_result) -> None:
     """Check a file that was just read, if it belongs to the clip of an active :class:`UnchangedFiles`."""
     if _active is not None:
-        _active.check(path, found)
+        _active.check(path, status)
 
 
-def note_stamp(path: str, found: os.stat_result) -> None:
+def note_stamp(path: str, status: os.stat_result) -> None:
     """Note the stamp of a file, if an :class:`UnchangedFiles` is being digested."""
     if _noting is not None:
-        _noting.note(path, found)
+        _noting.note(path, status)
 
 
 def read_unchanged(frame: Callable[[int], Frame], number: int) -> Frame:
@@ -325,8 +325,8 @@ def read_unchanged(frame: Callable[[int], Frame], number: int) -> Frame:
     return frame(number) if _active is None else _active.read(frame, number)
 
 
-def _short(found: os.stat_result) -> int:
-    return hash((found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino, found.st_dev))
+def _short(status: os.stat_result) -> int:
+    return hash((status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_dev))
 
 
 _active: UnchangedFiles | None = None

@@ -216,7 +216,7 @@ def toml_value(value: Any) -> str:
         If a text is not Unicode: a file's name of other bytes.
     """
     if isinstance(value, dict):
-        pairs = (f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items() if each is not None)
+        pairs = (f"{toml_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None)
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
@@ -299,8 +299,8 @@ def _check_levels(level: list[Any], below: Any, where: object, *, most: int = MO
     count = 0
     for _ in range(MOST_LEVELS):
         next_level: list[Any] = []
-        for each in level:
-            next_level += below(each)
+        for value in level:
+            next_level += below(value)
             if count + len(next_level) > most:
                 raise VfoaError(f"{where}: has more than {most} values; expected a smaller document")
         if not next_level:

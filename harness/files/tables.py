@@ -56,9 +56,9 @@ class TableRow:
         cell = self.cells.get(column)
         if cell is None:
             return None
-        if (found := _finite_number(cell)) is None:
+        if (number := _finite_number(cell)) is None:
             raise VfoaError(f"{self.where}: {column}: expected a finite number, found {cell!r}")
-        return found
+        return number
 
     def numbers(self, columns: Sequence[str]) -> Float | None:
         """The numbers (n,) of columns that belong together; None if all are blank.
@@ -68,13 +68,13 @@ class TableRow:
         VfoaError
             If some are blank, or one is no number within :data:`LARGEST`.
         """
-        found = [self.number(column) for column in columns]
-        if all(value is None for value in found):
+        values = [self.number(column) for column in columns]
+        if all(value is None for value in values):
             return None
-        if None in found:
-            blank = columns[found.index(None)]
+        if None in values:
+            blank = columns[values.index(None)]
             raise VfoaError(f"{self.where}: {blank}: found nothing; expected all of {', '.join(columns)}, or none")
-        vector = np.array(found, dtype=np.float64)
+        vector = np.array(values, dtype=np.float64)
         if not (np.abs(vector) <= LARGEST).all():
             raise VfoaError(f"{self.where}: {', '.join(columns)}: found {vector}; expected at most {LARGEST:g}")
         return vector
@@ -100,13 +100,13 @@ class TableColumns:
         VfoaError
             For the first cell that is blank, or no whole number.
         """
-        found: list[int] = []
+        values: list[int] = []
         for row, cell in enumerate(self.cells[column]):
             if not INTEGER.fullmatch(cell) or abs(int(cell)) >= 2**63:
                 said = repr(cell) if cell else "nothing"
                 raise VfoaError(f"{self.where(row)}: {column}: expected a whole number, found {said}")
-            found.append(int(cell))
-        return np.array(found, dtype=np.int64)
+            values.append(int(cell))
+        return np.array(values, dtype=np.int64)
 
     def numbers(self, column: str) -> Float:
         """The numbers (n,) of a column, NaN where a cell is blank; all NaN without the column.
@@ -119,11 +119,11 @@ class TableColumns:
         cells = self.cells.get(column, ())
         if not any(cells):
             return np.broadcast_to(np.float64(np.nan), len(self.lines))
-        found = [_finite_number(cell) if cell else math.nan for cell in cells]
-        if None in found:
-            row = found.index(None)
+        values = [_finite_number(cell) if cell else math.nan for cell in cells]
+        if None in values:
+            row = values.index(None)
             raise VfoaError(f"{self.where(row)}: {column}: expected a finite number, found {cells[row]!r}")
-        return np.array(found, dtype=np.float64)
+        return np.array(values, dtype=np.float64)
 
     def group(self, columns: Sequence[str]) -> Float:
         """The numbers (n, columns) of columns that belong together, NaN in rows where all of them are blank.
@@ -133,13 +133,13 @@ class TableColumns:
         VfoaError
             For the first row where only some are blank, or as :meth:`numbers`.
         """
-        found = np.stack([self.numbers(column) for column in columns], axis=1)
-        blank = np.isnan(found)
+        values = np.stack([self.numbers(column) for column in columns], axis=1)
+        blank = np.isnan(values)
         for row in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1))[:1]:
             missing = columns[int(blank[row].argmax())]
             said = f"{missing}: found nothing; expected all of {', '.join(columns)}, or none"
             raise VfoaError(f"{self.where(int(row))}: {said}")
-        return found
+        return values
 
 
 def read_rows(
@@ -227,8 +227,8 @@ def _finite_number(cell: str) -> float | None:
     """The finite number in a cell; None if it is none."""
     if not _NUMBER.fullmatch(cell):
         return None
-    found = float(cell)
-    return found if math.isfinite(found) else None
+    number = float(cell)
+    return number if math.isfinite(number) else None
 
 
 def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
@@ -248,11 +248,11 @@ def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, lis
         raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
 
 
-def _checked_header(found: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:
-    if unknown := next((column for column in found if column not in known), None):
+def _checked_header(header: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:
+    if unknown := next((column for column in header if column not in known), None):
         raise VfoaError(f"{where}: no column {unknown!r} here; {did_you_mean(unknown, known)}")
-    if twice := next((column for column in found if found.count(column) > 1), None):
+    if twice := next((column for column in header if header.count(column) > 1), None):
         raise VfoaError(f"{where}: the column {twice!r} occurs twice")
-    if missing := next((column for column in required if column not in found), None):
+    if missing := next((column for column in required if column not in header), None):
         raise VfoaError(f"{where}: no column {missing!r}; expected {','.join(required)},...")
-    return found
+    return header

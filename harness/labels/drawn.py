@@ -101,9 +101,9 @@ class Drawn:
     tracks: tuple[Track, ...] = ()
 
     def __post_init__(self) -> None:
-        found = [(track.name, track.kind) for track in self.tracks]
-        if len(set(found)) != len(found):
-            raise ValueError(f"Drawn.tracks: expected each name and kind once, found {found}")
+        tracks = [(track.name, track.kind) for track in self.tracks]
+        if len(set(tracks)) != len(tracks):
+            raise ValueError(f"Drawn.tracks: expected each name and kind once, found {tracks}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -113,7 +113,9 @@ class Drawn:
     def at(self, frame: int) -> tuple[Shape, ...]:
         """Return all shapes that are visible in a frame."""
         places = ((track, track.at(frame)) for track in self.tracks)
-        return tuple(Shape(name=each.name, kind=each.kind, place=place) for each, place in places if place is not None)
+        return tuple(
+            Shape(name=track.name, kind=track.kind, place=place) for track, place in places if place is not None
+        )
 
     def of(self, name: str, kind: Kind) -> Track | None:
         """Return one track; None if there is none."""
@@ -128,8 +130,8 @@ def size_of(kind: Kind) -> int:
 def drawn_of(rows: Mapping[tuple[str, Kind], Iterable[KeyFrame]]) -> Drawn:
     """Make tracks by name, then kind, each sorted by frame; those without key frames are left out."""
     tracks = (
-        Track(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda each: each.frame)))
-        for (name, kind), keys in sorted((key, list(found)) for key, found in rows.items())
+        Track(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda key: key.frame)))
+        for (name, kind), keys in sorted((key, list(key_frames)) for key, key_frames in rows.items())
         if keys
     )
     return Drawn(tracks=tuple(tracks))
@@ -158,13 +160,13 @@ def read_drawn(
     keys: dict[tuple[str, Kind], dict[int, KeyFrame]] = {}
     for row in read_rows(path, COLUMNS, COLUMNS, version=VERSION_LINE):
         name, kind = _name(row, subjects, targets), _kind(row)
-        check_kind(name, kind, subjects, [each for other, each in keys if other == name], row.where)
+        check_kind(name, kind, subjects, [drawn_kind for other, drawn_kind in keys if other == name], row.where)
         key = _key_frame(row, kind)
         if known is not None and frames is not None and key.frame not in known:
             raise VfoaError(f"{row.where}: frame {key.frame}: not in the clip; its frames: {frames[0]} to {frames[-1]}")
         if keys.setdefault((name, kind), {}).setdefault(key.frame, key) is not key:
             raise VfoaError(f"{row.where}: the {kind} of {name!r} has a key frame {key.frame} already; expected one")
-    return drawn_of({key: found.values() for key, found in keys.items()})
+    return drawn_of({key: key_frames.values() for key, key_frames in keys.items()})
 
 
 def write_drawn(path: Path, drawn: Drawn) -> None:
@@ -174,11 +176,11 @@ def write_drawn(path: Path, drawn: Drawn) -> None:
 
 def format_drawn(drawn: Drawn) -> str:
     """Return a file's text: rows by name, kind and frame, LF. Reading and writing it again gives the same bytes."""
-    for each in drawn.tracks:
-        check_text((each.name,), "drawn")
+    for track in drawn.tracks:
+        check_text((track.name,), "drawn")
     rows = [
         (key.frame, track.name, track.kind, *_cells(key.place), "1" if key.outside else "")
-        for track in sorted(drawn.tracks, key=lambda each: (each.name, each.kind))
+        for track in sorted(drawn.tracks, key=lambda track: (track.name, track.kind))
         for key in track.keys
     ]
     return f"{VERSION_LINE}\n{format_rows(COLUMNS, rows)}"
@@ -191,14 +193,14 @@ def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
         raise VfoaError(f"{where}: found {list(place)}; expected {expected} for a {kind}")
     if kind != "point" and not (place[0] < place[2] and place[1] < place[3]):
         raise VfoaError(f"{where}: found the {kind} {_listed(place)}; expected u0 < u1 and v0 < v1")
-    return tuple(float(each) for each in place)
+    return tuple(float(coordinate) for coordinate in place)
 
 
 def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collection[Kind], where: str) -> None:
     """Reject a head of a name that is no subject, and a name that is drawn both as a box and as a point."""
     if kind == "head" and name not in subjects:
         raise VfoaError(f"{where}: {name!r} is no subject; expected box or point for a target")
-    if other := next((each for each in others if {each, kind} == {"box", "point"}), None):
+    if other := next((drawn_kind for drawn_kind in others if {drawn_kind, kind} == {"box", "point"}), None):
         raise VfoaError(f"{where}: {name!r} is already drawn as a {other}; expected either a box or a point for a name")
 
 
@@ -210,10 +212,10 @@ def _name(row: TableRow, subjects: Collection[str], targets: Collection[str]) ->
 
 
 def _kind(row: TableRow) -> Kind:
-    found = row.cells.get("kind", "")
-    kind = next((each for each in KINDS if each == found), None)
+    text = row.cells.get("kind", "")
+    kind = next((kind for kind in KINDS if kind == text), None)
     if kind is None:
-        raise VfoaError(f"{row.where}: kind: found {found!r}; expected {', '.join(KINDS)}")
+        raise VfoaError(f"{row.where}: kind: found {text!r}; expected {', '.join(KINDS)}")
     return kind
 
 
@@ -223,7 +225,7 @@ def _key_frame(row: TableRow, kind: Kind) -> KeyFrame:
         raise VfoaError(f"{row.where}: frame: found nothing; expected a frame number")
     if outside not in ("", "0", "1"):
         raise VfoaError(f"{row.where}: outside: found {outside!r}; expected 1, or nothing")
-    if kind == "point" and (extra := next((each for each in BOX[2:] if each in row.cells), None)):
+    if kind == "point" and (extra := next((column for column in BOX[2:] if column in row.cells), None)):
         raise VfoaError(f"{row.where}: {extra}: found {row.cells[extra]!r}; expected nothing for a point")
     numbers = row.numbers(BOX[: size_of(kind)])
     if numbers is None:
@@ -232,8 +234,8 @@ def _key_frame(row: TableRow, kind: Kind) -> KeyFrame:
 
 
 def _cells(place: Place) -> list[str]:
-    return [repr(float(each)).removesuffix(".0") for each in place] + [""] * (len(BOX) - len(place))
+    return [repr(float(coordinate)).removesuffix(".0") for coordinate in place] + [""] * (len(BOX) - len(place))
 
 
 def _listed(place: Sequence[float]) -> str:
-    return ", ".join(f"{each:g}" for each in place)
+    return ", ".join(f"{coordinate:g}" for coordinate in place)

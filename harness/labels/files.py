@@ -112,10 +112,12 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
         cells = [row.subject, row.label.target, row.label.note]
         check_text(cells, where)
         if with_points:
-            cells += [_number(each) for each in row.label.point_px or ()] or ["", ""]
+            cells += [_number(coordinate) for coordinate in row.label.point_px or ()] or ["", ""]
         if with_states:
             cells.append(SUGGESTED if row.label.is_suggested else "")
-        ends = [format_seconds(each) for each in row.span_ns or ()] if in_time else [row.first_frame, row.last_frame]
+        ends = (
+            [format_seconds(time_ns) for time_ns in row.span_ns or ()] if in_time else [row.first_frame, row.last_frame]
+        )
         writer.writerow([*ends, *cells])
     return text.getvalue()
 
@@ -150,11 +152,11 @@ def _columns(*, in_time: bool, with_points: bool, with_states: bool) -> tuple[st
     return (*ends, *WORD_COLUMNS, *(POINT_COLUMNS if with_points else ()), *((STATE_COLUMN,) if with_states else ()))
 
 
-def _check_header(found: list[str], where: str) -> None:
-    in_time, with_points, with_states = (name in found for name in (TIME_COLUMNS[0], POINT_COLUMNS[0], STATE_COLUMN))
-    if tuple(found) != _columns(in_time=in_time, with_points=with_points, with_states=with_states):
+def _check_header(header: list[str], where: str) -> None:
+    in_time, with_points, with_states = (name in header for name in (TIME_COLUMNS[0], POINT_COLUMNS[0], STATE_COLUMN))
+    if tuple(header) != _columns(in_time=in_time, with_points=with_points, with_states=with_states):
         raise VfoaError(
-            f"{where}: header {','.join(found)[:120]!r}; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)} "
+            f"{where}: header {','.join(header)[:120]!r}; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)} "
             f"(or {','.join(TIME_COLUMNS)} for the frames; then {','.join(POINT_COLUMNS)}, {STATE_COLUMN} or both)"
         )
 
@@ -227,7 +229,7 @@ class AnnotationFiles:
 
     def present(self) -> tuple[Path, ...]:
         """Every file of the clip: labels of all annotators, and drawn shapes."""
-        labels = (self._find(f"{self._stem(each)}.csv") for each in (None, *self.annotators()))
+        labels = (self._find(f"{self._stem(annotator)}.csv") for annotator in (None, *self.annotators()))
         return tuple(path for path in (*labels, self.find_drawn()) if path is not None)
 
     def annotators(self) -> tuple[str, ...]:

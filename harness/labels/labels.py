@@ -78,7 +78,7 @@ class Labels:
     """
 
     def __init__(self, ranges: Iterable[LabelRange]) -> None:
-        self.ranges = tuple(sorted(ranges, key=lambda each: (each.first_frame, each.subject)))
+        self.ranges = tuple(sorted(ranges, key=lambda row: (row.first_frame, row.subject)))
         self._by_subject: dict[str, list[LabelRange]] = {}
         for label_range in self.ranges:
             rows = self._by_subject.setdefault(label_range.subject, [])
@@ -109,8 +109,8 @@ class Labels:
         position = bisect_right(self._firsts.get(subject, []), frame) - 1
         if position < 0:
             return None
-        found = self._by_subject[subject][position]
-        return found.label if frame <= found.last_frame else None
+        row = self._by_subject[subject][position]
+        return row.label if frame <= row.last_frame else None
 
     def is_given(self, frame: int, subject: str) -> bool:
         """Whether a subject has a label in a frame; the note that nobody has labelled it yet is none."""
@@ -199,10 +199,10 @@ def to_decide(labels: Labels) -> list[LabelRange]:
 
 
 def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:
-    found = {name: each.at(frame, subject) for name, each in labels.items()}
+    given = {name: annotated.at(frame, subject) for name, annotated in labels.items()}
     return {
         name: None if label is None or label.is_suggested or label.is_placeholder else label
-        for name, label in found.items()
+        for name, label in given.items()
     }
 
 

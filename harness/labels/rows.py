@@ -97,13 +97,13 @@ class RowReader:
         if start_ns >= end_ns:
             raise VfoaError(f"{path}:{line}: start_s {cells[0]} does not come before end_s {cells[1]}")
         timeline = self._timeline
-        found = timeline.between(start_ns, end_ns) if timeline else None
-        if timeline and found is None and timeline.is_whole:
-            clip = " to ".join(format_seconds(timeline.times_ns[each]) for each in (0, -1)) if timeline.times_ns else ""
+        frames = timeline.between(start_ns, end_ns) if timeline else None
+        if timeline and frames is None and timeline.is_whole:
+            clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1)) if timeline.times_ns else ""
             raise VfoaError(
                 f"{path}:{line}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip or 'none'} s"
             )
-        return (*found, (start_ns, end_ns)) if found else None
+        return (*frames, (start_ns, end_ns)) if frames else None
 
 
 def check_text(cells: Iterable[str], where: str) -> None:
@@ -118,7 +118,7 @@ def check_sequence(
 ) -> None:
     """Reject overlaps, and gaps unless allowed; frames that the clip does not have need no label."""
     last: dict[str, tuple[int, LabelRange]] = {}
-    for line, row in sorted(rows, key=lambda each: (each[1].first_frame, each[0])):
+    for line, row in sorted(rows, key=lambda numbered: (numbered[1].first_frame, numbered[0])):
         before_line, before = last.get(row.subject, (0, None))
         last[row.subject] = line, row
         if before is None:

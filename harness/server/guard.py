@@ -94,10 +94,10 @@ class Guard:
 
     def _given(self, request: Request) -> list[str]:
         """Every token in the request; one in the address counts only for paths that a person opens."""
-        found = [request.headers.get(TOKEN_HEADER), request.cookies.get(_cookie(request))]
+        tokens = [request.headers.get(TOKEN_HEADER), request.cookies.get(_cookie(request))]
         if _is_entrance(request):
-            found.append(request.query_params["token"])
-        return [each for each in found if each]
+            tokens.append(request.query_params["token"])
+        return [token for token in tokens if token]
 
     def _entrance(self, request: Request) -> Response | None:
         """The first visit: the token moves from the address into a cookie, so that it is in no history."""
@@ -182,14 +182,14 @@ class Connections:
             if connection.since - self._logged_s >= _SILENT_S:
                 self._logged_s = connection.since
                 _log.warning("more than %d connections at once: those without a request are closed", MOST_CONNECTIONS)
-            owing = [each for each in self._open.values() if each.owes]
-            slowest = min(owing, key=lambda each: each.since, default=connection)
+            owing = [other for other in self._open.values() if other.owes]
+            slowest = min(owing, key=lambda other: other.since, default=connection)
             self.leave(slowest)
             slowest.transport.abort()
 
     def leave(self, connection: _Connection) -> None:
         """Release the place of a connection."""
-        self._open = {client: each for client, each in self._open.items() if each is not connection}
+        self._open = {client: other for client, other in self._open.items() if other is not connection}
 
 
 class _Connection(asyncio.Protocol):

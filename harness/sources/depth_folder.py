@@ -113,7 +113,7 @@ class DepthFolderClip:
         )
         with located(f"{self._folder}: frame {number}"):
             if left.shape[:2] != depth_m.shape:
-                sizes = " and depth ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (left, depth_m))
+                sizes = " and depth ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (left, depth_m))
                 raise VfoaError(
                     f"colour is {sizes} pixels; expected depth that the camera's software aligned with colour"
                 )

@@ -35,7 +35,7 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
     VfoaError
         If a line is of another form, or a time occurs twice.
     """
-    found: dict[int, Path] = {}
+    images: dict[int, Path] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         cells = line.split()
         if not cells or cells[0].startswith("#"):
@@ -48,12 +48,12 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
                 raise ValueError
         except (InvalidOperation, ValueError, OverflowError):
             raise VfoaError(f"{path}:{number}: found {line.strip()!r}; expected a time in seconds and a file") from None
-        if stamp_ns in found:
+        if stamp_ns in images:
             raise VfoaError(f"{path}:{number}: the time {cells[0]} occurs twice")
-        found[stamp_ns] = path.parent / " ".join(cells[1:])
-    if not found:
+        images[stamp_ns] = path.parent / " ".join(cells[1:])
+    if not images:
         raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")
-    return dict(sorted(found.items()))
+    return dict(sorted(images.items()))
 
 
 class DepthFrames(NamedTuple):
@@ -132,18 +132,18 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
     for lists in _TUM_LISTS:
         if all((path / name).is_file() for name in lists):
             return (_recognised(path, {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}),)
-    found = []
+    readings = []
     for colour, depth in _pairs(path):
         with suppress(VfoaError):  # no common number
-            found.append(_recognised(path, {"colour": colour, "depth": depth}))
-    return tuple(found)
+            readings.append(_recognised(path, {"colour": colour, "depth": depth}))
+    return tuple(readings)
 
 
 def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     """Files of colour and depth, with the calibration of one camera beside them or, of TUM's cameras, published."""
     colours = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).colours
     calibration = None
-    files = {each.name.lower(): each for each in path.iterdir() if each.is_file()}
+    files = {entry.name.lower(): entry for entry in path.iterdir() if entry.is_file()}
     for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
         with suppress(VfoaError):
             height, width = read_rgb(next(iter(colours.values()))).shape[:2]
@@ -171,19 +171,19 @@ def _pairs(path: Path) -> Iterator[tuple[str, str]]:
 
 def _patterns(root: Path) -> dict[str, Path]:
     """Globs, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
-    found: dict[str, Path] = {}
+    patterns: dict[str, Path] = {}
     for folder, names in walk_files(root, IMAGE_SUFFIXES | DEPTH_SUFFIXES):
         for name in map(Path, names):
             pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", name.stem) + name.suffix
-            found.setdefault((folder / pattern).as_posix(), root / folder / name)
-    return found
+            patterns.setdefault((folder / pattern).as_posix(), root / folder / name)
+    return patterns
 
 
 def _is_colour_of(colour: str, depth: str) -> bool:
     """Whether two patterns differ only by the word depth in one, and a word for colour or nothing in the other."""
     if Path(colour).suffix.lower() not in IMAGE_SUFFIXES:
         return False
-    folders = [Path(each).parent.as_posix().lower() for each in (colour, depth)]
+    folders = [Path(pattern).parent.as_posix().lower() for pattern in (colour, depth)]
     in_folders, in_names = "depth" in folders[1], "depth" in Path(depth).name.lower()
     if in_folders and Path(folders[0]).parent != Path(folders[1]).parent and not in_names:
         return False

@@ -150,7 +150,7 @@ class DepthRegistration:
         projected = [self._project(rays[known], z) for rays in self._corners]
         u, v, depths = (np.stack(values) for values in zip(*projected, strict=True))
         rig, seen = self._target, depths.mean(axis=0)
-        found = np.full(rig.height_px * rig.width_px, np.inf, np.float32)
+        nearest_m = np.full(rig.height_px * rig.width_px, np.inf, np.float32)
         first_u, last_u = _covered(u)
         first_v, last_v = _covered(v)
         ahead = (depths > 0).all(axis=0)
@@ -162,9 +162,9 @@ class DepthRegistration:
                 drawn = ahead & (at_u <= last_u) & (at_v <= last_v)
                 drawn &= (at_u >= 0) & (at_u < rig.width_px) & (at_v >= 0) & (at_v < rig.height_px)
                 places = at_v[drawn].astype(np.intp) * rig.width_px + at_u[drawn].astype(np.intp)
-                np.minimum.at(found, places, seen[drawn].astype(np.float32))
-        found[np.isinf(found)] = np.nan
-        return found.reshape(rig.height_px, rig.width_px)
+                np.minimum.at(nearest_m, places, seen[drawn].astype(np.float32))
+        nearest_m[np.isinf(nearest_m)] = np.nan
+        return nearest_m.reshape(rig.height_px, rig.width_px)
 
     def _project(self, rays: Float, z: Float) -> tuple[Float, Float, Float]:
         """Columns and rows in the target, and depth there, of points at depth z on rays (N, 2) = (x / z, y / z)."""

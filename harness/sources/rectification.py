@@ -223,12 +223,12 @@ def _rectification(
     pose = np.ascontiguousarray(rotation), np.ascontiguousarray(translation).reshape(3, 1)
     lenses = left.k, d_left, right.k, d_right, size_px
     flag = cv2.CALIB_ZERO_DISPARITY
-    found = (
+    matrices = (
         cv2.fisheye.stereoRectify(*lenses, *pose, flag, newImageSize=size_px, balance=0)[:4]
         if left.model == "equidistant"
         else cv2.stereoRectify(*lenses, *pose, flags=flag, alpha=0)[:4]
     )
-    r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in found)
+    r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in matrices)
     return r1, r2, p1, p2
 
 

@@ -106,7 +106,7 @@ class SintelClip:
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise each scene and pass at or below a path inside the set; a scene's folder is that scene only."""
-        training = next((each for each in (path / "training", path, *path.parents) if _is_training(each)), None)
+        training = next((folder for folder in (path / "training", path, *path.parents) if _is_training(folder)), None)
         if training is None:
             return ()
         kind, scene = (*path.relative_to(training).parts[:2], "", "")[:2] if path.is_relative_to(training) else ("", "")
@@ -222,7 +222,7 @@ class SintelClip:
     def _small_ids(self) -> dict[int, int]:
         """16-bit ids for the whole scene's segments, so that an object has the same id in every frame."""
         paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
-        every_id = (int(each) for path in paths for each in np.unique(read_segments(path)))
+        every_id = (int(segment_id) for path in paths for segment_id in np.unique(read_segments(path)))
         return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
 
 
@@ -232,4 +232,4 @@ def _expected(kind: str) -> str:
 
 
 def _is_training(folder: Path) -> bool:
-    return folder.name == "training" and any((folder / f"{each}_left").is_dir() for each in PASSES)
+    return folder.name == "training" and any((folder / f"{render_pass}_left").is_dir() for render_pass in PASSES)

@@ -91,7 +91,7 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
     if not pairs:
         packed = [*((name, files[0]) for name, files in images.items()), *((file, file) for file in lone_videos)]
         pairs = [layout for name, first in packed for layout in _packed(path, name, path / first)]
-    return tuple(sorted(pairs, key=lambda each: (-len(each.views.frames), len(each.source.get("left", "")))))
+    return tuple(sorted(pairs, key=lambda layout: (-len(layout.views.frames), len(layout.source.get("left", "")))))
 
 
 def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:
@@ -156,12 +156,14 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
     if not is_video and (_DEPTH_WORD.search((root / name).name) or _is_map(first)):
         return  # one view's depth or disparity: its halves are alike where the floor or a wall is
     kind = "video" if is_video else "images"
-    found: dict[FoundLayout, float] = {}
+    likeness: dict[FoundLayout, float] = {}
     for packing in PACKINGS:
         with suppress(VfoaError):  # an odd width, or names without a number
             layout = _open(root, ViewFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
-            found[layout] = _likeness(*layout.views.read(layout.views.frames[0]))
-    yield from sorted((layout for layout in found if found[layout] >= ALIKE), key=lambda each: -found[each])
+            likeness[layout] = _likeness(*layout.views.read(layout.views.frames[0]))
+    yield from sorted(
+        (layout for layout in likeness if likeness[layout] >= ALIKE), key=lambda layout: -likeness[layout]
+    )
 
 
 def _is_map(image: Path) -> bool:
@@ -212,7 +214,7 @@ def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, 
     layouts = find_layouts(path) if named is None else (read_layout(path if path.is_dir() else path.parent, named),)
     if not layouts:
         _refuse_unpaired(path)
-    return tuple(each for layout in layouts for each in _calibrated(layout, path, given))
+    return tuple(reading for layout in layouts for reading in _calibrated(layout, path, given))
 
 
 def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:

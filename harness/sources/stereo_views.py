@@ -158,10 +158,10 @@ class ViewFiles(Settings):
     @model_validator(mode="after")
     def _files_of_the_layout(self) -> Self:
         keys = {"left", "right"} if self.layout in ("images", "videos") else {"both"}
-        found = {key for key in ("left", "right", "both") if getattr(self, key) is not None}
-        if found != keys:
+        given = {key for key in ("left", "right", "both") if getattr(self, key) is not None}
+        if given != keys:
             raise ValueError(
-                f"found {' and '.join(sorted(found)) or 'no files'}; "
+                f"found {' and '.join(sorted(given)) or 'no files'}; "
                 f"expected {' and '.join(sorted(keys))} for the layout {self.layout!r}"
             )
         if self.stamps is not None and "video" in self.layout:
@@ -191,7 +191,7 @@ class ViewFiles(Settings):
             if self.stamps is not None:
                 rights = _joined_by_time(lefts, rights, self.tolerance_ms, TICKS_NS[self.stamps])
             left, right = self._images(lefts, folder), ImageFiles(rights)
-        packing = next((each for each in PACKINGS if self.layout.endswith(each)), PACKINGS[0])
+        packing = next((packing for packing in PACKINGS if self.layout.endswith(packing)), PACKINGS[0])
         return Views(left, right, packing, swapped=self.swap)
 
     def _images(self, files: Mapping[int, Path], folder: Path) -> ImageFiles:
@@ -234,20 +234,20 @@ def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
     VfoaError
         If a line is no time, times do not ascend, or there are not as many as images.
     """
-    found: list[int] = []
+    times_ns: list[int] = []
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     for number, line in enumerate(lines, start=1):
         try:
             if not _TIME.fullmatch(line.strip()):
                 raise ValueError
-            found.append(int(np.datetime64(line.strip(), "ns").astype(np.int64)))
+            times_ns.append(int(np.datetime64(line.strip(), "ns").astype(np.int64)))
         except ValueError:
             raise VfoaError(f"{path}:{number}: found {line[:60]!r}; expected 2011-09-26 13:02:25.964389445") from None
-        if len(found) > 1 and found[-1] <= found[-2]:
+        if len(times_ns) > 1 and times_ns[-1] <= times_ns[-2]:
             raise VfoaError(f"{path}:{number}: {line!r} is not after the time before it")
-    if len(found) != len(lefts):
-        raise VfoaError(f"{path}: found {len(found)} times; expected {len(lefts)}, one for each left image")
-    return dict(zip(lefts, found, strict=True))
+    if len(times_ns) != len(lefts):
+        raise VfoaError(f"{path}: found {len(times_ns)} times; expected {len(lefts)}, one for each left image")
+    return dict(zip(lefts, times_ns, strict=True))
 
 
 def _joined_by_time(
@@ -260,14 +260,14 @@ def _joined_by_time(
     VfoaError
         If no number is on both sides.
     """
-    lefts, rights, found = sorted(left), sorted(right), dict(right)
+    lefts, rights, renumbered = sorted(left), sorted(right), dict(right)
     if tolerance_ms is not None:
         for place, other in join_times(lefts, rights, round(tolerance_ms * 1e6 / tick_ns)):
-            found[lefts[place]] = found.pop(rights[other])
-    if not left.keys() & found.keys():
+            renumbered[lefts[place]] = renumbered.pop(rights[other])
+    if not left.keys() & renumbered.keys():
         apart_ms = nearest_apart(lefts, rights) * tick_ns / 1e6
         raise VfoaError(f"the nearest stamps are {apart_ms:.3g} ms apart (median): set tolerance_ms in [source]")
-    return found
+    return renumbered
 
 
 def _split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:

@@ -155,7 +155,7 @@ def _source_digest() -> str:
     """Digest of this package's files, which changes whenever the renderer changes."""
     total = hashlib.sha256()
     files = [file for file in resources.files(__package__).iterdir() if file.name.endswith(".py")]
-    for file in sorted(files, key=lambda each: each.name):
+    for file in sorted(files, key=lambda file: file.name):
         total.update(f"{file.name}\0{hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
     return total.hexdigest()
 

@@ -51,7 +51,7 @@ def _place(wanted: Sequence[Thing], first_id: int, rng: np.random.Generator) -> 
     """Put things on the table, the largest first, each where it neither touches nor hides the ones before it."""
     radius = {thing.label: _radius_m(thing.label) for thing in wanted}
     places: dict[str, tuple[float, float]] = {}
-    for label in sorted(radius, key=lambda each: -radius[each]):
+    for label in sorted(radius, key=lambda label: -radius[label]):
         for _ in range(1000):
             y = float(rng.uniform(*_TABLE_Y_M))
             x = float(rng.uniform(-1, 1)) * (_VIEW * y - radius[label])

@@ -79,13 +79,13 @@ class Placed:
 
     def cast(self, rays: Values) -> Hits:
         """Follow rays (N, 6) whose directions have z = 1, so that the distance is the depth."""
-        found = self._scene.cast_rays(_tensor(rays))
+        hits = self._scene.cast_rays(_tensor(rays))
         return Hits(
             placed=self,
             rays=rays,
-            depth_m=found["t_hit"].numpy(),
-            triangle=found["primitive_ids"].numpy(),
-            corner_share=found["primitive_uvs"].numpy(),
+            depth_m=hits["t_hit"].numpy(),
+            triangle=hits["primitive_ids"].numpy(),
+            corner_share=hits["primitive_uvs"].numpy(),
         )
 
     def blocks(self, rays: Values) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ class LinesOfSight:
         """By person, the object hit before the target; ``frame`` counts from 0. Unblocked people are left out."""
         scenes = (self._still, self._moving.placed(self._stage.poses(frame)))
         boxes = self._stage.boxes(frame)
-        found = {}
+        blockers = {}
         for person in self._stage.people(frame):
             eyes, gaze = person.eye_origin_left, person.gaze_direction
             if person.target not in self._ids or eyes is None or gaze is None:
@@ -43,8 +43,8 @@ class LinesOfSight:
                 key=lambda hit: hit[1],
             )
             if met != target and distance_m < float((boxes[target].center_m - eyes) @ gaze) - _NEARER_M:
-                found[person.name] = self._names[met]
-        return found
+                blockers[person.name] = self._names[met]
+        return blockers
 
 
 def _first(scene: Placed, ray: Values, *, own: int) -> tuple[int, float]:

@@ -126,7 +126,7 @@ class Stage:
         for body in self.bodies:
             if body.instance_id < _FIRST_STUFF_ID:
                 points.setdefault(body.instance_id, []).append(poses[body.name].apply(_vertices(body.parts)))
-        return {number: _bounding_box(np.concatenate(found)) for number, found in points.items()}
+        return {number: _bounding_box(np.concatenate(vertices)) for number, vertices in points.items()}
 
     def people(self, frame: int) -> tuple[PersonTruth, ...]:
         """The ground truth of every person."""

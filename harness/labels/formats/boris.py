@@ -39,17 +39,17 @@ class Boris(ReadOnly):
         events = _events(observation, f"{path}: observation {name!r}")
         behaviours = project.get("behaviors_conf")
         kinds = {
-            str(each.get("code")): str(each.get("type", ""))
-            for each in (behaviours.values() if isinstance(behaviours, dict) else ())
-            if isinstance(each, dict)
+            str(behaviour.get("code")): str(behaviour.get("type", ""))
+            for behaviour in (behaviours.values() if isinstance(behaviours, dict) else ())
+            if isinstance(behaviour, dict)
         }
         states = [event for event in events if not kinds.get(event[2], "").lower().startswith("point")]
         said = []
         if len(states) < len(events):
             said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")
         offset_ms, note = _offset(observation, exchange, path)
-        found = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
-        return Imported(labels=found.labels, notes=(*found.notes, *said, *note))
+        imported = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
+        return Imported(labels=imported.labels, notes=(*imported.notes, *said, *note))
 
 
 def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
@@ -83,15 +83,15 @@ def _events(observation: Any, where: str) -> list[tuple[int, str, str, str]]:
     events = observation.get("events") if isinstance(observation, Mapping) else None
     if not isinstance(events, list):
         raise VfoaError(f"{where}: no events; expected a list of them")
-    found = []
+    parsed = []
     for place, event in enumerate(events, start=1):
         if not isinstance(event, list) or len(event) < 3 or not _is_time(event[0]):
             raise VfoaError(
                 f"{where}: event {place}: found {str(event)[:80]!r}; expected [time, subject, behaviour, ...]"
             )
         comment = one_line(str(event[4])) if len(event) > 4 else ""
-        found.append((round(float(event[0]) * 1000), str(event[1]) or _NO_FOCAL_SUBJECT, str(event[2]), comment))
-    return sorted(found, key=lambda each: each[0])
+        parsed.append((round(float(event[0]) * 1000), str(event[1]) or _NO_FOCAL_SUBJECT, str(event[2]), comment))
+    return sorted(parsed, key=lambda event: event[0])
 
 
 def _is_time(value: Any) -> bool:

@@ -33,22 +33,22 @@ class Elan:
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file's annotations; referring annotations have the times of the ones they refer to."""
         document = _parse(path)
-        names = {each: exchange.names.translate(each) for each in document.tiers}
+        names = {tier: exchange.names.translate(tier) for tier in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
         beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
-        filled = [each for each, (aligned, referring, *_) in document.tiers.items() if aligned or referring]
-        others = [each for each in filled if each not in tiers and each not in beside]
+        filled = [tier for tier, (aligned, referring, *_) in document.tiers.items() if aligned or referring]
+        others = [tier for tier in filled if tier not in tiers and tier not in beside]
         if not tiers:
-            found = ", ".join(map(repr, document.tiers)) or "none"
+            present = ", ".join(map(repr, document.tiers)) or "none"
             raise VfoaError(
-                f"{path}: no tier is named after a subject; found {found}; "
+                f"{path}: no tier is named after a subject; found {present}; "
                 f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
             )
         origin_ms, said = _media_offset(document, exchange, path)
         spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
-        said += [f"{path}: tier {each!r} is no subject's and is left out." for each in others]
+        said += [f"{path}: tier {tier!r} is no subject's and is left out." for tier in others]
         return Imported(labels=imported.labels, notes=(*imported.notes, *said))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ class Elan:
         document.remove_tier("default")
         for start, end, row in to_spans(labels, exchange):
             label = row.label
-            point = "" if label.point_px is None else ",".join(repr(each) for each in label.point_px)
+            point = "" if label.point_px is None else ",".join(repr(coordinate) for coordinate in label.point_px)
             beside = {_NOTE: label.note, _POINT: point, _STATE: SUGGESTED if label.is_suggested else ""}
             document.add_annotation(row.subject, start, end, label.target)
             for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
@@ -103,7 +103,7 @@ def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, l
 
     ELAN stores it as ``TIME_ORIGIN``. With an ``--offset`` of the user, it is not used.
     """
-    origins = {str(each.get("MEDIA_URL")): each.get("TIME_ORIGIN") for each in document.media_descriptors}
+    origins = {str(medium.get("MEDIA_URL")): medium.get("TIME_ORIGIN") for medium in document.media_descriptors}
     try:
         found_ms = [(url, int(origin)) for url, origin in origins.items() if origin is not None]
     except ValueError:
@@ -121,14 +121,16 @@ def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, l
 
 
 def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
-    found = _annotations(document, tier, path)
-    if any(start is None or end is None for start, end, _ in found):
+    annotations = _annotations(document, tier, path)
+    if any(start is None or end is None for start, end, _ in annotations):
         raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
-    if far := next((each for each in found if max(abs(each[0]), abs(each[1])) > _FARTHEST_MS), None):
+    if far := next(
+        (annotation for annotation in annotations if max(abs(annotation[0]), abs(annotation[1])) > _FARTHEST_MS), None
+    ):
         raise VfoaError(
             f"{path}: tier {tier!r} has an annotation at {far[0]} to {far[1]} ms; expected a time in a film"
         )
-    return found
+    return annotations
 
 
 def _beside(document: Any, tier: str, path: Path) -> dict[tuple[int, int], str]:
@@ -142,8 +144,8 @@ def _annotations(document: Any, tier: str, path: Path) -> list[tuple[int, int, s
     try:
         aligned, referring = document.tiers[tier][:2]
         times = document.timeslots
-        found = [(times[first], times[last], value) for first, last, value, _ in aligned.values()]
-        return found + [_referring(document, tier, each) for each in referring]
+        annotations = [(times[first], times[last], value) for first, last, value, _ in aligned.values()]
+        return annotations + [_referring(document, tier, name) for name in referring]
     except (KeyError, RecursionError) as error:
         raise VfoaError(
             f"{path}: tier {tier!r} refers to the time slot or annotation {error}, which the file does not have"
@@ -156,7 +158,7 @@ def _referring(document: Any, tier: str, name: str) -> tuple[Any, Any, str]:
     start, end = _times_of(document, parent)
     if start is None or end is None:
         return start, end, value
-    siblings = [each for each, (other, *_) in document.tiers[tier][1].items() if other == parent]
+    siblings = [sibling for sibling, (other, *_) in document.tiers[tier][1].items() if other == parent]
     place, count = siblings.index(name), len(siblings)
     return start + (end - start) * place // count, start + (end - start) * (place + 1) // count, value
 

@@ -51,8 +51,8 @@ class NameLog:
         """Our name for theirs, of a target of ``subject`` (ours) if one is given; unchanged without a rename."""
         self._seen.add(name)
         if subject is not None:
-            theirs = (each for each, ours in self.renamed.items() if ours == subject)
-            for key in (f"{each}:{name}" for each in (subject, *theirs)):
+            theirs = (their_name for their_name, ours in self.renamed.items() if ours == subject)
+            for key in (f"{spelling}:{name}" for spelling in (subject, *theirs)):
                 if key in self.renamed:
                     self._seen.add(key)
                     return self.renamed[key]
@@ -60,10 +60,10 @@ class NameLog:
 
     def expect(self, name: str, known: Collection[str], kind: str, where: str, subject: str | None = None) -> str:
         """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
-        found = self.translate(name, subject)
-        if found not in known:
-            self._unknown.setdefault((kind, name), (where, f"{found!r}; {did_you_mean(found, known)}"))
-        return found
+        ours = self.translate(name, subject)
+        if ours not in known:
+            self._unknown.setdefault((kind, name), (where, f"{ours!r}; {did_you_mean(ours, known)}"))
+        return ours
 
     def check(self, path: object) -> tuple[str, ...]:
         """Reject unknown names; return a note for each rename of a name that the file does not have.
@@ -160,10 +160,10 @@ class Exchange:
 
     def target(self, name: str, subject: str, where: str) -> str:
         """Our name of a subject's target, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
-        found = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where, subject)
-        if found == subject:
+        ours = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where, subject)
+        if ours == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
-        return found
+        return ours
 
     def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
         """Return labels with filled gaps, with notes: the number of filled frames, renames that matched nothing.
@@ -207,10 +207,10 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
     rows: list[LabelRange] = []
     outside: list[Span] = []
     last: dict[str, tuple[int, Span]] = {}
-    for span in sorted(spans, key=lambda each: (each.start_ms, each.end_ms)):
+    for span in sorted(spans, key=lambda span: (span.start_ms, span.end_ms)):
         if span.end_ms < span.start_ms:
             raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
-        low, high = (bisect_left(exchange.times_ms, each) for each in (span.start_ms, span.end_ms))
+        low, high = (bisect_left(exchange.times_ms, time_ms) for time_ms in (span.start_ms, span.end_ms))
         if low >= high:
             outside.append(span)
             continue
@@ -223,11 +223,11 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
         last[span.subject] = high - 1, span
         first, final = exchange.frames[low], exchange.frames[high - 1]
         rows.append(LabelRange(first_frame=first, last_frame=final, subject=span.subject, label=span.label))
-    found = exchange.labels(rows, path)
+    imported = exchange.labels(rows, path)
     if not outside:
-        return found
+        return imported
     said = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
-    return Imported(labels=found.labels, notes=(*found.notes, said))
+    return Imported(labels=imported.labels, notes=(*imported.notes, said))
 
 
 def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, LabelRange]]:

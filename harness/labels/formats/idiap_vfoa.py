@@ -47,7 +47,7 @@ def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
         return NOWHERE
     if meaning == "robot":
         return "robot"
-    others = [each for each in exchange.subjects if each != subject]
+    others = [name for name in exchange.subjects if name != subject]
     if len(others) != 1:
         raise VfoaError(f"{path}: {meaning!r} of {subject!r}: found {len(others)} other people; expected one")
     return others[0]
@@ -69,11 +69,11 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
     check_archive(data, path)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            found = {name: np.asarray(file[name]) for name in file.files}
+            arrays = {name: np.asarray(file[name]) for name in file.files}
     except Exception as error:  # errors of the archive, and of each array's header, which is Python
         raise VfoaError(f"{path}: not a file of arrays: {error}") from None
-    for name, array in found.items():
+    for name, array in arrays.items():
         is_column = array.ndim == 1 or array.shape[1:] == (1,)
         if not is_column or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):
             raise VfoaError(f"{path}: {name}: found {array.dtype} of {array.shape}; expected one code for each frame")
-    return {name: [int(code) for code in array.ravel()] for name, array in found.items()}
+    return {name: [int(code) for code in array.ravel()] for name, array in arrays.items()}

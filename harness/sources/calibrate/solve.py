@@ -73,10 +73,10 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
             raise VfoaError(
                 f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS} (--columns, --rows right?)"
             )
-        found = _solve(kept, size_px, tuple(dropped))
-        worst = _worst(found.errors)
+        calibration = _solve(kept, size_px, tuple(dropped))
+        worst = _worst(calibration.errors)
         if worst is None:
-            return found
+            return calibration
         kept = [view for view in kept if view.number != worst.number]
         dropped.append(worst)
 
@@ -85,7 +85,7 @@ def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
     """Return the view that exceeds its limit most, relative to the limit; None if none does."""
     worst, excess = None, 1.0
     for kind, name in (("rms_px", "re-projection"), ("epipolar_px", "epipolar")):
-        values = {number: float(getattr(each, kind)) for number, each in errors.items()}
+        values = {number: float(getattr(view_errors, kind)) for number, view_errors in errors.items()}
         limit = max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median([*values.values()])))
         for number, value in values.items():
             if value / limit > excess:

@@ -47,10 +47,10 @@ def chessboard(columns: int, rows: int, square_m: float) -> Board:
     def find(image: Image) -> dict[int, Float]:
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         try:
-            found, corners = cv2.findChessboardCorners(gray, (columns, rows))
+            is_found, corners = cv2.findChessboardCorners(gray, (columns, rows))
         except cv2.error:  # a picture of only a few pixels
             return {}
-        if not found:
+        if not is_found:
             return {}
         stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
         corners = cv2.cornerSubPix(gray, corners, (5, 5), (-1, -1), stop)
@@ -145,15 +145,15 @@ def find_views(
 
 def _view(number: int, left: Image, right: Image, board: Board) -> View:
     corners = {"left": board.find(left), "right": board.find(right)}
-    if missing := [side for side, found in corners.items() if not found]:
+    if missing := [side for side, pixels in corners.items() if not pixels]:
         raise VfoaError(f"no board in the {' and the '.join(missing)} image")
     shared = sorted(corners["left"].keys() & corners["right"].keys())
     if len(shared) < MIN_CORNERS:
-        counts = ", ".join(f"{len(found)} {side}" for side, found in corners.items())
+        counts = ", ".join(f"{len(pixels)} {side}" for side, pixels in corners.items())
         raise VfoaError(f"{len(shared)} corners are in both images ({counts}); expected at least {MIN_CORNERS}")
     points_m = board.points_m[shared]
     grid = np.stack(np.divmod(shared, board.columns), axis=1)
     if np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2:
         raise VfoaError("the corners in both images lie in one line; expected two rows and two columns of the board")
-    left_px, right_px = (np.array([found[corner] for corner in shared]) for found in corners.values())
+    left_px, right_px = (np.array([pixels[corner] for corner in shared]) for pixels in corners.values())
     return View(number=number, points_m=points_m, left_px=left_px, right_px=right_px)

@@ -67,13 +67,13 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
     """
     given = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
-        found = np.asarray(given, dtype=np.float64).reshape(-1)  # also converts "1e-05", which YAML 1.1 reads as text
+        values = np.asarray(given, dtype=np.float64).reshape(-1)  # also converts "1e-05", which YAML 1.1 reads as text
     except (TypeError, ValueError, OverflowError):
         raise VfoaError(f"{where}: found {given!r}; expected numbers") from None
-    if (count is not None and found.size != count) or not np.isfinite(found).all():
+    if (count is not None and values.size != count) or not np.isfinite(values).all():
         expected = "finite numbers" if count is None else f"{count} finite numbers"
-        raise VfoaError(f"{where}: found {found.size} numbers; expected {expected}")
-    return found
+        raise VfoaError(f"{where}: found {values.size} numbers; expected {expected}")
+    return values
 
 
 class _Loader(yaml.SafeLoader):
@@ -303,33 +303,34 @@ def opencv_pair(
     VfoaError
         If a matrix is missing, occurs under two names, or has a wrong shape.
     """
-    found = _opencv_matrices(document, where)
+    matrices = _opencv_matrices(document, where)
     size_px = _opencv_size(document, where)
     unrectified = [
-        name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in found and not _is_trivial(found[name])
+        name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
     ]
-    if found.keys() >= {"P1", "P2"} and (rectified or not unrectified):
-        left, right = (_of_shape(found, f"P{number}", where) for number in "12")
+    if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
+        left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
     model: Model = "equidistant" if fisheye else "plumb_bob"
-    is_rectifying, is_posed = (found.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
+    is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
     if is_rectifying or is_posed:
         first, second = (
-            Lens(k=_of_shape(found, f"K{number}", where), d=found[f"D{number}"].ravel(), model=model) for number in "12"
+            Lens(k=_of_shape(matrices, f"K{number}", where), d=matrices[f"D{number}"].ravel(), model=model)
+            for number in "12"
         )
     if is_rectifying:
-        r1, r2, p1, p2 = (_of_shape(found, name, where) for name in _RECTIFICATION)
+        r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
         return RawCalibration(
             left=first.camera(size_px or size(), r1, p1), right=second.camera(size_px or size(), r2, p2), where=where
         )
     if is_posed:
-        rotation = found["R"]
+        rotation = matrices["R"]
         if rotation.size == 3:  # OpenCV's rotation vector
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
-        rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(found["T"], f"{where}: T", 3)
+        rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
         return rectify_pose(first, second, rotation, translation, size_px or size(), where)
-    there, expected = ", ".join(sorted(found)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
-    if found.keys() >= {"P1", "P2"}:
+    there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
+    if matrices.keys() >= {"P1", "P2"}:
         raise VfoaError(
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "
             f"{there}; {expected}, or rectified = true in [source] if the images are rectified"
@@ -353,9 +354,9 @@ def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
     }
 
 
-def _of_shape(found: Mapping[str, Float], name: str, where: str) -> Float:
+def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     """A matrix (rows, columns), which a file may also hold as a list."""
-    matrix, shape = found[name], _SHAPES[name[0]]
+    matrix, shape = matrices[name], _SHAPES[name[0]]
     if matrix.shape not in (shape, (shape[0] * shape[1],)):
         raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}")
     return matrix.reshape(shape)

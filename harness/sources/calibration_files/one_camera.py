@@ -39,15 +39,15 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     """
     match path.suffix.lower():
         case ".yaml" | ".yml":
-            found = ros_camera(read_document(path), str(path))
+            camera = ros_camera(read_document(path), str(path))
         case ".json":
-            found = _open3d_camera(path, size_px)
+            camera = _open3d_camera(path, size_px)
         case _:
             lines = [line.partition("#")[0] for line in read_text(path).splitlines()]
-            found = _camera(path, floats(" ".join(lines)) or [], size_px)
-    if found.size_px != size_px:
-        raise VfoaError(f"{path}: the calibration is for {found.size_px} pixels, the images have {size_px}")
-    return without_distortion(found) if rectified else found
+            camera = _camera(path, floats(" ".join(lines)) or [], size_px)
+    if camera.size_px != size_px:
+        raise VfoaError(f"{path}: the calibration is for {camera.size_px} pixels, the images have {size_px}")
+    return without_distortion(camera) if rectified else camera
 
 
 def _open3d_camera(path: Path, size_px: tuple[int, int]) -> RawCamera:

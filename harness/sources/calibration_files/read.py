@@ -105,19 +105,19 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
 
 def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> tuple[str, Cameras]:
     """As :func:`_read_text`, of one or several files in YAML or XML."""
-    found = [documents.read_document(path) for path in paths]
+    contents = [documents.read_document(path) for path in paths]
     where = " and ".join(map(str, paths))
     for program, is_camera, read_pair in (
         ("ROS", documents.is_ros_camera, documents.ros_pair),
         ("EuRoC", documents.is_euroc_sensor, documents.euroc_pair),
     ):
-        if all(map(is_camera, found)):
-            if len(found) != 2:
+        if all(map(is_camera, contents)):
+            if len(contents) != 2:
                 raise VfoaError(
                     f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
                 )
-            return program, read_pair(found[0], found[1], (str(paths[0]), str(paths[1])))
-    merged = {name: value for document in found for name, value in document.items()}
+            return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
+    merged = {name: value for document in contents for name, value in document.items()}
     if documents.is_kalibr_chain(merged):
         return "Kalibr", documents.kalibr_pair(merged, options.cameras or (0, 1), where)
     cameras = documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
@@ -133,20 +133,20 @@ def find_calibrations(
     a calibration, KITTI's for all drives of a day. The second list has a note for every calibration that cannot be used
     alone. ``options.cameras`` applies to KITTI's files.
     """
-    found, incomplete = list[tuple[str, ...]](), list[str]()
+    calibrations, incomplete = list[tuple[str, ...]](), list[str]()
     for names in (*_candidates(root), _OF_THE_DAY):
-        if found and names == _OF_THE_DAY:
+        if calibrations and names == _OF_THE_DAY:
             break
         # camera numbers of KITTI mean nothing for another file
         its_options = options if names[0].endswith(".txt") else replace(options, cameras=None)
         try:
             scaled_to(read_cameras([root / name for name in names], size, its_options), size())
-            found.append(names)
+            calibrations.append(names)
         except IncompleteCalibrationError as error:
             incomplete.append(str(error))
         except VfoaError:
             continue
-    return found, incomplete
+    return calibrations, incomplete
 
 
 _OF_THE_DAY = ("../calib_cam_to_cam.txt",)

@@ -34,10 +34,10 @@ def floats(text: str) -> list[float] | None:
 
 def _values(text: str, count: int, where: str, expected: str) -> Float:
     """The finite numbers (count,) of a text; a single one is positive."""
-    found = np.array(floats(text) or [])
-    if found.size != count or not np.isfinite(found).all() or (count == 1 and found[0] <= 0):
+    numbers = np.array(floats(text) or [])
+    if numbers.size != count or not np.isfinite(numbers).all() or (count == 1 and numbers[0] <= 0):
         raise VfoaError(f"{where}: found {text[:60]!r}; expected {expected}")
-    return found
+    return numbers
 
 
 # KITTI: "P2: 12 numbers" (object and odometry sets) or "P_rect_02:" (raw recordings)
@@ -136,13 +136,15 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
         If there are not nine numbers, and at most one after them, they are no camera matrix, or no baseline is known
         (:class:`IncompleteCalibrationError`).
     """
-    found = [number for line in _bare_lines(text) for number in floats(_BASELINE.sub("", line)) or [math.nan]]
-    if len(found) not in (9, 10) or not np.isfinite(found).all():
-        raise VfoaError(f"{path}: found {len(found)} values; expected a camera matrix of 3 x 3 numbers and a baseline")
-    k = np.array(found[:9]).reshape(3, 3)
+    numbers = [number for line in _bare_lines(text) for number in floats(_BASELINE.sub("", line)) or [math.nan]]
+    if len(numbers) not in (9, 10) or not np.isfinite(numbers).all():
+        raise VfoaError(
+            f"{path}: found {len(numbers)} values; expected a camera matrix of 3 x 3 numbers and a baseline"
+        )
+    k = np.array(numbers[:9]).reshape(3, 3)
     if not (k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
         raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
-    baseline = found[9] if len(found) == 10 else baseline_m
+    baseline = numbers[9] if len(numbers) == 10 else baseline_m
     if baseline is None:
         raise IncompleteCalibrationError(
             f"{path}: a camera matrix without a baseline; expected a line with the distance of the two cameras in "
@@ -155,7 +157,7 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
 
 
 def _bare_lines(text: str) -> list[str]:
-    return [line for each in text.splitlines() if (line := _COMMENT.sub("", each).strip())]
+    return [line for raw_line in text.splitlines() if (line := _COMMENT.sub("", raw_line).strip())]
 
 
 # The ZED's own calibration (SN12345678.conf): intrinsics for each resolution, lengths in millimetres

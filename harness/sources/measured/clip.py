@@ -63,10 +63,13 @@ class MeasuredSettings(Settings):
         return tuple(
             MeasuredObject(
                 name=name,
-                category=each.category or name,
-                box=self.box(np.array(each.center_m), None if each.size_m is None else np.array(each.size_m)),
+                category=fixed_object.category or name,
+                box=self.box(
+                    np.array(fixed_object.center_m),
+                    None if fixed_object.size_m is None else np.array(fixed_object.size_m),
+                ),
             )
-            for name, each in self.objects.items()
+            for name, fixed_object in self.objects.items()
         )
 
     def box(self, center_m: Float, size_m: Float | None, left_from_box: Float | None = None) -> Box3D:
@@ -203,7 +206,7 @@ class FramesOfMeasurements:
         return Scene(
             index=number,
             time_ns=frame.time_ns,
-            targets=tuple(sorted(targets, key=lambda each: each.instance.id)),
+            targets=tuple(sorted(targets, key=lambda target: target.instance.id)),
             people=tuple(
                 Person(
                     view=Cues(head_pose=person.head_pose, gaze=person.gaze),

@@ -84,8 +84,8 @@ class MeasuredTables(FramesOfMeasurements):
         fixed, moving = _objects(objects, settings, times, everyone)
         super().__init__(
             {
-                number: MeasuredFrame(time_ns=time_ns, people=found, objects=tuple(moving.get(number, ())))
-                for (number, time_ns), found in zip(times.items(), _people(rows, times, settings), strict=True)
+                number: MeasuredFrame(time_ns=time_ns, people=present, objects=tuple(moving.get(number, ())))
+                for (number, time_ns), present in zip(times.items(), _people(rows, times, settings), strict=True)
             },
             (*settings.fixed_objects(), *fixed),
             settings,
@@ -119,14 +119,14 @@ def _is_of_people(path: Path) -> bool:
 
 def _times(rows: list[TableRow], path: Path) -> dict[int, int]:
     """Every frame's time in ns, ascending by frame."""
-    found: dict[int, int] = {}
+    times: dict[int, int] = {}
     for row in rows:
         frame, time_ns = row.integer("frame"), _time_ns(row)
         if frame is None:
             raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
-        if found.setdefault(frame, time_ns) != time_ns:
+        if times.setdefault(frame, time_ns) != time_ns:
             raise VfoaError(f"{row.where}: frame {frame}: found two times; expected one for all of its rows")
-    return dict(sorted(found.items()))
+    return dict(sorted(times.items()))
 
 
 def _time_ns(row: TableRow) -> int:
@@ -140,23 +140,23 @@ def _people(
     rows: list[TableRow], times: Mapping[int, int], settings: MeasuredTablesSettings
 ) -> list[tuple[MeasuredPerson, ...]]:
     """The people of each frame in the order of the frames, and in that of the rows."""
-    found: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
+    people: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
     for row in rows:
         frame, name = row.integer("frame") or 0, row.cells.get("person")
         if name is None:
             continue
-        if name in found[frame]:
+        if name in people[frame]:
             raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
         head, gaze = (_direction(row, cue) for cue in CUES)
         true_gaze = gaze if settings.gaze == "truth" else None
-        found[frame][name] = MeasuredPerson(
+        people[frame][name] = MeasuredPerson(
             name=name,
             eyes_m=row.numbers(POSITION),
             head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
             gaze=None if gaze is None or true_gaze is not None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
             true_gaze=true_gaze,
         )
-    return [tuple(people.values()) for people in found.values()]
+    return [tuple(of_frame.values()) for of_frame in people.values()]
 
 
 def _direction(row: TableRow, cue: str) -> Float | None:
@@ -186,14 +186,14 @@ def _objects(
     known: dict[tuple[str | None, ...], MeasuredObject] = {}  # most objects rest: their rows differ in the frame alone
     for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
         frame, cells = row.integer("frame"), tuple(map(row.cells.get, OBJECT_COLUMNS[1:]))
-        if (found := known.get(cells)) is None:
-            found = known[cells] = _object(row, settings, people)
+        if (measured_object := known.get(cells)) is None:
+            measured_object = known[cells] = _object(row, settings, people)
         if frame is not None and frame not in times:
             raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
-        if before := seen.get((frame, found.name)):
-            raise VfoaError(f"{row.where}: object {found.name!r}: occurs twice, first at {before}")
-        seen[frame, found.name] = row.where
-        (fixed if frame is None else moving.setdefault(frame, [])).append(found)
+        if before := seen.get((frame, measured_object.name)):
+            raise VfoaError(f"{row.where}: object {measured_object.name!r}: occurs twice, first at {before}")
+        seen[frame, measured_object.name] = row.where
+        (fixed if frame is None else moving.setdefault(frame, [])).append(measured_object)
     return fixed, moving
 
 
@@ -231,7 +231,9 @@ def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
     A true gaze is written in place of a measured one: it is read with ``gaze = "truth"``.
     """
     numbered = sorted(frames.items())
-    write_rows(folder / "people.csv", _PEOPLE, [row for each in numbered for row in _people_cells(*each)])
+    write_rows(
+        folder / "people.csv", _PEOPLE, [row for numbered_frame in numbered for row in _people_cells(*numbered_frame)]
+    )
     write_rows(
         folder / "objects.csv",
         _OBJECTS,
@@ -253,10 +255,10 @@ def _direction_cells(cue: HeadPose | Gaze | None, truth: Float | None = None) ->
     return [*_vector_cells(truth), None] if cue is None else [*_vector_cells(cue.direction), cue.sigma_rad]
 
 
-def _object_cells(number: int, each: MeasuredObject) -> Cells:
-    box = each.box
+def _object_cells(number: int, measured_object: MeasuredObject) -> Cells:
+    box = measured_object.box
     if box is None:
-        return [number, each.name, each.category, *[None] * 10]
+        return [number, measured_object.name, measured_object.category, *[None] * 10]
     quaternion: Cells = [None] * 4
     if not np.array_equal(box.left_from_box, np.eye(3)):
         from scipy.spatial.transform import Rotation  # not above: see tables.py
@@ -264,8 +266,8 @@ def _object_cells(number: int, each: MeasuredObject) -> Cells:
         quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
     return [
         number,
-        each.name,
-        each.category,
+        measured_object.name,
+        measured_object.category,
         *_vector_cells(box.center_m),
         *_vector_cells(2 * box.half_size_m),
         *quaternion,

@@ -194,9 +194,9 @@ def looked_at(times_s: Float, colliders: Sequence[str], things: Mapping[str, str
 
     ``things`` are names by upstream's id (``K01_L15``), with which the names of a thing's colliders begin.
     """
-    found = [_target(name, things) for name in colliders]
+    sample_targets = [_target(name, things) for name in colliders]
     targets: list[str | None] = []
-    for target, samples in itertools.groupby(range(len(found)), key=found.__getitem__):
+    for target, samples in itertools.groupby(range(len(sample_targets)), key=sample_targets.__getitem__):
         first, *rest = samples
         last = rest[-1] if rest else first
         is_long = times_s[last] - times_s[first] >= SHORTEST_LOOK_S
@@ -245,7 +245,7 @@ def _table(path: Path, names: Sequence[str]) -> TableColumns:
 
 def _numbers(table: TableColumns, names: Sequence[str]) -> Float:
     """Columns as finite numbers (n, columns)."""
-    found = table.group(names)
-    for row in np.flatnonzero(np.isnan(found).any(axis=1))[:1]:
+    numbers = table.group(names)
+    for row in np.flatnonzero(np.isnan(numbers).any(axis=1))[:1]:
         raise VfoaError(f"{table.where(int(row))}: found nothing; expected numbers in {', '.join(names)}")
-    return found
+    return numbers

@@ -163,10 +163,10 @@ def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
     named = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
     files = _glob(root, f"{glob.escape(before)}*{glob.escape(after)}")
     matches = [(named.fullmatch(path.relative_to(root).as_posix()), path) for path in files]
-    found = [(int(match[1]), path) for match, path in matches if match]
-    if not found:
+    numbered = [(int(match[1]), path) for match, path in matches if match]
+    if not numbered:
         raise VfoaError(f"{where}: {pattern!r} matches no file under {root}")
-    return _unique(found, where)
+    return _unique(numbered, where)
 
 
 def _glob(root: Path, pattern: str) -> list[Path]:
@@ -177,14 +177,14 @@ def _glob(root: Path, pattern: str) -> list[Path]:
 
 
 def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
-    found: dict[int, Value] = {}
+    by_number: dict[int, Value] = {}
     for number, value in pairs:
-        if number in found:
-            raise VfoaError(f"{where}: frame {number} occurs twice: {found[number]} and {value}")
+        if number in by_number:
+            raise VfoaError(f"{where}: frame {number} occurs twice: {by_number[number]} and {value}")
         if number > _LARGEST:
             raise VfoaError(f"{where}: {value}: the frame number {number} is too large; expected at most {_LARGEST}")
-        found[number] = value
-    return dict(sorted(found.items()))
+        by_number[number] = value
+    return dict(sorted(by_number.items()))
 
 
 _WORD = re.compile(r"left|right", re.IGNORECASE)
@@ -216,13 +216,13 @@ def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[tuple[str, str]
                 if way == "camera" and numbered and "*" not in before + after:
                     continue  # image_1, image_2 ...: a sequence, not a pair of cameras
                 ways[way, before, after][match[group]].add(name)
-    found = [
+    pairs = [
         (min(len(sides[side]), len(sides[other])), f"{before}{side}{after}", f"{before}{other}{after}")
         for (way, before, after), sides in ways.items()
         for side in sorted(sides)
         if (other := _opposite(way, side, sides)) in sides
     ]
-    return tuple((left, right) for _, left, right in sorted(found, key=lambda each: -each[0]))
+    return tuple((left, right) for _, left, right in sorted(pairs, key=lambda pair: -pair[0]))
 
 
 def numbered_views(names: Iterable[str]) -> tuple[tuple[str, str], ...]:

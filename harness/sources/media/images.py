@@ -60,8 +60,8 @@ def read_raw(path: Path) -> NDArray[Any]:
     if image.ndim == 2:
         return image
     if image.dtype not in (np.uint8, np.uint16) or image.shape[2] not in (3, 4):
-        found = f"{image.shape[2]} channels of {image.dtype}"
-        raise VfoaError(f"{path}: found {found}; expected gray or colour of 8 or 16 bits")
+        kind = f"{image.shape[2]} channels of {image.dtype}"
+        raise VfoaError(f"{path}: found {kind}; expected gray or colour of 8 or 16 bits")
     return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
 
 

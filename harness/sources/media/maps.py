@@ -91,9 +91,9 @@ def read_pfm(path: Path) -> Map:
     if header is None or header[1] != b"Pf" or not _is_scale(header[4]):
         raise VfoaError(f"{path}: not a one-channel PFM: the header is {data[:20]!r}")
     width, height, order = int(header[2]), int(header[3]), "<" if header[4].startswith(b"-") else ">"
-    found, expected = len(data) - header.end(), 4 * width * height
-    if found != expected:
-        raise VfoaError(f"{path}: found {found} bytes of pixels; expected {expected} for {width} x {height}")
+    n_bytes, expected = len(data) - header.end(), 4 * width * height
+    if n_bytes != expected:
+        raise VfoaError(f"{path}: found {n_bytes} bytes of pixels; expected {expected} for {width} x {height}")
     pixels = np.frombuffer(data, f"{order}f4", offset=header.end()).reshape(height, width)
     return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
 
@@ -190,7 +190,7 @@ def _read_exr(path: Path) -> NDArray[Any]:
         raise
     except Exception as error:  # errors of the library have no common base class
         raise VfoaError(f"{path}: not a readable EXR: {str(error).splitlines()[0]}") from None
-    name = next((each for each in _CHANNELS if each in channels), None)
+    name = next((channel for channel in _CHANNELS if channel in channels), None)
     if name is None:
         raise VfoaError(
             f"{path}: found channels {', '.join(channels)}; expected depth as one of: {', '.join(_CHANNELS)}"

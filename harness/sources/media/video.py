@@ -88,8 +88,8 @@ class Video:
         if place not in self.frames:
             raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {self.frames[-1]}")
         self._go(place)
-        found, image = self._capture.retrieve()
-        if not found:
+        is_decoded, image = self._capture.retrieve()
+        if not is_decoded:
             raise self._undecodable(place)
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
@@ -111,7 +111,7 @@ class Video:
         if place > STEP:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
-            places = {stamp: each for each, stamp in enumerate(self._stamps_ns)}
+            places = {stamp: number for number, stamp in enumerate(self._stamps_ns)}
             if len(places) == len(self._stamps_ns) and self._capture.grab():
                 self._position = places.get(_stamp(self._capture), place + 1)
                 if self._position <= place:

@@ -90,7 +90,7 @@ def _check_packed_files(part: Path) -> None:
             size = zstd_size(file.read(64))
             if size is None:
                 file.seek(0)
-                size = sum(len(each) for each in zstandard.ZstdDecompressor().read_to_iter(file) if each)
+                size = sum(len(chunk) for chunk in zstandard.ZstdDecompressor().read_to_iter(file) if chunk)
         if size > most:
             raise ValueError(f"{path.name} unpacks to {size} bytes; expected at most {most}")
 
@@ -137,8 +137,8 @@ def bag_parts(path: Path) -> tuple[Path, ...]:
         return (path,)
     # A killed recorder leaves no metadata.yaml; ROS 1 never writes one.
     for suffix in ("*.bag", "*.db3"):
-        if found := tuple(sorted(file for file in path.glob(suffix) if not file.name.startswith("."))):
-            return found
+        if files := tuple(sorted(file for file in path.glob(suffix) if not file.name.startswith("."))):
+            return files
     return ()
 
 
@@ -201,8 +201,8 @@ class BagContainer:
         try:
             with self._lock:
                 reader = self._reader(part)
-                found = reader.messages(_of_topic(reader, topic.name), place.offset, place.offset + 1)
-                return bytes([data for _, _, data in found][place.place])
+                messages = reader.messages(_of_topic(reader, topic.name), place.offset, place.offset + 1)
+                return bytes([data for _, _, data in messages][place.place])
         except VfoaError:
             raise
         except Exception as error:  # errors of struct, SQLite, the decompressors, or an index outside of the list

@@ -95,17 +95,17 @@ class PairCameras:
         assert right is not None
         if left.shape != right.shape:
             raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
-        found, depth = self._at(*stamps_ns), self._recording.streams.depth
+        rectifier, depth = self._at(*stamps_ns), self._recording.streams.depth
         if depth is not None and depth_m is not None:
             if depth_m.shape != left.shape[:2]:
                 raise VfoaError(f"{depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
-            if not found.keeps_left:
+            if not rectifier.keeps_left:
                 raise VfoaError(
                     f"{depth.name} belongs to the left image before rectification, which rotates it; expected "
                     "rectified images with depth"
                 )
-        left, right = found.rectify(left, right)
-        rig = found.calibration.rig(left.shape[1], left.shape[0])
+        left, right = rectifier.rectify(left, right)
+        rig = rectifier.calibration.rig(left.shape[1], left.shape[0])
         return StereoFrame(index=number, time_ns=stamps_ns[0], left=left, right=right, depth_m=depth_m, rig=rig)
 
     def _at(self, left_ns: int, right_ns: int) -> Rectifier:
@@ -162,12 +162,12 @@ def find_transform(topics: Iterable[Topic], recording: Recording, target: str, s
 def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, str, Float]]:
     """Frames (parent, child) and parent_from_child of each transform in a message."""
     with reading(topic.type, where):
-        for each in fields_of(topic.type, data, where)("transforms"):
-            moved = each.transform
+        for stamped in fields_of(topic.type, data, where)("transforms"):
+            moved = stamped.transform
             rotation = Rotation.from_quat([float(getattr(moved.rotation, axis)) for axis in "xyzw"]).as_matrix()
             translation = [float(getattr(moved.translation, axis)) for axis in "xyz"]
             # tf's old names began with a slash
-            parent, child = (str(name).removeprefix("/") for name in (each.header.frame_id, each.child_frame_id))
+            parent, child = (str(name).removeprefix("/") for name in (stamped.header.frame_id, stamped.child_frame_id))
             yield parent, child, _motion(rotation, translation)
 
 
@@ -240,7 +240,7 @@ class DepthCamera:
         if self._colour_from_depth is not None:
             depth = self._registered(depth_m, stamp_ns, optics.rig)
         elif depth_m.shape != colour.shape[:2]:
-            sizes = " and ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (colour, depth_m))
+            sizes = " and ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (colour, depth_m))
             raise VfoaError(
                 f"{self._where}: {self._colour.name} and {self._depth.name} are {sizes} pixels; expected depth in the "
                 "colour image (aligned), or a topic of unaligned depth with the recording's extrinsics"
@@ -269,17 +269,17 @@ class DepthCamera:
     def _find_motion(self, topics: Collection[Topic]) -> Float:
         """The pose colour_from_depth in the recording."""
         colour, depth = self._colour, self._depth
-        found = find_extrinsics(topics, self._recording)
-        if found is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
-            found = find_transform(topics, self._recording, colour.frame_id, depth.frame_id)
-        if found is None:
+        motion = find_extrinsics(topics, self._recording)
+        if motion is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
+            motion = find_transform(topics, self._recording, colour.frame_id, depth.frame_id)
+        if motion is None:
             raise VfoaError(
                 f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "
                 f"{colour.frame_id!r}), and the recording has no transform between the two frames; expected /tf_static "
                 "or extrinsics in it, or a topic of aligned depth (RealSense: align_depth.enable; Azure Kinect: "
                 "depth_to_rgb)"
             )
-        return found
+        return motion
 
     def _camera(self, topic: Topic, stamp_ns: int, size_px: tuple[int, int]) -> RawCamera:
         info = self._infos[topic.name]

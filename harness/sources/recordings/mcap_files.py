@@ -219,9 +219,9 @@ def _chunks(path: Path, window: Window) -> list[int] | None:
     summary = read_summary(path)
     if summary is None or not summary.chunk_indexes:
         return None
-    chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
+    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     channels = summary.channels.values()
-    kinds = {each.id: message_type(each, summary.schemas.get(each.schema_id)).kind for each in channels}
+    kinds = {channel.id: message_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
     if "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
         return None
     wanted = {
@@ -231,8 +231,8 @@ def _chunks(path: Path, window: Window) -> list[int] | None:
     }
     for channel in (number for number, kind in kinds.items() if kind in ("calibration", "transforms", "extrinsics")):
         holding = [chunk for chunk in chunks if channel in chunk.message_index_offsets]
-        before = [each for each in holding if each.message_start_time < window.start_ns]
-        wanted.update(each.chunk_start_offset for each in (before[-1:] or holding[:1]))
+        before = [chunk for chunk in holding if chunk.message_start_time < window.start_ns]
+        wanted.update(chunk.chunk_start_offset for chunk in (before[-1:] or holding[:1]))
     return sorted(wanted)
 
 

@@ -137,8 +137,8 @@ def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
         store = get_typestore(Stores.EMPTY)
         text = kind.schema.decode()
         is_idl = kind.schema_encoding == "ros2idl"
-        found = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
-        store.register({name: fields for name, fields in found.items() if name not in store.types})
+        definitions = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
+        store.register({name: fields for name, fields in definitions.items() if name not in store.types})
     deserialize = store.deserialize_ros1 if kind.message_encoding == "ros1" else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:

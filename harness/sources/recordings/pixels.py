@@ -147,6 +147,6 @@ def _compressed_depth(content: Picture, where: str) -> NDArray[Any]:
 def _png(body: bytes, where: str) -> NDArray[Any]:
     image = decode(body, f"{where}: a compressed depth image", cv2.IMREAD_UNCHANGED)
     if image.ndim != 2 or image.dtype != np.uint16:
-        found = f"{image.dtype.name} with shape {image.shape}"
-        raise VfoaError(f"{where}: a compressed depth image: found {found}; expected one channel of 16 bits in PNG")
+        kind = f"{image.dtype.name} with shape {image.shape}"
+        raise VfoaError(f"{where}: a compressed depth image: found {kind}; expected one channel of 16 bits in PNG")
     return image

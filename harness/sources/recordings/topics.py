@@ -122,11 +122,11 @@ def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:
     VfoaError
         If it is not among them; ``role`` names its purpose.
     """
-    found = list(topics)
-    for topic in found:
+    candidates = list(topics)
+    for topic in candidates:
         if topic.name == name:
             return topic
-    raise VfoaError(f"{where}: no {role} topic {name!r}; found {listed(found)}")
+    raise VfoaError(f"{where}: no {role} topic {name!r}; found {listed(candidates)}")
 
 
 def listed(topics: Iterable[Topic]) -> str:
@@ -197,7 +197,7 @@ _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|vi
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
     """Return all topics that may be depth, by name."""
     images = [topic for topic in topics if topic.is_image and topic.places]
-    return sorted((image for image in images if may_be_depth(image.name, image.header)), key=lambda each: each.name)
+    return sorted((image for image in images if may_be_depth(image.name, image.header)), key=lambda topic: topic.name)
 
 
 def is_aligned(depth: Topic, colour: Topic) -> bool:
@@ -268,7 +268,7 @@ def _of_streams(topics: list[Topic]) -> list[Topic]:
     streams: dict[str, list[Topic]] = {}
     for topic in topics:
         streams.setdefault(_TRANSPORT.sub("", topic.name), []).append(topic)
-    return [max(each, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for each in streams.values()]
+    return [max(copies, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for copies in streams.values()]
 
 
 def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
@@ -323,7 +323,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     images = [topic for topic in topics if topic.is_image]
     own = [] if settings.depth is None else [named(images, settings.depth, "depth", where)]
     own = own or [
-        each for each in depth_topics(topics) if is_aligned(each, left) and each.frame_id == left.frame_id != ""
+        topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""
     ]
     return Streams(left=left, right=right, depth=own[0] if len(own) == 1 else None)
 

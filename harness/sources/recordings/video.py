@@ -39,7 +39,7 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
     decoder = _decoder(packet.form, where)
     if packet.is_key is not None or not packet.data:
         return bool(packet.is_key)
-    return any(each.is_keyframe for each in [*decoder.parse(packet.data), *decoder.parse(b"")])
+    return any(parsed.is_keyframe for parsed in [*decoder.parse(packet.data), *decoder.parse(b"")])
 
 
 def _decoder(form: str, where: str) -> Any:
