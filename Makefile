@@ -56,14 +56,17 @@ fuzz: $(DEV)
 faults: $(DEV)
 	$(BIN)/python -m tests.faults.plan --seed $(SEED) --out reports/faults.md $(FAULTS)
 
-check: lint types docs test
+# The checks without tests run side by side: each is one process for most of its time.
+check: $(DEV)
+	$(MAKE) --jobs=3 lint types docs
+	$(MAKE) test
 
 lint: $(DEV)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 
 types: $(DEV)
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers=2
 	$(BIN)/python -m scripts.worked_examples build/examples
 	$(BIN)/ruff check --quiet build/examples
 	$(BIN)/mypy build/examples
