@@ -19,7 +19,7 @@ from pydantic import Field
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import unit
-from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
@@ -115,11 +115,13 @@ def frames_awaited(results: Sequence[FrameResult], settings: LooksAhead) -> int:
 def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
     """Return the frames of a window with the focus and the probabilities of every subject given all its frames."""
     tracks = {attention.subject.track_id for frame in window for attention in frame.attentions}
-    found = {track: _smoothed_track(window, track, settings) for track in tracks}
+    smoothed_by_track = {track: _smoothed_track(window, track, settings) for track in tracks}
     return [
         replace(
             frame,
-            attentions=tuple(found[attention.subject.track_id].get(index, attention) for attention in frame.attentions),
+            attentions=tuple(
+                smoothed_by_track[attention.subject.track_id].get(index, attention) for attention in frame.attentions
+            ),
         )
         for index, frame in enumerate(window)
     ]
@@ -128,20 +130,20 @@ def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[Frame
 def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSettings) -> dict[int, Attention]:
     """Return one subject's attention by the frame's position in the window, for frames that have one."""
     known = [
-        (index, each, each.belief)
+        (index, attention, attention.belief)
         for index, frame in enumerate(window)
-        for each in frame.attentions
-        if each.subject.track_id == track and isinstance(each.belief, Belief)
+        for attention in frame.attentions
+        if attention.subject.track_id == track and isinstance(attention.belief, Belief)
     ]
     if not known:
         return {}
     beliefs = [belief for _, _, belief in known]
     path = likeliest_path(beliefs) if settings.smoothing == "viterbi" else [None] * len(known)
-    found = {}
+    by_position = {}
     for (index, attention, belief), probability, key in zip(known, smoothed(beliefs), path, strict=True):
         revised = _with_probabilities(attention, belief.keys, answered(belief, probability, settings, later_known=True))
-        found[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
-    return found
+        by_position[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
+    return by_position
 
 
 def _infer(
@@ -155,8 +157,8 @@ def _infer(
     origin = subject.person.eye_origin_left
     if origin is None:
         return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
-    measured = measured_cues(subject, settings)
-    if measured is None:
+    cues = measured_cues(subject, settings)
+    if cues is None:
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
@@ -168,16 +170,16 @@ def _infer(
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
-    belief = update(last, scenery, measured, _seconds(last_ns, time_ns, settings), settings)
-    shares = cue_shares(measured, belief, settings)
+    belief = update(last, scenery, cues, _seconds(last_ns, time_ns, settings), settings)
+    shares = cue_shares(cues, belief, settings)
     unknown = tuple(
-        TargetAttention(instance_id=each.instance.id, gaze=shares[0], head=shares[1], total=1.0) for each in others
+        TargetAttention(instance_id=target.instance.id, gaze=shares[0], head=shares[1], total=1.0) for target in others
     )
-    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, measured))
+    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, cues))
     return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings))
 
 
-def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
+def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:
     """Return the measured cues that the settings use; None if there are none."""
     gaze = subject.gaze if settings.cues in ("both", "gaze") else None
     head = subject.head_pose if settings.cues in ("both", "head") else None
@@ -187,7 +189,7 @@ def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
     for source, error_deg in ((gaze, settings.gaze_error_deg), (head, settings.head_error_deg)):
         claimed = source.sigma_rad if source is not None and settings.spread == "model" else None
         claims.append(max(sigma_rad(error_deg) if claimed is None else claimed, _SHARPEST_RAD))
-    return Measured(
+    return MeasuredCues(
         gaze=None if gaze is None else gaze.direction,
         head=None if head is None else head.direction,
         gaze_sigma_rad=claims[0],
@@ -219,7 +221,7 @@ def _with_probabilities(attention: Attention, keys: Keys, probabilities: Float) 
     return replace(attention, values=tuple(values), focus=first, tied=tuple(tied))
 
 
-def cue_shares(measured: Measured, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
+def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
     """Shares of the gaze and of the head in the evidence, by precision; NaN for a cue that was not measured.
 
     The precision of a gaze follows from its estimated error. The precision of a head follows from its own error, its
@@ -227,13 +229,13 @@ def cue_shares(measured: Measured, belief: Belief, settings: BayesSettings) -> t
     """
     precision = {}
     weights = belief.weights
-    if measured.gaze is not None:
+    if cues.gaze is not None:
         scale = float(weights.sum(axis=1) @ belief.gaze.scale)
-        precision["gaze"] = 1 / (scale * measured.gaze_sigma_rad) ** 2
-    if measured.head is not None:
+        precision["gaze"] = 1 / (scale * cues.gaze_sigma_rad) ** 2
+    if cues.head is not None:
         share = float(weights.sum(axis=0) @ belief.head.share)
         around = sigma_rad(settings.aside_deg) ** 2 + ((1 - share) * sigma_rad(settings.rest_deg)) ** 2
-        precision["head"] = share**2 / (measured.head_sigma_rad**2 + around)
+        precision["head"] = share**2 / (cues.head_sigma_rad**2 + around)
     total = sum(precision.values())
     gaze, head = (precision[cue] / total if cue in precision else float("nan") for cue in CUES)
     return gaze, head

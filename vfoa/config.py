@@ -43,15 +43,15 @@ def dotted_tables(changes: Iterable[tuple[str, Any]], tables: Collection[str], w
     VfoaError
         If a key has no dot, or its table is not one of ``tables``; ``where`` opens the message, here and below.
     """
-    found: dict[str, dict[str, Any]] = {}
+    by_table: dict[str, dict[str, Any]] = {}
     for dotted, value in changes:
         table, dot, key = dotted.partition(".")
         if not dot:
             raise VfoaError(f"{where}: {dotted}: expected a dotted key, such as stereo.matcher")
         if table not in tables:
             raise VfoaError(f"{where}: {dotted}: unknown table; {did_you_mean(table, tables)}")
-        found.setdefault(table, {})[key] = value
-    return found
+        by_table.setdefault(table, {})[key] = value
+    return by_table
 
 
 def step_settings(step: str, table: Mapping[str, Any]) -> type[Settings]:

@@ -109,10 +109,10 @@ class DrawnShapes:
     def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
         """Return the shapes drawn in a frame. Heads come last, so that a box drawn of the same person is theirs."""
         use = {"head": self._settings.heads, "box": self._settings.targets, "point": self._settings.targets}
-        shapes = [drawn_shape for drawn_shape in self._shapes_at(frame.index) if use[drawn_shape.kind]]
+        shapes = [shape for shape in self._shapes_at(frame.index) if use[shape.kind]]
         placed: list[Placed] = []
         free = max((instance.id for instance in instances.instances), default=0) + 1
-        for shape in sorted(shapes, key=lambda each: each.kind == "head"):
+        for shape in sorted(shapes, key=lambda shape: shape.kind == "head"):
             window = self._window(shape, frame.rig)
             if instances.ids[window].size == 0:  # the shape is outside the image
                 continue
@@ -123,16 +123,16 @@ class DrawnShapes:
 
     def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
         """Return the detected heads, each with the instance of a head drawn around it; then the other drawn heads."""
-        found = list(heads)
-        for each in (placed for placed in drawn if placed.shape.kind == "head"):
-            box_px = np.array(each.shape.box_px, dtype=np.float64)
-            overlaps = [box_iou(head.box_px, box_px) for head in found]
+        all_heads = list(heads)
+        for drawn_head in (placed for placed in drawn if placed.shape.kind == "head"):
+            box_px = np.array(drawn_head.shape.box_px, dtype=np.float64)
+            overlaps = [box_iou(head.box_px, box_px) for head in all_heads]
             best = int(np.argmax(overlaps)) if overlaps else -1
             if best >= 0 and overlaps[best] >= SAME_HEAD:
-                found[best] = replace(found[best], instance_id=each.instance_id)
+                all_heads[best] = replace(all_heads[best], instance_id=drawn_head.instance_id)
             else:
-                found.append(Head(box_px=box_px, score=1.0, instance_id=each.instance_id))
-        return tuple(found)
+                all_heads.append(Head(box_px=box_px, score=1.0, instance_id=drawn_head.instance_id))
+        return tuple(all_heads)
 
     def add_masks(
         self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
@@ -140,15 +140,16 @@ class DrawnShapes:
         """Return the model's instances and the drawn ones; of two drawn shapes that overlap, the nearer wins."""
         if not drawn:
             return instances
+        new = [placed for placed in drawn if placed.is_new]
         cuts = []
-        for each in (placed for placed in drawn if placed.is_new):
-            depth_m = depth_from_disparity(disparity.disparity_px[each.window], frame.rig)
-            if (cut := self._cut(each, depth_m, frame.rig)) is not None:
-                cuts.append((*cut, each))
+        for placed in new:
+            depth_m = depth_from_disparity(disparity.disparity_px[placed.window], frame.rig)
+            if (cut := self._cut(placed, depth_m, frame.rig)) is not None:
+                cuts.append((*cut, placed))
         ids = instances.ids.copy()
-        for _, mask, each in sorted(cuts, key=lambda cut: -cut[0]):
-            ids[each.window][mask] = each.instance_id
-        names = {each.instance_id: each.shape.name for each in drawn if not each.is_new}
+        for _, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
+            ids[placed.window][mask] = placed.instance_id
+        names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
         lost = {
             instance.id
             for instance in instances.instances
@@ -157,8 +158,7 @@ class DrawnShapes:
         ids[np.isin(ids, list(lost))] = 0
         kept = [instance for instance in instances.instances if instance.id not in lost]
         named = [replace(instance, name=names.get(instance.id, instance.name)) for instance in kept]
-        all_instances = (*named, *(_instance(each) for each in drawn if each.is_new))
-        return replace(instances, ids=ids, instances=all_instances)
+        return replace(instances, ids=ids, instances=(*named, *map(_instance, new)))
 
     def _window(self, shape: DrawnShape, rig: StereoRig) -> Window:
         u0, v0, u1, v1 = shape.box_px
@@ -199,7 +199,7 @@ def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:
     bins = ((logs - logs.min()) / (share / 2)).astype(np.intp)
     bins -= bins.min()
     counts = dict(zip(*np.unique(bins, return_counts=True), strict=True))
-    fullest = max(counts, key=lambda each: (sum(counts.get(each + by, 0) for by in (-1, 0, 1)), -each))
+    fullest = max(counts, key=lambda number: (sum(counts.get(number + by, 0) for by in (-1, 0, 1)), -number))
     return float(np.exp(np.median(logs[np.abs(bins - fullest) <= 1])))
 
 
@@ -214,27 +214,27 @@ def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
 
 def _drawn_already(shape: DrawnShape, placed: Sequence[Placed]) -> int | None:
     """The drawn instance of the same name: a head belongs to the box that is drawn of its person."""
-    return next((each.instance_id for each in placed if each.shape.name == shape.name), None)
+    return next((other.instance_id for other in placed if other.shape.name == shape.name), None)
 
 
 def _known_instance(shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[Placed]) -> int | None:
     """The model's free instance of the same label that fits the drawn shape best; None if none fits well enough."""
-    taken = {each.instance_id for each in placed}
+    taken = {other.instance_id for other in placed}
     same = [
         instance.id for instance in instances.instances if instance.label == shape.label and instance.id not in taken
     ]
     if not same:
         return None
     if shape.kind == "box":
-        fits = {each: _overlap(instances.mask(each), np.array(shape.box_px)) for each in same}
+        fits = {number: _overlap(instances.mask(number), np.array(shape.box_px)) for number in same}
     elif shape.kind == "head":
-        fits = {each: float(np.mean(instances.ids[window] == each)) for each in same}
+        fits = {number: float(np.mean(instances.ids[window] == number)) for number in same}
     else:
         u, v = (
             min(max(round(at), 0), size - 1) for at, size in zip(shape.box_px, instances.ids.shape[::-1], strict=False)
         )
-        fits = {each: float(instances.ids[v, u] == each) for each in same}
-    best = max(same, key=lambda each: fits[each])
+        fits = {number: float(instances.ids[v, u] == number) for number in same}
+    best = max(same, key=lambda number: fits[number])
     return best if fits[best] >= SAME_OBJECT else None
 
 

@@ -34,7 +34,9 @@ _LONGEST = 2000
 
 def _one_line(text: str) -> str:
     if not text.isprintable():
-        text = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+        text = "".join(
+            character if character.isprintable() else character.encode("unicode_escape").decode() for character in text
+        )
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} [...] {text[-half:]}"
 
@@ -54,9 +56,9 @@ class StageError(VfoaError):
         return super().__str__() if self.frame is None else f"frame {self.frame}: {super().__str__()}"
 
 
-def did_you_mean(found: str, expected: Iterable[str]) -> str:
-    """Return what was expected instead of ``found``, the nearest name first: ``"did you mean 'sgbm'? ..."``."""
+def did_you_mean(name: str, expected: Iterable[str]) -> str:
+    """Return what was expected instead of ``name``, the nearest name first: ``"did you mean 'sgbm'? ..."``."""
     names = sorted(expected)
-    near = difflib.get_close_matches(found, names, n=1)
+    near = difflib.get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     return f"{hint}expected one of: {', '.join(names) or '(none)'}"

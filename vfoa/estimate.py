@@ -65,7 +65,7 @@ class Estimate:
     def target_names(self) -> Mapping[int, str]:
         """Names of the targets by instance id: the label, with a number where several have the same one (``cup 2``)."""
         instances = [target.instance for target in self.result.scene.targets]
-        alike = Counter(each.label for each in instances)
+        alike = Counter(instance.label for instance in instances)
         seen: Counter[str] = Counter()
         names = {}
         for instance in instances:

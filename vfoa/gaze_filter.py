@@ -99,20 +99,20 @@ def filter_cues(
     belong to the unfiltered direction.
     """
     cues: tuple[Cue, ...] = {"off": (), "gaze": CUES[:1], "both": CUES}[settings.cues]
-    measured = {(track_id, cue): _measured(person, cue) for track_id, person in tracked for cue in cues}
+    measurements = {(track_id, cue): _measured(person, cue) for track_id, person in tracked for cue in cues}
     filters = {}
-    for key in {**state.filters, **measured}:
-        after = follow(state.filters.get(key), measured.get(key), settings)
+    for key in {**state.filters, **measurements}:
+        after = follow(state.filters.get(key), measurements.get(key), settings)
         if after is not None:
             filters[key] = after
     subjects = tuple(_subject(track_id, person, cues, filters) for track_id, person in tracked)
     return subjects, GazeFilterState(filters=filters)
 
 
-def follow(before: CueFilter | None, measured: Float | None, settings: GazeFilterSettings) -> CueFilter | None:
-    """Advance one filter by a frame; ``measured`` (3,) is a unit direction. Returns None if there is nothing to use."""
+def follow(before: CueFilter | None, direction: Float | None, settings: GazeFilterSettings) -> CueFilter | None:
+    """Advance one filter by a frame; ``direction`` (3,) is the measured unit vector. None: there is nothing to use."""
     if before is None:
-        return None if measured is None else _start(measured, settings)
+        return None if direction is None else _start(direction, settings)
 
     from filterpy.kalman import predict, update
 
@@ -120,10 +120,10 @@ def follow(before: CueFilter | None, measured: Float | None, settings: GazeFilte
     x, P = predict(
         np.concatenate([np.zeros(2), before.velocity_deg @ axes]), before.covariance, TRANSITION, PROCESS_NOISE
     )
-    offset_deg = None if measured is None else np.rad2deg(tangent_offset(before.direction, measured))
+    offset_deg = None if direction is None else np.rad2deg(tangent_offset(before.direction, direction))
     if offset_deg is None or np.linalg.norm(offset_deg - x[:2]) > settings.gate_deg:
         if before.missing == settings.max_missing:
-            return follow(None, measured, settings)
+            return follow(None, direction, settings)
         return _moved(replace(before, missing=before.missing + 1), axes, x, P)
 
     saccades = (*before.saccades, _saccade(float(np.linalg.norm(offset_deg)), settings))[-settings.hold :]
@@ -134,9 +134,9 @@ def follow(before: CueFilter | None, measured: Float | None, settings: GazeFilte
     return _moved(replace(before, saccades=saccades, theta=theta, missing=0), axes, x, P)
 
 
-def _start(measured: Float, settings: GazeFilterSettings) -> CueFilter:
+def _start(direction: Float, settings: GazeFilterSettings) -> CueFilter:
     variance = settings.noise_deg**2
-    return CueFilter(direction=measured, velocity_deg=np.zeros(3), covariance=np.diag([variance, variance, 1.0, 1.0]))
+    return CueFilter(direction=direction, velocity_deg=np.zeros(3), covariance=np.diag([variance, variance, 1.0, 1.0]))
 
 
 def _saccade(change_deg: float, settings: GazeFilterSettings) -> float:
@@ -161,10 +161,9 @@ def _subject(
 ) -> Subject:
     gaze, head_pose = person.view.gaze, person.view.head_pose
     if "gaze" in cues:
-        found = filters.get((track_id, "gaze"))
-        gaze = None if found is None else Gaze(direction=found.direction, sigma_rad=gaze.sigma_rad if gaze else None)
+        sigma_rad, estimate = gaze.sigma_rad if gaze else None, filters.get((track_id, "gaze"))
+        gaze = Gaze(direction=estimate.direction, sigma_rad=sigma_rad) if estimate else None
     if "head" in cues:
-        found = filters.get((track_id, "head"))
-        sigma_rad = head_pose.sigma_rad if head_pose else None
-        head_pose = None if found is None else HeadPose(direction=found.direction, sigma_rad=sigma_rad)
+        sigma_rad, estimate = head_pose.sigma_rad if head_pose else None, filters.get((track_id, "head"))
+        head_pose = HeadPose(direction=estimate.direction, sigma_rad=sigma_rad) if estimate else None
     return Subject(track_id=track_id, person=person, gaze=gaze, head_pose=head_pose)

@@ -84,8 +84,8 @@ class LogitWeights(Settings):
         for smoothing, scales in (("forward", 2), ("both", 3)):
             for case, rows in ROWS.items():
                 weights = getattr(getattr(self, smoothing), case)
-                found = [len(getattr(weights, cue)) for cue in CUES]
-                if found != [scales * (row in rows) for row in range(len(CUES))]:
+                counts = [len(getattr(weights, cue)) for cue in CUES]
+                if counts != [scales * (row in rows) for row in range(len(CUES))]:
                     cues = ", ".join(CUES[row] for row in rows)
                     raise ValueError(f"{smoothing}.{case}: expected {scales} weights of {cues} and of no other cue")
         return self
@@ -99,8 +99,8 @@ def shipped_weights() -> LogitWeights:
 
 def shipped_fit() -> dict[str, Any]:
     """What the shipped weights were fitted to, and their scores: the table ``fit`` of their file."""
-    found: dict[str, Any] = _shipped()["fit"]
-    return found
+    table: dict[str, Any] = _shipped()["fit"]
+    return table
 
 
 def _shipped() -> dict[str, Any]:
@@ -153,7 +153,7 @@ class Traces:
 
     def of(self, tracks: Collection[int]) -> Traces:
         """Return those of these tracks only: a track that has ended never comes back."""
-        return Traces(by_track={track: each for track, each in self.by_track.items() if track in tracks})
+        return Traces(by_track={track: means for track, means in self.by_track.items() if track in tracks})
 
 
 def probabilities(utility: Float) -> Float:
@@ -187,11 +187,11 @@ def weigh_attentions(
     for subject in subjects:
         before = by_track.get(subject.track_id, Means())
         dt_s = seconds_between(before.time_ns, time_ns, settings)
-        found = observe(subject, targets, eyes, before, dt_s)
-        if isinstance(found, NoAttention):
-            results.append(Attention(subject=subject, missing=found))
+        observed = observe(subject, targets, eyes, before, dt_s)
+        if isinstance(observed, NoAttention):
+            results.append(Attention(subject=subject, missing=observed))
             continue
-        seen, means = found
+        seen, means = observed
         by_track[subject.track_id] = replace(means, time_ns=time_ns)
         results.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
     return tuple(results), Traces(by_track=by_track)
@@ -199,7 +199,7 @@ def weigh_attentions(
 
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:
     """Return the frames of a window with every subject's attention given the later frames of the window, too."""
-    found: dict[tuple[int, int], Attention] = {}
+    weighed: dict[tuple[int, int], Attention] = {}
     for track in {attention.subject.track_id for frame in window for attention in frame.attentions}:
         of_track = [
             (index, frame.scene.time_ns, attention)
@@ -207,17 +207,17 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
             for attention in frame.attentions
             if attention.subject.track_id == track and isinstance(attention.belief, Seen)
         ]
-        seen = [each.belief for _, _, each in of_track]
+        seen = [attention.belief for _, _, attention in of_track]
         times = [time_ns for _, time_ns, _ in of_track]
         gaps_s = [seconds_between(*pair, settings) for pair in pairwise(times)]
-        for (index, _, each), after in zip(of_track, later_means(seen, gaps_s), strict=True):
-            weights = settings.of_case(each.belief.case, later=True)
-            found[index, track] = _attention(each.subject, each.belief, weights, after)
+        for (index, _, attention), after in zip(of_track, later_means(seen, gaps_s), strict=True):
+            weights = settings.of_case(attention.belief.case, later=True)
+            weighed[index, track] = _attention(attention.subject, attention.belief, weights, after)
     return [
         replace(
             frame,
             attentions=tuple(
-                found.get((index, attention.subject.track_id), attention) for attention in frame.attentions
+                weighed.get((index, attention.subject.track_id), attention) for attention in frame.attentions
             ),
         )
         for index, frame in enumerate(window)

@@ -208,14 +208,14 @@ def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
 
 def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
     """Means (C, T) of f from each frame on; ``gaps_s`` are the times from each frame to the next."""
-    found: list[Float] = []
+    means: list[Float] = []
     ids: tuple[int, ...] = ()
     sums = Means().sums
-    for each, gap_s in zip(reversed(seen), reversed([*gaps_s, 0.0]), strict=True):
-        sums = _added(_decay(gap_s) * _of(each.ids, ids, sums), each.now)
-        ids = each.ids
-        found.append(_mean(sums))
-    return found[::-1]
+    for frame, gap_s in zip(reversed(seen), reversed([*gaps_s, 0.0]), strict=True):
+        sums = _added(_decay(gap_s) * _of(frame.ids, ids, sums), frame.now)
+        ids = frame.ids
+        means.append(_mean(sums))
+    return means[::-1]
 
 
 def features(seen: Seen, case: Case, after: Float | None = None) -> Float:

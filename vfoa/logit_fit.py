@@ -78,10 +78,12 @@ def fit(
     The case of one measured direction is fitted on all frames that have it, whether or not they have the other. A case
     that no frame has, and cases and smoothings that are not wanted, keep the weights of ``unseen``.
     """
-    fitted: dict[str, Cases] = {each: getattr(unseen, each) for each in SMOOTHINGS}
+    fitted: dict[str, Cases] = {smoothing: getattr(unseen, smoothing) for smoothing in SMOOTHINGS}
     for smoothing in smoothings:
-        found = {case: _fitted(case, smoothing, sequences) for case in wanted}
-        fitted[smoothing] = fitted[smoothing].model_copy(update={case: each for case, each in found.items() if each})
+        by_case = {case: _fitted(case, smoothing, sequences) for case in wanted}
+        fitted[smoothing] = fitted[smoothing].model_copy(
+            update={case: weights for case, weights in by_case.items() if weights}
+        )
     return LogitWeights(**fitted)
 
 

@@ -36,12 +36,12 @@ def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: Nea
     if origin is None:
         return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
     weights: dict[Cue, float] = {"gaze": settings.gaze_share, "head": 1 - settings.gaze_share}
-    cues = {cue: found for cue in CUES if weights[cue] and (found := subject.direction(cue)) is not None}
+    cues = {cue: direction for cue in CUES if weights[cue] and (direction := subject.direction(cue)) is not None}
     if not cues:
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
     total = sum(weights[cue] for cue in cues)
     parts = {cue: weights[cue] / total for cue in cues}
-    mean = np.sum([parts[cue] * found for cue, found in cues.items()], axis=0)
+    mean = np.sum([parts[cue] * axis for cue, axis in cues.items()], axis=0)
     direction = unit(mean) if np.linalg.norm(mean) > 0 else next(iter(cues.values()))
 
     boxes = boxes_of_others(subject, targets)

@@ -116,11 +116,11 @@ class Model:
         """
         session, graph_inputs, graph_outputs = self._open()
         try:
-            found = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
+            tensors = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
         except _RUNTIME_ERRORS as error:
             given = ", ".join(f"{name} {_text(array.shape)}" for name, array in inputs.items())
             raise VfoaError(f"{self.path}: fails on {given}: {' '.join(str(error).split())}") from error
-        return dict(zip(graph_outputs, found, strict=True))
+        return dict(zip(graph_outputs, tensors, strict=True))
 
     def input_shape(self, name: str) -> Shape:
         """Shape of an input in the graph; None for a length that the graph leaves open."""
@@ -237,15 +237,15 @@ def _match(
     right = right and all(_fits(shape, types[name], chosen[name]) for name, shape in expected.items())
     if not right:
         wanted = ", ".join(f"{name} {_text(shape)} {types[name]}" for name, shape in expected.items())
-        found = ", ".join(f"{node.name} {_text(_shape(node))} {node.type}" for node in nodes)
+        actual = ", ".join(f"{node.name} {_text(_shape(node))} {node.type}" for node in nodes)
         unnamed = " (any names)" if signature.by_position else ""
-        raise VfoaError(f"{path}: another model's {kind}s; expected{unnamed} {wanted}, found {found}")
+        raise VfoaError(f"{path}: another model's {kind}s; expected{unnamed} {wanted}, found {actual}")
     return {name: chosen[name].name for name in expected}
 
 
 def _fits(expected: Shape, type_: str, node: Any) -> bool:
-    found = _shape(node)
-    same = len(found) == len(expected) and all(None in (m, n) or m == n for m, n in zip(found, expected, strict=True))
+    actual = _shape(node)
+    same = len(actual) == len(expected) and all(None in (m, n) or m == n for m, n in zip(actual, expected, strict=True))
     return same and node.type == type_
 
 

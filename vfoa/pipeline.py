@@ -99,12 +99,12 @@ def _find(frame: StereoFrame, stages: Stages, beside: Executor | None) -> tuple[
         instances = stages.segmenter.segment(frame)
         faces = detector.faces(frame)
     else:
-        found = beside.submit(copy_context().run, detector.faces, frame)
+        pending_faces = beside.submit(copy_context().run, detector.faces, frame)
         try:
             instances = stages.segmenter.segment(frame)
         finally:
-            wait([found])
-        faces = found.result()
+            wait([pending_faces])
+        faces = pending_faces.result()
     return instances, detector.with_people(faces, frame, instances)
 
 
@@ -112,7 +112,7 @@ def _match(
     frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], drawn: tuple[Placed, ...], stages: Stages
 ) -> Disparity:
     if stages.region_matcher:
-        windows = [each.window for each in drawn]
+        windows = [placed.window for placed in drawn]
         return stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig, windows))
     return stages.matcher.match(frame)
 

@@ -104,17 +104,16 @@ def _room(errors: Errors, rng: np.random.Generator, n_frames: int) -> Sequence:
     aside_deg = rng.uniform(3, 9)
     scene = _Scene(eyes=eyes, objects=objects, radii_m=radii, ahead=ahead, share=share, pace=pace, aside_deg=aside_deg)
     head, aim = _look(label, scene, rng)
-    measured = []
+    noisy = []
     for true, error_deg, bias_deg in ((aim, errors.gaze_deg, errors.bias_deg), (head, errors.head_deg, 0.0)):
         sigma = np.deg2rad(error_deg) / np.sqrt(np.pi / 2)
         drift = _drift(rng, n_frames, np.exp(-1 / rng.uniform(8, 30)))
         part = rng.uniform(0.1, 0.6)
         noise = sigma * (np.sqrt(part) * drift + np.sqrt(1 - part) * rng.normal(size=(2, n_frames)))
-        measured.append(perturb(_shrunk(true, eyes, errors.gain), *(noise + _constant(rng, bias_deg))))
+        noisy.append(perturb(_shrunk(true, eyes, errors.gain), *(noise + _constant(rng, bias_deg))))
     time_s = np.arange(n_frames) / rate_hz
-    return Sequence(
-        eyes=eyes, objects=objects, radii_m=radii, time_s=time_s, label=label, gaze=measured[0], head=measured[1]
-    )
+    gaze, head = noisy
+    return Sequence(eyes=eyes, objects=objects, radii_m=radii, time_s=time_s, label=label, gaze=gaze, head=head)
 
 
 def _table(errors: Errors, rng: np.random.Generator, n_frames: int) -> Sequence:
@@ -148,18 +147,17 @@ def _table(errors: Errors, rng: np.random.Generator, n_frames: int) -> Sequence:
     scene = _Scene(eyes=eyes, objects=objects, radii_m=radii, ahead=ahead, share=share, pace=pace, aside_deg=6.0)
     head, aim = _look(label, scene, rng)
     student = rng.random() < 0.5
-    measured = []
+    noisy = []
     for true, error_deg, bias_deg in (
         (aim, errors.gaze_deg, errors.bias_deg),
         (head, errors.head_deg, errors.bias_deg / 3),
     ):
         noise = _student(rng, n_frames, error_deg) if student else _von_mises_fisher(rng, n_frames, error_deg)
         biased = perturb(_shrunk(true, eyes, errors.gain), *_constant(rng, bias_deg))
-        measured.append(perturb(biased, *noise))
+        noisy.append(perturb(biased, *noise))
     time_s = np.arange(n_frames) / rate_hz
-    return Sequence(
-        eyes=eyes, objects=objects, radii_m=radii, time_s=time_s, label=label, gaze=measured[0], head=measured[1]
-    )
+    gaze, head = noisy
+    return Sequence(eyes=eyes, objects=objects, radii_m=radii, time_s=time_s, label=label, gaze=gaze, head=head)
 
 
 def _pick(rng: np.random.Generator, count: int, nowhere: float) -> int:
@@ -223,11 +221,11 @@ def _constant(rng: np.random.Generator, bias_deg: float) -> Float:
 
 def _drift(rng: np.random.Generator, n_frames: int, keep: float) -> Float:
     """A stationary first-order autoregressive process (2, N) of variance 1."""
-    found = np.empty((2, n_frames))
-    found[:, 0] = rng.normal(size=2)
+    drift = np.empty((2, n_frames))
+    drift[:, 0] = rng.normal(size=2)
     for frame in range(1, n_frames):
-        found[:, frame] = keep * found[:, frame - 1] + np.sqrt(1 - keep**2) * rng.normal(size=2)
-    return found
+        drift[:, frame] = keep * drift[:, frame - 1] + np.sqrt(1 - keep**2) * rng.normal(size=2)
+    return drift
 
 
 def _student(rng: np.random.Generator, n_frames: int, error_deg: float) -> Float:

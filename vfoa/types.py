@@ -46,13 +46,13 @@ _UNIT_ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """How far the length of a normalised vector may be from 1, due to rounding."""
 
 
-def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: int | None) -> None:
-    """Store ``found`` on a frozen value as a read-only array of the given dtype and shape (None: any length).
+def _set(value: object, name: str, given: ArrayLike, dtype: DTypeLike, *shape: int | None) -> None:
+    """Store ``given`` on a frozen value as a read-only array of the given dtype and shape (None: any length).
 
     Arrays of another dtype are refused, not converted: a silent copy of an image costs time, and an integer disparity
     has usually lost its sixteenths. Plain sequences of numbers are converted.
     """
-    array = found.view() if isinstance(found, np.ndarray) else np.asarray(found, dtype=dtype)
+    array = given.view() if isinstance(given, np.ndarray) else np.asarray(given, dtype=dtype)
     if array.dtype != dtype:
         expected = np.dtype(dtype).name
         raise ValueError(f"{type(value).__name__}.{name}: expected dtype {expected}, found {array.dtype.name}")
@@ -63,12 +63,12 @@ def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: i
     object.__setattr__(value, name, array)
 
 
-def _set_unit(value: object, name: str, found: ArrayLike) -> None:
+def _set_unit(value: object, name: str, given: ArrayLike) -> None:
     """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error.
 
     A vector of length 1 is stored unchanged, so that a direction is the same after writing and reading.
     """
-    vector = np.array(found, dtype=np.float64)
+    vector = np.array(given, dtype=np.float64)
     length = math.hypot(*vector.flat)
     if not math.isfinite(length) or length == 0.0:
         raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
@@ -82,9 +82,9 @@ def _finite(value: object, *names: str) -> None:
 
 
 def _angle_or_none(value: object, name: str) -> None:
-    found = getattr(value, name)
-    if found is not None and not 0 <= found < math.inf:
-        raise ValueError(f"{type(value).__name__}.{name}: expected an angle of at least 0 or None, found {found}")
+    angle = getattr(value, name)
+    if angle is not None and not 0 <= angle < math.inf:
+        raise ValueError(f"{type(value).__name__}.{name}: expected an angle of at least 0 or None, found {angle}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,7 +37,7 @@ def parse(model: type[Model], data: Any, where: str, table: str = "", beside: It
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        mistakes = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+        mistakes = sorted(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
         raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside)}{more}") from None
 
@@ -72,9 +72,9 @@ def _keys_beside(model: type[BaseModel], location: tuple[int | str, ...]) -> set
     """
     models = {model}
     for part in location[:-1]:
-        fields = [_named_fields(each)[str(part)] for each in models if part in _named_fields(each)]
+        fields = [_named_fields(holder)[str(part)] for holder in models if part in _named_fields(holder)]
         models = {nested for field in fields for nested in _models_in(field)} or models
-    return {name for each in models for name in _named_fields(each)}
+    return {name for holder in models for name in _named_fields(holder)}
 
 
 def _named_fields(model: type[BaseModel]) -> dict[str, Any]:

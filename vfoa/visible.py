@@ -68,10 +68,10 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
 
 
 def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
-    clouds = settings.surface == "cloud" and any(len(each.points_left) for each in targets)
-    targets = tuple(each for each in targets if each.box and (not clouds or len(each.points_left)))
+    clouds = settings.surface == "cloud" and any(len(target.points_left) for target in targets)
+    targets = tuple(target for target in targets if target.box and (not clouds or len(target.points_left)))
     boxes = tuple(target.box for target in targets if target.box is not None)
-    found: dict[int, tuple[Float, float]] = {}
+    moments: dict[int, tuple[Float, float]] = {}
     if boxes:
         rays, seen = (_cloud_rays if clouds else _box_rays)(origin, targets, boxes, settings)
         for target, directions, kept in zip(targets, rays, seen, strict=True):
@@ -81,13 +81,13 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
             if settings.faces and number in eyes:
                 towards = eyes[number] - origin
                 distance = float(np.linalg.norm(towards))
-                found[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
+                moments[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
             else:
-                found[number] = _moments(directions[kept])
+                moments[number] = _moments(directions[kept])
     return Views(
-        ids=tuple(found),
-        directions=np.array([direction for direction, _ in found.values()]).reshape(-1, 3),
-        variances=np.array([variance for _, variance in found.values()]),
+        ids=tuple(moments),
+        directions=np.array([direction for direction, _ in moments.values()]).reshape(-1, 3),
+        variances=np.array([variance for _, variance in moments.values()]),
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from harness.report.formats import Table
 from vfoa.geometry import angle_between, unit
-from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
@@ -188,7 +188,7 @@ def _beliefs(drawn: Drawn, settings: PosteriorSettings) -> list[Belief]:
         variances=(drawn.radii_m / distance) ** 2 / 4,
         to_camera=unit(-drawn.eyes),
     )
-    claims = Measured(
+    claims = MeasuredCues(
         gaze=None,
         head=None,
         gaze_sigma_rad=sigma_rad(settings.gaze_error_deg),

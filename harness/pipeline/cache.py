@@ -83,11 +83,11 @@ def identify(choice: StageChoice, source: Source) -> Identity | None:
 
 def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
     """Say why there are no outputs yet: the difference to the most similar stored identity."""
-    same_stage = [each for each in stored if each.get("stage") == parts["stage"]]
-    same_clip = [each for each in same_stage if each.get("clip") == parts["clip"]]
+    same_stage = [identity for identity in stored if identity.get("stage") == parts["stage"]]
+    same_clip = [identity for identity in same_stage if identity.get("clip") == parts["clip"]]
     if not same_clip:
         return "first time on this clip" if same_stage else "first time"
-    nearest = min((sorted(differing_keys(parts, each)) for each in same_clip), key=len)
+    nearest = min((sorted(differing_keys(parts, identity)) for identity in same_clip), key=len)
     return f"{', '.join(nearest)} changed"
 
 
@@ -135,7 +135,7 @@ class ClipCache:
             if identity.slot == "segmentation" or (identity.slot == "stereo" and not identity.is_in_region)
         ]
         stored = [self.store.names(identity.slot, identity.digest) for identity in alone]
-        return [frame for frame in frames if not stored or not all(_file_name(frame, ()) in each for each in stored)]
+        return [frame for frame in frames if not stored or not all(_file_name(frame, ()) in names for names in stored)]
 
 
 def open_cache(
@@ -149,8 +149,8 @@ def open_cache(
         choice.key: choice for configuration in configurations for choice in configuration.choices.values() if choice
     }
     source = Source.of(name, clip, digest)
-    found = {key: identify(choice, source) for key, choice in choices.items()}
-    return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})
+    identities = {key: identity for key, choice in choices.items() if (identity := identify(choice, source))}
+    return ClipCache(store=store, identities=identities)
 
 
 def _file_name(frame: int | None, inputs: Sequence[object]) -> str:

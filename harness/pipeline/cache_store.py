@@ -160,11 +160,11 @@ class Store:
             for folder, parts in self._identities(slot):
                 key = slot, str(parts.get("stage")), str(parts.get("clip"))
                 sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
-        found = [
-            Usage(slot=slot, name=name, clip=clip, files=len(each), bytes=sum(each))
-            for (slot, name, clip), each in sizes.items()
-        ]
-        return sorted(found, key=lambda each: -each.bytes)
+        usages = (
+            Usage(slot=slot, name=name, clip=clip, files=len(own), bytes=sum(own))
+            for (slot, name, clip), own in sizes.items()
+        )
+        return sorted(usages, key=lambda usage: -usage.bytes)
 
     def trim(self) -> int:
         """Remove the least recently used outputs until the rest is within the limit; return the bytes removed.
@@ -200,14 +200,14 @@ class Store:
 
 def _results(folder: Path) -> list[tuple[float, int, Path]]:
     """(last use, bytes, path) of every output under a folder; those that vanish meanwhile are left out."""
-    found = []
+    results = []
     for path in folder.rglob("*.bin"):
         try:
             status = path.stat()
         except OSError:
             continue
-        found.append((status.st_mtime, status.st_size, path))
-    return found
+        results.append((status.st_mtime, status.st_size, path))
+    return results
 
 
 _TYPE = "$type"
@@ -218,7 +218,7 @@ class Codec:
     """Converts frozen dataclasses of these types to bytes and back; also tuples, arrays, numbers, text and None."""
 
     def __init__(self, types: Iterable[type[Any]]) -> None:
-        self._types = {each.__name__: each for each in types}
+        self._types = {cls.__name__: cls for cls in types}
 
     def encode(self, value: object) -> bytes:
         """Encode a value as bytes.
@@ -245,16 +245,16 @@ class Codec:
             fields = {field.name: self._plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
             return {_TYPE: type(value).__name__, **fields}
         if isinstance(value, tuple | list):
-            return [self._plain(each) for each in value]
+            return [self._plain(element) for element in value]
         if value is None or type(value) in (bool, int, float, str) or isinstance(value, np.ndarray | np.generic):
             return value
         raise TypeError(f"expected the pipeline's values, arrays and numbers, found {type(value).__name__}")
 
     def _value(self, plain: Any) -> Any:
         if isinstance(plain, dict):
-            found = {name: self._value(each) for name, each in plain.items() if name != _TYPE}
-            return self._types[plain[_TYPE]](**found)
-        return tuple(self._value(each) for each in plain) if isinstance(plain, list) else plain
+            fields = {name: self._value(field) for name, field in plain.items() if name != _TYPE}
+            return self._types[plain[_TYPE]](**fields)
+        return tuple(self._value(element) for element in plain) if isinstance(plain, list) else plain
 
 
 _outputs = Codec((Disparity, Gaze, Head, HeadPose, Instance, Instances, NoGaze, Region, StereoRig))

@@ -355,8 +355,8 @@ class SimulatedHeadPose(TruthHeadPose):
     def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
         """Return the direction of one person's head with its error."""
         true = super().of_person(frame, person).direction
-        found = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
-        return HeadPose(direction=found, sigma_rad=self._error.claimed_sigma_rad)
+        direction = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
+        return HeadPose(direction=direction, sigma_rad=self._error.claimed_sigma_rad)
 
 
 class SimulatedGaze(TruthGaze):
@@ -375,8 +375,8 @@ class SimulatedGaze(TruthGaze):
     def of_person(self, frame: int, person: PersonTruth) -> Gaze:
         """Return the gaze of one person with its error."""
         true = super().of_person(frame, person).direction
-        found = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
-        return Gaze(direction=found, sigma_rad=self._error.claimed_sigma_rad)
+        direction = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
+        return Gaze(direction=direction, sigma_rad=self._error.claimed_sigma_rad)
 
 
 def _towards_camera(person: PersonTruth) -> Float | None:

@@ -43,14 +43,14 @@ class Measurer:
             people=call("people", measure_people, scene, truth),
         )
 
-    def _targets(self, found: Instances, targets: tuple[Target, ...], truth: Truth) -> tuple[TargetMeasure, ...]:
+    def _targets(self, instances: Instances, targets: tuple[Target, ...], truth: Truth) -> tuple[TargetMeasure, ...]:
         if truth.instances is None:
             return ()
-        matches = self._memo.call("masks", match_masks, found, truth.instances)
+        matches = self._memo.call("masks", match_masks, instances, truth.instances)
         return self._memo.call("targets", measure_targets, matches, targets, truth.instances, truth.boxes)
 
 
-def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeasure | None:
+def measure_disparity(disparity: Disparity, true: Disparity | None) -> DisparityMeasure | None:
     """Measure a disparity map on every second row and column; None without ground truth."""
     if true is None:
         return None
@@ -58,7 +58,7 @@ def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeas
     expected = np.isfinite(sampled)
     if not expected.any():
         return None
-    error = np.abs(found.disparity_px[::2, ::2] - sampled)[expected]
+    error = np.abs(disparity.disparity_px[::2, ::2] - sampled)[expected]
     error = error[np.isfinite(error)]
     return DisparityMeasure(
         error_px=float(np.median(error)) if len(error) else None,
@@ -71,9 +71,9 @@ Matches = Mapping[int, tuple[int, float]]
 """By true id: the id of the instance that was found for it, and the IoU of their masks."""
 
 
-def match_masks(found: Instances, true: Instances) -> Matches:
+def match_masks(instances: Instances, true: Instances) -> Matches:
     """Pair the masks that overlap by more than :data:`MATCH_IOU`."""
-    (true_ids, rows), (found_ids, columns) = _places(true), _places(found)
+    (true_ids, rows), (found_ids, columns) = _places(true), _places(instances)
     size = len(true_ids), len(found_ids)
     pairs = (rows.astype(np.intp) * size[1] + columns).ravel()
     common = np.bincount(pairs, minlength=size[0] * size[1]).reshape(size)
@@ -148,9 +148,9 @@ def box_iou_3d(a: Box3D, b: Box3D) -> float:
     return common / (float(np.prod(high - low, axis=1).sum()) - common)
 
 
-def _distance_m(found: Float | None, true: Float | None) -> float | None:
-    return None if found is None or true is None else float(np.linalg.norm(found - true))
+def _distance_m(estimated: Float | None, true: Float | None) -> float | None:
+    return None if estimated is None or true is None else float(np.linalg.norm(estimated - true))
 
 
-def _angle_deg(found: Float | None, true: Float | None) -> float | None:
-    return None if found is None or true is None else float(np.degrees(angle_between(found, true)))
+def _angle_deg(estimated: Float | None, true: Float | None) -> float | None:
+    return None if estimated is None or true is None else float(np.degrees(angle_between(estimated, true)))

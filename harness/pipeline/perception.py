@@ -158,7 +158,7 @@ class Perception:
         return {key: tally.take() for key, tally in self._tallies.items()}
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
-        found: dict[_Group, tuple[Percepts, Timings]] = {}
+        perceived: dict[_Group, tuple[Percepts, Timings]] = {}
         fed: set[HeadWindow] = set()
         self._memo.outputs = {}
         for group in self._groups.values():
@@ -167,17 +167,17 @@ class Perception:
                 with self._isolated(names, frame.index):
                     self._memo.timings = {}
                     percepts = perceive(frame, group.stages, beside=self._heads_thread)
-                    found[group] = percepts, self._memo.timings
+                    perceived[group] = percepts, self._memo.timings
                     for window in {group.windows[name] for name in names if name in group.windows} - fed:
                         window.add(percepts)
                         fed.add(window)
-        return frame, decode_s, found
+        return frame, decode_s, perceived
 
     def _reconstruct(
         self, frame: StereoFrame, decode_s: float, perceived: Mapping[_Group, tuple[Percepts, Timings]]
     ) -> SharedFrame:
         """Place the objects and people in space, for every configuration that has not failed."""
-        found: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
+        results: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
         windows: dict[str, WindowStart] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
@@ -200,8 +200,10 @@ class Perception:
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
-                found[name] = percepts, scene, memo.timings
-        return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **found}, windows=windows)
+                results[name] = percepts, scene, memo.timings
+        return SharedFrame(
+            index=frame.index, frame=frame, by_configuration={**self._failed, **results}, windows=windows
+        )
 
     @contextmanager
     def _isolated(self, names: Iterable[str], frame: int | None = None) -> Iterator[None]:
@@ -297,8 +299,8 @@ def pose_frames(
         for own in stages.values():
             if tuple(own) not in scenes:
                 scenes[tuple(own)] = scene if people is None else _with_directions(scene, people, own)
-        found = {name: (None, scenes[tuple(own)], {"decode": decode_s}) for name, own in stages.items()}
-        yield SharedFrame(index=number, frame=None, by_configuration=found)
+        results = {name: (None, scenes[tuple(own)], {"decode": decode_s}) for name, own in stages.items()}
+        yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 
 def _with_directions(scene: Scene, people: Iterable[PersonTruth], stages: Mapping[str, Any]) -> Scene:

@@ -81,13 +81,13 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
     wanted, _, choice = (only or "").partition(".")
     if only and wanted not in TABLES:
         raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
-    found = [settings_table for table in ([wanted] if only else TABLES) for settings_table in _tables_of(table)]
+    tables = [settings_table for table in ([wanted] if only else TABLES) for settings_table in _tables_of(table)]
     if choice:
-        named = {settings_table.name: settings_table for settings_table in found}
+        named = {settings_table.name: settings_table for settings_table in tables}
         if choice not in named:
             raise VfoaError(f"settings: {wanted}: no {choice!r}; {did_you_mean(choice, named)}")
-        found = [named[choice]]
-    return tuple(found)
+        tables = [named[choice]]
+    return tuple(tables)
 
 
 def choice_names() -> list[str]:
@@ -154,7 +154,7 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(map(_value, value)) + "]"
     if isinstance(value, BaseModel):
-        return "{ " + ", ".join(f"{key} = {_value(each)}" for key, each in value) + " }"
+        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value) + " }"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -163,22 +163,22 @@ def _type(annotation: Any, metadata: list[Any]) -> str:
     origin = get_origin(annotation)
     if annotation.__class__.__name__ == "_AnnotatedAlias":
         inner, *more = get_args(annotation)
-        nested = [each for extra in more for each in (extra.metadata if isinstance(extra, FieldInfo) else [extra])]
+        nested = [limit for extra in more for limit in (extra.metadata if isinstance(extra, FieldInfo) else [extra])]
         return _type(inner, [*nested, *metadata])
     if origin is Literal:
-        return " or ".join(_value(each) for each in get_args(annotation))
+        return " or ".join(_value(literal) for literal in get_args(annotation))
     if origin in (Union, type(int | str)):
-        return " or ".join(_type(each, metadata) for each in get_args(annotation) if each is not type(None))
+        return " or ".join(_type(member, metadata) for member in get_args(annotation) if member is not type(None))
     if origin is tuple:
         return f"list of {_type(get_args(annotation)[0], [])}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return f"table of {', '.join(annotation.model_fields)}"
     words = {int: "integer", float: "number", str: "text", bool: "true or false"}
     limits = [
-        f"{sign} {getattr(each, name):g}"
-        for each in metadata
+        f"{sign} {getattr(limit, name):g}"
+        for limit in metadata
         for name, sign in _LIMITS.items()
-        if isinstance(getattr(each, name, None), int | float)
+        if isinstance(getattr(limit, name, None), int | float)
     ]
     return " ".join([words.get(annotation, str(annotation)), ", ".join(limits)]).strip()
 

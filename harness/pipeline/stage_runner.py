@@ -53,7 +53,7 @@ class Memo:
 
     def key(self, function: object, inputs: tuple[object, ...]) -> tuple[object, ...]:
         """The key of a call. Its inputs must be kept: a new object could otherwise get the same id."""
-        return (function, *(each if isinstance(each, Settings | Region | str) else id(each) for each in inputs))
+        return (function, *(value if isinstance(value, Settings | Region | str) else id(value) for value in inputs))
 
     def call(self, stage: str, function: Callable[..., T], *inputs: object) -> T:
         """Return ``function(*inputs)``, computed once; its seconds are charged to ``stage`` each time."""
@@ -92,8 +92,8 @@ class StageRunner:
         key = self._memo.key((self, method), inputs)
         if key not in self._memo.outputs:
             stored = None if method in NOT_STORED else self._stored
-            if stored and (found := stored.load(inputs)):
-                seconds, value = found
+            if stored and (output := stored.load(inputs)):
+                seconds, value = output
             else:
                 fault, started = None, time.perf_counter()
                 try:
@@ -171,7 +171,7 @@ def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...])
     if not isinstance(value, tuple(type(None) if kind is None else kind for kind in kinds)):
         expected = " or ".join("None" if kind is None else kind.__name__ for kind in kinds)
         raise TypeError(f"returned {type(value).__name__}; expected {expected}")
-    if isinstance(value, tuple | list) and not all(isinstance(each, Head) for each in value):
+    if isinstance(value, tuple | list) and not all(isinstance(head, Head) for head in value):
         raise TypeError(f"returned a {type(value).__name__} of other values; expected heads")
     if isinstance(value, np.ndarray) and (value.dtype != np.uint8 or value.ndim != 3):
         raise TypeError(f"returned an array {value.shape} of {value.dtype}; expected (h, w, 3) of uint8")

@@ -192,9 +192,9 @@ def signature(entry: CatalogueEntry) -> Signature:
 def _check_whole(path: Path, entry: CatalogueEntry) -> None:
     if is_lfs_pointer(path):
         raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
-    found = path.stat().st_size
-    if entry.bytes is not None and found < entry.bytes:
-        raise VfoaError(f"{path}: truncated: found {found} bytes, expected {entry.bytes}")
+    size = path.stat().st_size
+    if entry.bytes is not None and size < entry.bytes:
+        raise VfoaError(f"{path}: truncated: found {size} bytes, expected {entry.bytes}")
 
 
 def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> tuple[str, float]:
@@ -215,10 +215,10 @@ def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> t
 def _check_sum(path: Path, entry: CatalogueEntry) -> None:
     if entry.sha256 is None:
         return
-    found = file_digest(path)
-    if found != entry.sha256:
+    sha256 = file_digest(path)
+    if sha256 != entry.sha256:
         raise VfoaError(
-            f"{path}: corrupt, or another version: found sha256 {found[:16]}..., expected {entry.sha256[:16]}..."
+            f"{path}: corrupt, or another version: found sha256 {sha256[:16]}..., expected {entry.sha256[:16]}..."
         )
 
 

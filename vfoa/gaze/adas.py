@@ -131,7 +131,8 @@ class Adas0002:
         if angles is None:
             return None
         # the most turned of the two: networks of head pose underestimate
-        turned_deg = max(_turned_deg(*each) for each in (angles, _angles(head_pose, ray)) if each is not None)
+        of_stage = _angles(head_pose, ray)
+        turned_deg = max(_turned_deg(*angles), _turned_deg(*of_stage) if of_stage else 0.0)
         if turned_deg > self.settings.most_turned_deg:
             return NoGaze(cause="face_turned_away")
         roll = math.atan2(across[1], across[0])
@@ -147,8 +148,8 @@ class Adas0002:
     def _look(self, left: Image, right: Image, roll: float, angles_deg: tuple[float, float]) -> Float:
         """Direction (3,) in the crop's axes: the answer for upright eyes at each side of the image, turned back."""
         eyes = {"left_eye_image": blob(left, bgr=True), "right_eye_image": blob(right, bgr=True)}
-        found = self._gaze.run(head_pose_angles=np.array([[*angles_deg, 0.0]], np.float32), **eyes)
-        x, y, z = found["gaze_vector"][0].astype(np.float64) * [1, -1, 1]
+        outputs = self._gaze.run(head_pose_angles=np.array([[*angles_deg, 0.0]], np.float32), **eyes)
+        x, y, z = outputs["gaze_vector"][0].astype(np.float64) * [1, -1, 1]
         cos, sin = math.cos(roll), math.sin(roll)
         return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
@@ -157,14 +158,15 @@ class Adas0002:
         assert self._head_pose is not None
         u0, v0, u1, v1 = face_box_px
         face = crop(image, square(center(face_box_px), FACE_SIDE * max(u1 - u0, v1 - v0)), 60)
-        found = self._head_pose.run(data=blob(face, bgr=True))
-        return float(found["angle_y_fc"][0, 0]), float(found["angle_p_fc"][0, 0])
+        outputs = self._head_pose.run(data=blob(face, bgr=True))
+        return float(outputs["angle_y_fc"][0, 0]), float(outputs["angle_p_fc"][0, 0])
 
     def _points(self, image: Image, face_box_px: Float) -> Float:
         """Five landmarks (5, 2) in the order of :attr:`vfoa.types.Head.landmarks_px`, from the zoo's network."""
         assert self._landmarks is not None
-        found = self._landmarks.run(face=blob(crop(image, face_box_px, 48), bgr=True))
-        return face_box_px[:2] + found["points"].reshape(5, 2).astype(np.float64) * (face_box_px[2:] - face_box_px[:2])
+        outputs = self._landmarks.run(face=blob(crop(image, face_box_px, 48), bgr=True))
+        corner, size = face_box_px[:2], face_box_px[2:] - face_box_px[:2]
+        return corner + outputs["points"].reshape(5, 2).astype(np.float64) * size
 
 
 def claimed_sigma_rad(turned_deg: float, detail: float) -> float:

@@ -68,10 +68,10 @@ class Gaze360:
     def estimate_sequence(self, crops: Sequence[Image], head: Head, rig: StereoRig) -> Gaze:
         """Estimate the gaze in the middle one of seven crops; ``sigma_rad`` is one standard deviation."""
         images = blob(*crops, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
-        found = self._model.run(images=images[None])
-        theta, phi = found["gaze"][0]
+        outputs = self._model.run(images=images[None])
+        theta, phi = outputs["gaze"][0]
         u, v = center(head.box_px)
         return Gaze(
             direction=direction_from_crop(gaze_direction_crop(theta, phi), pixel_ray(u, v, rig)),
-            sigma_rad=float(found["sigma"][0, 0]) / DEVIATIONS_PER_SIGMA,
+            sigma_rad=float(outputs["sigma"][0, 0]) / DEVIATIONS_PER_SIGMA,
         )

@@ -48,8 +48,8 @@ class L2cs:
         margin = self.settings.margin
         box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
         face = blob(crop(frame.left, box, 448), bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
-        found = self._model.run(face=face)
-        theta, phi = (_expected_angle(found[name][0]) for name in ("horizontal", "vertical"))
+        outputs = self._model.run(face=face)
+        theta, phi = (_expected_angle(outputs[name][0]) for name in ("horizontal", "vertical"))
         u, v = center(box)
         return Gaze(direction=direction_from_crop(gaze_direction_crop(theta, phi), pixel_ray(u, v, frame.rig)))
 

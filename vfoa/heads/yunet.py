@@ -80,8 +80,8 @@ class YuNet:
         scale = min(1.0, self.settings.max_size_px / max(height, width))
         size = max(1, round(width * scale)), max(1, round(height * scale))
         shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image
-        found = self._search(np.asarray(shrunk, dtype=np.uint8))
-        return tuple(_head(row, np.array([width / size[0], height / size[1]])) for row in found)
+        rows = self._search(np.asarray(shrunk, dtype=np.uint8))
+        return tuple(_head(row, np.array([width / size[0], height / size[1]])) for row in rows)
 
     def _search(self, image: Image) -> Float:
         """Rows (N, 15) of faces, best first: box u, v, width, height, five landmarks, score."""
@@ -95,8 +95,8 @@ class YuNet:
             )
         # a graph of a fixed size gets the image in its upper left corner
         padded = cv2.copyMakeBorder(image, 0, beyond[0], 0, beyond[1], cv2.BORDER_CONSTANT)
-        found = self._model.run(input=blob(np.asarray(padded, dtype=np.uint8), bgr=True))
-        faces = np.concatenate([_decoded(found, stride, columns // stride) for stride in STRIDES])
+        outputs = self._model.run(input=blob(np.asarray(padded, dtype=np.uint8), bgr=True))
+        faces = np.concatenate([_decoded(outputs, stride, columns // stride) for stride in STRIDES])
         faces = faces[faces[:, 14] >= self.settings.score_threshold]
         kept = cv2.dnn.NMSBoxes(
             faces[:, :4].tolist(),
@@ -109,14 +109,14 @@ class YuNet:
         return faces[np.argsort(-faces[:, 14], kind="stable")]
 
 
-def _decoded(found: dict[str, NDArray[Any]], stride: int, columns: int) -> Float:
+def _decoded(outputs: dict[str, NDArray[Any]], stride: int, columns: int) -> Float:
     """Decode all cells of one stride into rows (N, 15)."""
-    box, points = (found[f"{name}_{stride}"][0].astype(np.float64) for name in ("bbox", "kps"))
+    box, points = (outputs[f"{name}_{stride}"][0].astype(np.float64) for name in ("bbox", "kps"))
     cells = np.arange(len(box))
     corner = np.column_stack([cells % columns, cells // columns])
     center, size = (corner + box[:, :2]) * stride, np.exp(box[:, 2:]) * stride
     landmarks = (corner[:, None] + points.reshape(-1, 5, 2)) * stride
-    sure, there = (np.clip(found[f"{name}_{stride}"][0], 0, 1) for name in ("cls", "obj"))
+    sure, there = (np.clip(outputs[f"{name}_{stride}"][0], 0, 1) for name in ("cls", "obj"))
     return np.column_stack([center - size / 2, size, landmarks.reshape(-1, 10), np.sqrt(sure * there)])
 
 

@@ -47,7 +47,7 @@ class Scenery:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
+class MeasuredCues:
     """The measured directions (3,), None where not measured, and the claimed errors: standard deviations, rad."""
 
     gaze: Float | None
@@ -94,11 +94,11 @@ class Belief:
 
 def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
     """The belief before anything is measured: one hypothesis of each kind, until a cue can tell several apart."""
-    told = settings.model_copy(update={"error": "told"})
+    single = settings.model_copy(update={"error": "told"})
     return Belief(
         keys=keys,
-        gaze=gaze_hypotheses(told),
-        head=head_hypotheses(told),
+        gaze=gaze_hypotheses(single),
+        head=head_hypotheses(single),
         log_weights=np.zeros((1, 1)),
         looked=np.full((1, 1, len(keys)), 1 / len(keys)),
         looks=no_looks((1, 1)),
@@ -112,12 +112,12 @@ def implied_share(belief: Belief) -> float:
     return float(belief.weights.sum(axis=0) @ belief.head.share)
 
 
-def with_cues(belief: Belief, measured: Measured, settings: PosteriorSettings) -> Belief:
+def with_cues(belief: Belief, cues: MeasuredCues, settings: PosteriorSettings) -> Belief:
     """Add the hypotheses of a cue that is measured for the first time."""
-    if belief.error is None and measured.gaze is not None:
+    if belief.error is None and cues.gaze is not None:
         gaze = gaze_hypotheses(settings)
         belief = _repeated(replace(belief, gaze=gaze), gaze.log_prior, axis=0)
-    if belief.motion is None and measured.head is not None:
+    if belief.motion is None and cues.head is not None:
         head = head_hypotheses(settings)
         belief = _repeated(replace(belief, head=head), head.log_prior, axis=1)
     return belief

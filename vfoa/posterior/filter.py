@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfoa.posterior.belief import Belief, Measured, Scenery, first_belief, implied_share, pruned, with_cues
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, implied_share, pruned, with_cues
 from vfoa.posterior.evidence import Flow
 from vfoa.posterior.gaze_cue import weighed_gaze
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
@@ -23,10 +23,10 @@ Chosen on eight people of vr_objects and the first half of idiap_vfoa, heads onl
 
 
 def update(
-    before: Belief | None, scenery: Scenery, measured: Measured, dt_s: float, settings: PosteriorSettings
+    before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: float, settings: PosteriorSettings
 ) -> Belief:
     """Return the belief after a frame that comes ``dt_s`` seconds after the one before."""
-    prior = with_cues(before or first_belief(scenery.keys, settings), measured, settings)
+    prior = with_cues(before or first_belief(scenery.keys, settings), cues, settings)
     columns, known = columns_of(prior.keys, scenery.keys)
     new = new_look(prior.looks, len(scenery.keys) - 1, settings)
     if before is None:
@@ -38,8 +38,8 @@ def update(
     flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (settings.evidence, settings.head_evidence)
-    error, gaze_evidence = weighed_gaze(prior, scenery, measured, flow, dt_s, settings)
-    motion, head_evidence = weighed_head(prior, scenery, measured, flow, dt_s, settings)
+    error, gaze_evidence = weighed_gaze(prior, scenery, cues, flow, dt_s, settings)
+    motion, head_evidence = weighed_head(prior, scenery, cues, flow, dt_s, settings)
 
     gaze_part, gaze_top = _scaled(gaze_evidence.likelihood)
     head_part, head_top = _scaled(head_power * head_evidence.likelihood)
@@ -57,8 +57,8 @@ def update(
         looks=counted(prior.looks, begun, 0.0 if before is None else dt_s),
         error=error,
         motion=motion,
-        last_head=prior.last_head if measured.head is None else measured.head,
-        facing=facing_after(prior, scenery, measured, dt_s, settings),
+        last_head=prior.last_head if cues.head is None else cues.head,
+        facing=facing_after(prior, scenery, cues, dt_s, settings),
         tail=_tail(predicted, flow.weights, gaze_evidence.tail, head_evidence.tail),
     )
     return pruned(belief)

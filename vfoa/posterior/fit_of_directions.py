@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.posterior.belief import Belief, Measured, implied_share
+from vfoa.posterior.belief import Belief, MeasuredCues, implied_share
 from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
 from vfoa.types import DirectionFit
 
 
-def fit_of(belief: Belief, measured: Measured) -> DirectionFit:
+def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
     """Return the fit of one subject in one frame. Angles are those of the gaze; None if no gaze was measured.
 
     The implied error is the mean over the hypotheses of the root of the squares of noise and bias, as a mean angle.
     """
     share = None if belief.motion is None else implied_share(belief)
-    if measured.gaze is None or belief.error is None:
+    if cues.gaze is None or belief.error is None:
         return DirectionFit(tail=belief.tail, implied_share=share)
     weights = belief.weights
-    noise = (belief.gaze.scale * measured.gaze_sigma_rad) ** 2
+    noise = (belief.gaze.scale * cues.gaze_sigma_rad) ** 2
     constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.constant)
     mean_square = noise + (constant**2).sum(axis=0) / 2
     implied = float(weights.sum(axis=1) @ np.sqrt(mean_square))
     return DirectionFit(
         tail=belief.tail,
-        claimed_error_rad=MEAN_ANGLE_PER_SIGMA * measured.gaze_sigma_rad,
+        claimed_error_rad=MEAN_ANGLE_PER_SIGMA * cues.gaze_sigma_rad,
         implied_error_rad=MEAN_ANGLE_PER_SIGMA * implied,
         implied_share=share,
     )

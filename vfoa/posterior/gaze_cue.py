@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vfoa.geometry import on_the_way, perturb, tangent_offset
-from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.gaze_error import GazeError, first_error, next_error, weigh_gaze
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
@@ -13,16 +13,16 @@ from vfoa.types import Float
 
 
 def weighed_gaze(
-    prior: Belief, scenery: Scenery, measured: Measured, flow: Flow, dt_s: float, settings: PosteriorSettings
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, flow: Flow, dt_s: float, settings: PosteriorSettings
 ) -> tuple[GazeError | None, Evidence]:
     """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
     nothing = Evidence.none(len(hypotheses.scale), len(scenery.keys))
-    if prior.error is None and measured.gaze is None:
+    if prior.error is None and cues.gaze is None:
         return None, nothing
-    variance = ((hypotheses.scale * measured.gaze_sigma_rad) ** 2)[:, None]
+    variance = ((hypotheses.scale * cues.gaze_sigma_rad) ** 2)[:, None]
     slow = settings.bias_share * variance
-    head = prior.last_head if measured.head is None else measured.head
+    head = prior.last_head if cues.head is None else cues.head
     around = sigma_rad(settings.nowhere_deg if head is None else settings.about_head_deg)
     drift = slow + np.append(scenery.variances, around**2)
     if prior.error is None:
@@ -31,11 +31,11 @@ def weighed_gaze(
         looked, stay = flow.of("gaze")
         keep = float(np.exp(-dt_s / settings.bias_s))
         predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
-    if measured.gaze is None:
+    if cues.gaze is None:
         return predicted, nothing
     ahead = None if head is None else perturb(head, 0.0, np.deg2rad(settings.below_deg))
     aims = np.stack([_aims(scenery, gain, ahead) for gain in hypotheses.gains])
-    offset = tangent_offset(aims, measured.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
+    offset = tangent_offset(aims, cues.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
     error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)
     return error, Evidence.of(likelihood, square, settings.tails)
 

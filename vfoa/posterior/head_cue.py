@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vfoa.geometry import on_the_way, tangent_offset, unit
-from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.head_motion import HeadMotion, first_motion, next_motion, weigh_head
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
@@ -18,36 +18,36 @@ _START_S = 1.0
 
 
 def facing_after(
-    prior: Belief, scenery: Scenery, measured: Measured, dt_s: float, settings: PosteriorSettings
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, dt_s: float, settings: PosteriorSettings
 ) -> Float | None:
     """Where the body faces (3,): the running mean of the head, which starts at the middle of the targets.
 
     The head's own mean serves where targets are on all sides, so that their middle says nothing (Sheikhi and Odobez
     2015).
     """
-    if measured.head is None:
+    if cues.head is None:
         return prior.facing
     if prior.facing is None:
         keep = _START_S / (_START_S + settings.facing_s)
-        return unit(keep * scenery.middle + (1 - keep) * measured.head)
+        return unit(keep * scenery.middle + (1 - keep) * cues.head)
     keep = float(np.exp(-dt_s / settings.facing_s))
-    return unit(keep * prior.facing + (1 - keep) * measured.head)
+    return unit(keep * prior.facing + (1 - keep) * cues.head)
 
 
 def weighed_head(
-    prior: Belief, scenery: Scenery, measured: Measured, flow: Flow, dt_s: float, settings: PosteriorSettings
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, flow: Flow, dt_s: float, settings: PosteriorSettings
 ) -> tuple[HeadMotion | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
     nothing = Evidence.none(len(share), len(scenery.keys))
-    if prior.motion is None and measured.head is None:
+    if prior.motion is None and cues.head is None:
         return None, nothing
-    noise = (1 - settings.bias_share) * measured.head_sigma_rad**2
+    noise = (1 - settings.bias_share) * cues.head_sigma_rad**2
     on_target = sigma_rad(settings.aside_deg) ** 2 + share[:, None] ** 2 * scenery.variances
     nowhere = np.full((len(share), 1), sigma_rad(settings.nowhere_deg) ** 2)
     aside = np.concatenate([on_target, nowhere], axis=1)
     facing = scenery.middle if prior.facing is None else prior.facing
-    goals = np.stack([np.vstack([on_the_way(facing, scenery.directions, each), facing]) for each in share])
+    goals = np.stack([np.vstack([on_the_way(facing, scenery.directions, part), facing]) for part in share])
     # eyes at rest look below the head's axis, so that the head stays above the way to a target
     above = np.zeros((*goals.shape[:2], 2))
     above[:, :-1, 1] = share[:, None] * np.deg2rad(settings.below_deg)
@@ -58,9 +58,7 @@ def weighed_head(
         looked, stay = flow.of("head")
         last = tangent_offset(goals, prior.last_head) + above
         predicted = next_motion(prior.motion, looked, flow.columns, stay, last, noise, aside, dt_s, settings.head_lag_s)
-    if measured.head is None:
+    if cues.head is None:
         return predicted, nothing
-    motion, likelihood, square = weigh_head(
-        predicted, tangent_offset(goals, measured.head) + above, noise, settings.tails
-    )
+    motion, likelihood, square = weigh_head(predicted, tangent_offset(goals, cues.head) + above, noise, settings.tails)
     return motion, Evidence.of(likelihood, square, settings.tails)

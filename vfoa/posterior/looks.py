@@ -46,8 +46,8 @@ def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
         return np.ones((*looks.begun.shape, 1))
     seen = settings.nowhere_looks
     nowhere = (settings.p_nowhere * seen + looks.nowhere) / (seen + looks.begun)
-    one = (1 - nowhere) / count
-    return np.concatenate([np.repeat(one[..., None], count, axis=-1), nowhere[..., None]], axis=-1)
+    per_target = (1 - nowhere) / count
+    return np.concatenate([np.repeat(per_target[..., None], count, axis=-1), nowhere[..., None]], axis=-1)
 
 
 def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:

@@ -101,4 +101,4 @@ class PosteriorSettings(GazeErrorSettings, HeadSettings, LookSettings):
     """All assumptions of the filter."""
 
     cues: Literal["both", "gaze", "head"] = "both"
-    """Measured directions that are used."""
+    """MeasuredCues directions that are used."""

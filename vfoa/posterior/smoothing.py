@@ -34,7 +34,7 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
     steps, weights = _likeliest_hypotheses(beliefs)
     later = steps[-1]
     given_all = later.looked
-    found = [weights @ given_all]
+    answers = [weights @ given_all]
     for step in reversed(steps[:-1]):
         columns, known = columns_of(step.keys, later.keys)
         predicted, _ = predicted_looks(step.looked, columns, known, later.leave, later.new)
@@ -45,9 +45,9 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
         leave = later.leave[:, None]
         given_all = step.looked * ((1 - leave) * stays + leave * anew)
         given_all = given_all / given_all.sum(axis=1, keepdims=True)
-        found.append(weights @ given_all)
+        answers.append(weights @ given_all)
         later = step
-    return found[::-1]
+    return answers[::-1]
 
 
 def likeliest_path(beliefs: Sequence[Belief]) -> list[int | None]:

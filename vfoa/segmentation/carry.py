@@ -95,8 +95,8 @@ def shrunk(image: Image) -> Image:
 
 def _flow(start: Image, end: Image) -> Map:
     """Motion (h, w, 2) of each pixel of one gray image to the other, in pixels; the same for any number of threads."""
-    found: Map = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST).calc(start, end, None)
-    return found
+    flow: Map = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST).calc(start, end, None)
+    return flow
 
 
 def _moved(ids: NDArray[np.uint16], flow: Map) -> NDArray[np.uint16]:
@@ -130,8 +130,8 @@ def _is_followed(ids: NDArray[np.uint16], followed: Mask) -> bool:
     """Whether enough pixels of each object, as ids (H, W), are among the followed ones (h, w)."""
     shrunk = cv2.resize(ids, followed.shape[::-1], interpolation=cv2.INTER_NEAREST)
     pixels = np.bincount(shrunk.ravel())
-    found = np.bincount(shrunk[followed], minlength=len(pixels))
-    return bool((found >= LEAST_FOLLOWED * pixels)[1:].all())
+    followed_pixels = np.bincount(shrunk[followed], minlength=len(pixels))
+    return bool((followed_pixels >= LEAST_FOLLOWED * pixels)[1:].all())
 
 
 @lru_cache(maxsize=4)

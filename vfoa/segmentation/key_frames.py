@@ -92,7 +92,7 @@ class KeyFrameSegmenter:
         before = self._followed_to(path)
         now = self._follow(before, frame, path)
         masks = self._masks(now, frame)
-        self._followed = [each for each in (before, now) if each]
+        self._followed = [state for state in (before, now) if state]
         return masks
 
     def _masks(self, now: _Followed, frame: StereoFrame) -> Instances:
@@ -114,10 +114,10 @@ class KeyFrameSegmenter:
             if state.number == path[-2] and any(key.frame.index == path[0] for key in state.keys):
                 return state
         assert self._read is not None, "a sequence without its key frame"
-        found: _Followed | None = None
+        state_before: _Followed | None = None
         for number in path[:-1]:
-            found = self._follow(found, self._read(number), path)
-        return found
+            state_before = self._follow(state_before, self._read(number), path)
+        return state_before
 
     def _follow(self, before: _Followed | None, frame: StereoFrame, path: Sequence[int]) -> _Followed:
         """The state after one more frame, with the key frames of the path."""

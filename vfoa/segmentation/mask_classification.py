@@ -63,12 +63,12 @@ class MaskClassification:
         size = (shape[2] or self.settings.input_size_px, shape[3] or self.settings.input_size_px)
         padded = self.settings.fit == "pad"
         image, placement = letterboxed(frame.left, size, fill=_BLACK) if padded else stretched(frame.left, size)
-        found = self._model.run(pixel_values=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
-        classes = _softmax(found["class_queries_logits"][0])
+        outputs = self._model.run(pixel_values=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
+        classes = _softmax(outputs["class_queries_logits"][0])
         best, scores = classes.argmax(axis=1), classes.max(axis=1)
         kept = np.flatnonzero((best < len(CATEGORY_IDS)) & (scores > self.settings.score_threshold))
         kept = kept[np.argsort(-scores[kept], kind="stable")]
-        masks = self._masks(found["masks_queries_logits"][0, kept], scores[kept], placement)
+        masks = self._masks(outputs["masks_queries_logits"][0, kept], scores[kept], placement)
         return self._paint(masks, [CATEGORY_IDS[n] for n in best[kept]], scores[kept], placement)
 
     def _masks(self, logits: Map, scores: Float, placement: Placement) -> list[Mask]:
@@ -94,7 +94,7 @@ class MaskClassification:
         for n, (mask, category) in enumerate(zip(masks, categories, strict=True)):
             if category not in self._wanted or (category in STUFF and category in categories[:n]):
                 continue
-            same = [each for each, other in zip(masks, categories, strict=True) if other == category]
+            same = [same_mask for same_mask, other in zip(masks, categories, strict=True) if other == category]
             canvas.paint(np.any(same, axis=0) if category in STUFF else mask, category, scores[n])
         return canvas.instances()
 

@@ -47,15 +47,15 @@ class MaskRcnn:
         """Segment one frame. Where masks overlap the better score wins; ids are 1..n, best score first."""
         shape, (height, width) = self._model.input_shape("image"), frame.left.shape[:2]
         image, placement = stretched(frame.left, (shape[1] or height, shape[2] or width))
-        found = self._model.run(image=blob(image, bgr=False, scale=1 / 255)[0])
+        outputs = self._model.run(image=blob(image, bgr=False, scale=1 / 255)[0])
         canvas = Canvas(placement.image_size, self.settings.max_hidden)
-        boxes = placement.to_image(found["boxes"])
-        for n in np.argsort(-found["scores"], kind="stable"):
-            if found["scores"][n] < self.settings.score_threshold:
+        boxes = placement.to_image(outputs["boxes"])
+        for n in np.argsort(-outputs["scores"], kind="stable"):
+            if outputs["scores"][n] < self.settings.score_threshold:
                 break
             # The mask may extend one pixel beyond its box, which is rounded.
             window = window_of(boxes[n] + [-1, -1, 1, 1], placement.image_size)
-            if window and int(found["labels"][n]) in self._wanted:
-                mask = placement.inside(found["masks"][n, 0], window) > 0.5
-                canvas.paint(mask, int(found["labels"][n]), found["scores"][n], window)
+            if window and int(outputs["labels"][n]) in self._wanted:
+                mask = placement.inside(outputs["masks"][n, 0], window) > 0.5
+                canvas.paint(mask, int(outputs["labels"][n]), outputs["scores"][n], window)
         return canvas.instances()

@@ -65,10 +65,10 @@ class PanopticFpn:
         """Segment one frame. Ids are 1..n: things, best score first, then stuff, whose score is 1."""
         shape, wished = self._model.input_shape("input"), self._open_size(frame.left.shape[:2])
         image, placement = letterboxed(frame.left, (shape[2] or wished[0], shape[3] or wished[1]), fill=_MEAN)
-        found = self._model.run(input=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
+        outputs = self._model.run(input=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
         canvas = Canvas(placement.image_size, self.settings.max_hidden)
-        self._paint_things(canvas, placement, found["dets"][0], found["labels"][0], found["masks"][0])
-        self._paint_stuff(canvas, _argmax(found["semseg"][0], placement))
+        self._paint_things(canvas, placement, outputs["dets"][0], outputs["labels"][0], outputs["masks"][0])
+        self._paint_stuff(canvas, _argmax(outputs["semseg"][0], placement))
         return canvas.instances()
 
     def _open_size(self, image_size: tuple[int, ...]) -> Size:

@@ -28,8 +28,8 @@ class Placement:
 
     def to_image(self, boxes: ArrayLike) -> Float:
         """Convert boxes (N, 4), as edges, from the input to the image. Edges lie half a pixel before centres."""
-        found = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)
-        return (found - np.array(self.offset * 2)) / np.array(self.scale * 2)
+        edges = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)
+        return (edges - np.array(self.offset * 2)) / np.array(self.scale * 2)
 
     def whole(self, grid: Map) -> Map:
         """Resample a grid (h, w) over the whole input to a map (H, W) of the image."""
@@ -85,14 +85,14 @@ def resample(grid: Map, extent: ArrayLike, window: Window) -> Map:
     u0, v0, u1, v1 = window
     per_u, per_v = grid.shape[1] / (right - left), grid.shape[0] / (bottom - top)
     first = (u0 + 0.5 - left) * per_u - 0.5, (v0 + 0.5 - top) * per_v - 0.5
-    found: Map = cv2.warpAffine(
+    resampled: Map = cv2.warpAffine(
         np.asarray(grid, dtype=np.float32),
         np.array([[per_u, 0, first[0]], [0, per_v, first[1]]]),
         (u1 - u0, v1 - v0),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return found
+    return resampled
 
 
 def _resized(image: Image, size: tuple[int, int]) -> Image:

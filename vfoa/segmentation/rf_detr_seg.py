@@ -50,12 +50,12 @@ class RfDetrSeg:
         shape = self._model.input_shape("input")
         size = (shape[2] or self.settings.input_size_px, shape[3] or self.settings.input_size_px)
         image, placement = stretched(frame.left, size)
-        found = self._model.run(input=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
-        scores = 1 / (1 + np.exp(-found["labels"][0][:, self._wanted].astype(np.float64)))
+        outputs = self._model.run(input=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
+        scores = 1 / (1 + np.exp(-outputs["labels"][0][:, self._wanted].astype(np.float64)))
         best, categories = scores.max(axis=1), self._wanted[scores.argmax(axis=1)]
         canvas = Canvas(placement.image_size, self.settings.max_hidden)
         for query in np.argsort(-best, kind="stable"):
             if best[query] < self.settings.score_threshold:
                 break
-            canvas.paint(placement.whole(found["masks"][0, query]) > 0, int(categories[query]), best[query])
+            canvas.paint(placement.whole(outputs["masks"][0, query]) > 0, int(categories[query]), best[query])
         return canvas.instances()

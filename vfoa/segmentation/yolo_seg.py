@@ -66,8 +66,8 @@ class YoloSeg:
         shape = self._model.input_shape("images")
         size = (shape[2] or self.settings.input_size_px, shape[3] or self.settings.input_size_px)
         image, placement = letterboxed(frame.left, size, fill=_GRAY, centered=True)
-        found = self._model.run(images=blob(image, bgr=False, scale=1 / 255))
-        return self._paint(self._detections(found["output0"][0]), found["output1"][0], placement)
+        outputs = self._model.run(images=blob(image, bgr=False, scale=1 / 255))
+        return self._paint(self._detections(outputs["output0"][0]), outputs["output1"][0], placement)
 
     def _detections(self, output: Map) -> _Detections:
         """Keep wanted classes with enough score, then suppress boxes that overlap a better one of their class."""

@@ -91,11 +91,11 @@ class _Matcher(ABC):
         reached = self._pair.reached(matched)  # the WLS filter compares both views in this region
         if self._common.wls:
             guide = cut(frame.left, reached.times(self._factor))
-            found, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)
+            sixteenths, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)
         else:
-            found, confidence = enlarged(self._match_left(left, right, matched, reached), self._factor), None
+            sixteenths, confidence = enlarged(self._match_left(left, right, matched, reached), self._factor), None
         origin = reached.times(self._factor)
-        disparity: Map = np.divide(cropped(found, origin, region), SIXTEENTHS, dtype=np.float32)
+        disparity: Map = np.divide(cropped(sixteenths, origin, region), SIXTEENTHS, dtype=np.float32)
         known = disparity > self._range.first_px
         known &= disparity <= np.arange(region.u0, region.u1, dtype=np.float32)
         if confidence is not None:

@@ -39,27 +39,27 @@ def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
     return np.asarray(cv2.copyMakeBorder(part, *beyond, cv2.BORDER_REPLICATE) if any(beyond) else part)
 
 
-def cropped(found: NDArray[Any], origin: Region, region: Region) -> NDArray[Any]:
+def cropped(values: NDArray[Any], origin: Region, region: Region) -> NDArray[Any]:
     """Return the region's part of a map whose first pixel is the first one of ``origin``."""
     rows = slice(region.v0 - origin.v0, region.v1 - origin.v0)
-    return found[rows, region.u0 - origin.u0 : region.u1 - origin.u0]
+    return values[rows, region.u0 - origin.u0 : region.u1 - origin.u0]
 
 
-def enlarged(found: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
+def enlarged(disparities: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
     """Enlarge disparities to ``factor`` times the rows and columns: each is repeated and multiplied by ``factor``."""
     if factor == 1:
-        return found
-    size = (found.shape[1] * factor, found.shape[0] * factor)
-    return np.asarray(cv2.resize(found * np.int16(factor), size, interpolation=cv2.INTER_NEAREST), dtype=np.int16)
+        return disparities
+    size = (disparities.shape[1] * factor, disparities.shape[0] * factor)
+    return np.asarray(cv2.resize(disparities * np.int16(factor), size, interpolation=cv2.INTER_NEAREST), dtype=np.int16)
 
 
-def in_frame(found: Map, confidence: Map | None, region: Region, rig: StereoRig) -> Disparity:
+def in_frame(disparities: Map, confidence: Map | None, region: Region, rig: StereoRig) -> Disparity:
     """Put a region's disparities in a map of the whole image; outside, they are unknown with confidence 0."""
     size = (rig.height_px, rig.width_px)
-    if found.shape == size:
-        return Disparity(disparity_px=found, confidence=confidence)
+    if disparities.shape == size:
+        return Disparity(disparity_px=disparities, confidence=confidence)
     disparity = np.full(size, np.nan, np.float32)
-    disparity[region.window] = found
+    disparity[region.window] = disparities
     if confidence is None:
         return Disparity(disparity_px=disparity)
     everywhere = np.zeros(size, np.float32)

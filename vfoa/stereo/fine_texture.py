@@ -26,8 +26,8 @@ An edge or a ramp keeps all of it or gains; pixel noise keeps half.
 """
 
 
-def too_fine_areas(image: NDArray[np.uint8], found: Mask) -> list[Region]:
-    """Return rectangles of an image (H, W) around tiles with fine texture and few pixels that are ``found`` (H, W).
+def too_fine_areas(image: NDArray[np.uint8], matched: Mask) -> list[Region]:
+    """Return rectangles of an image (H, W) around tiles with fine texture and few ``matched`` pixels (H, W).
 
     They bound groups of adjacent tiles, so two of them can overlap.
     """
@@ -36,7 +36,7 @@ def too_fine_areas(image: NDArray[np.uint8], found: Mask) -> list[Region]:
     too_fine = (full > LEAST_GRADIENT) & (half < LOST_GRADIENT * full)
     if not too_fine.any():
         return []
-    too_fine &= averaged(found.astype(np.uint8) * np.uint8(255), TILE_PX) <= FOUND_SHARE * 255
+    too_fine &= averaged(matched.astype(np.uint8) * np.uint8(255), TILE_PX) <= FOUND_SHARE * 255
     height, width = image.shape
     _, _, boxes, _ = cv2.connectedComponentsWithStats(too_fine.astype(np.uint8))
     return [
@@ -52,6 +52,6 @@ def too_fine_areas(image: NDArray[np.uint8], found: Mask) -> list[Region]:
 
 def _gradient(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Difference of each pixel (H, W) from the next one in its row; 0 in the last column."""
-    found = np.zeros_like(image)
-    found[:, :-1] = cv2.absdiff(image[:, 1:], image[:, :-1]).reshape(image.shape[0], -1)
-    return found
+    gradient = np.zeros_like(image)
+    gradient[:, :-1] = cv2.absdiff(image[:, 1:], image[:, :-1]).reshape(image.shape[0], -1)
+    return gradient

@@ -104,17 +104,17 @@ class GuidedSearch:
         coarse = self.coarse.left(*small, coarse_matched, coarse_matched)
         known = self._known(coarse)
         origin = coarse_matched.times(FACTOR)
-        found = self._bounded(left, right, matched, reached, origin, _filled(coarse, known), known)
+        of_left = self._bounded(left, right, matched, reached, origin, _filled(coarse, known), known)
         if self.speckle_size_px:
-            cv2.filterSpeckles(found, self._unknown, self.speckle_size_px, self.speckle_range_px * SIXTEENTHS)
-        unsure = self._unsure(left, matched, cropped(found, reached, matched))
+            cv2.filterSpeckles(of_left, self._unknown, self.speckle_size_px, self.speckle_range_px * SIXTEENTHS)
+        unsure = self._unsure(left, matched, cropped(of_left, reached, matched))
         if unsure is None:
             return self.full.left(left, right, matched, reached)
         for area in unsure:
             margin = area.grown(MARGIN_PX, matched)
             anew = self.full.left(left, right, margin, margin)
-            cropped(found, reached, area)[:] = cropped(anew, margin, area)
-        return found
+            cropped(of_left, reached, area)[:] = cropped(anew, margin, area)
+        return of_left
 
     def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
         """Disparities of both views in ``reached`` (see :meth:`PairMatcher.both`)."""
@@ -156,9 +156,9 @@ class GuidedSearch:
         agree = np.abs(of_left + of_match) * FACTOR <= self.left_right_px * SIXTEENTHS
         return np.asarray(agree & (columns >= 0))
 
-    def _unsure(self, left: Gray, matched: Region, found: Sixteenths) -> list[Region] | None:
+    def _unsure(self, left: Gray, matched: Region, of_left: Sixteenths) -> list[Region] | None:
         """Areas that need the whole range; None if these are more than half of ``matched``."""
-        areas = too_fine_areas(cut(left, matched), found >= self.full.searched.first_px * SIXTEENTHS)
+        areas = too_fine_areas(cut(left, matched), of_left >= self.full.searched.first_px * SIXTEENTHS)
         areas = [area.moved(matched.u0, matched.v0) for area in areas]
         return None if 2 * sum(area.size for area in areas) > matched.size else areas
 
@@ -170,12 +170,12 @@ class GuidedSearch:
         ``origin`` is the region of the coarse maps, in pixels of the full resolution.
         """
         bound = cropped(_bound(coarse), origin, matched)
-        found = np.full((reached.v1 - reached.v0, reached.u1 - reached.u0), self._unknown, np.int16)
+        of_left = np.full((reached.v1 - reached.v0, reached.u1 - reached.u0), self._unknown, np.int16)
         around, is_matched = self._around(left, right, matched, bound)
         np.copyto(
-            cropped(found, reached, matched), around, where=is_matched & cropped(_repeated(sure), origin, matched)
+            cropped(of_left, reached, matched), around, where=is_matched & cropped(_repeated(sure), origin, matched)
         )
-        return found
+        return of_left
 
     def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> tuple[Sixteenths, Mask]:
         """Disparities of the left view in ``matched``, at most 8 px from a ``bound``, and where there is a match."""
@@ -192,12 +192,12 @@ class GuidedSearch:
         found_in = remainder * np.float32(-1 / SIXTEENTHS)
         found_in += columns - np.float32(given.u0)
         moved = _sampled(offsets, found_in, rows)
-        found = np.asarray(cv2.add(remainder, moved, dtype=cv2.CV_16S), dtype=np.int16)
+        of_left = np.asarray(cv2.add(remainder, moved, dtype=cv2.CV_16S), dtype=np.int16)
         searched = self.full.searched
         is_matched = remainder >= REMAINDER.first_px * SIXTEENTHS
-        is_matched &= found >= searched.first_px * SIXTEENTHS
-        is_matched &= found < searched.reach_px * SIXTEENTHS
-        return cropped(found, given, matched), cropped(is_matched, given, matched)
+        is_matched &= of_left >= searched.first_px * SIXTEENTHS
+        is_matched &= of_left < searched.reach_px * SIXTEENTHS
+        return cropped(of_left, given, matched), cropped(is_matched, given, matched)
 
 
 def _bound(coarse: Sixteenths) -> Map:
@@ -210,10 +210,10 @@ def _bound(coarse: Sixteenths) -> Map:
     near = np.ones((3, 3), np.uint8)
     edge = (cv2.dilate(steady, near) - cv2.erode(steady, near) > EDGE).astype(np.uint8)
     size = (coarse.shape[1] * FACTOR, coarse.shape[0] * FACTOR)
-    found: Map = cv2.resize(smooth, size, interpolation=cv2.INTER_LINEAR)
+    bound: Map = cv2.resize(smooth, size, interpolation=cv2.INTER_LINEAR)
     stepped = cv2.resize(smooth, size, interpolation=cv2.INTER_NEAREST)
-    np.copyto(found, stepped, where=cv2.resize(edge, size, interpolation=cv2.INTER_NEAREST) > 0)
-    return found * np.float32(FACTOR)
+    np.copyto(bound, stepped, where=cv2.resize(edge, size, interpolation=cv2.INTER_NEAREST) > 0)
+    return bound * np.float32(FACTOR)
 
 
 def _filled(coarse: Sixteenths, known: Mask) -> Sixteenths:
@@ -227,8 +227,8 @@ def _filled(coarse: Sixteenths, known: Mask) -> Sixteenths:
     after = np.minimum.accumulate(np.where(known, places, width)[:, ::-1], axis=1)[:, ::-1]
     none = np.iinfo(np.int16).max
     edged = cv2.copyMakeBorder(coarse, 0, 0, 1, 1, cv2.BORDER_CONSTANT, value=none)
-    found = np.minimum(_looked_up(edged, before + 1), _looked_up(edged, after + 1))
-    return np.asarray(np.where(found == none, np.int16(0), found))
+    nearest = np.minimum(_looked_up(edged, before + 1), _looked_up(edged, after + 1))
+    return np.asarray(np.where(nearest == none, np.int16(0), nearest))
 
 
 def _sampled(values: NDArray[Any], columns: Map, rows: Map) -> NDArray[Any]:

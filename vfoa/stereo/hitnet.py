@@ -48,9 +48,9 @@ class HitNet:
         """
         width, height = self._size()
         pair = np.stack([_gray(image, (width, height)) for image in both_views(frame)])[None]
-        found = self._model.run(pair=pair)["disparity"][0, ..., 0]
+        raw = self._model.run(pair=pair)["disparity"][0, ..., 0]
         size = (frame.rig.width_px, frame.rig.height_px)
-        disparity: Map = cv2.resize(found, size, interpolation=cv2.INTER_NEAREST_EXACT) * np.float32(size[0] / width)
+        disparity: Map = cv2.resize(raw, size, interpolation=cv2.INTER_NEAREST_EXACT) * np.float32(size[0] / width)
         known = (disparity > 0) & (disparity <= np.arange(size[0]))
         return Disparity(disparity_px=np.where(known, disparity, np.float32(np.nan)))
 

@@ -39,14 +39,14 @@ class PairMatcher:
         OpenCV does not match the first columns, as many as the range of its search; the image is extended by as many.
         """
         given = with_edge(matched, self.block_size_px, before=self.searched.reach_px)
-        found = self.left_matcher.compute(cut(left, given), cut(right, given))
-        return np.ascontiguousarray(cropped(found, given, reached))
+        of_left = self.left_matcher.compute(cut(left, given), cut(right, given))
+        return np.ascontiguousarray(cropped(of_left, given, reached))
 
     def right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
         """Return disparities of the right view, which are negative. Here OpenCV does not match the last columns."""
         given = with_edge(reached, self.block_size_px, after=self.searched.reach_px)
-        found = self.right_matcher.compute(cut(right, given), cut(left, given))
-        return np.ascontiguousarray(cropped(found, given, reached))
+        of_right = self.right_matcher.compute(cut(right, given), cut(left, given))
+        return np.ascontiguousarray(cropped(of_right, given, reached))
 
     def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
         """Return disparities of both views, computed in parallel if this process may use several threads."""

@@ -146,14 +146,14 @@ def load(checkpoint: Path) -> Gaze360:
     VfoaError
         If the checkpoint cannot be read, or if one of its tensors is missing, unexpected or of a wrong shape.
     """
-    found = _read_tensors(checkpoint)
+    of_file = _read_tensors(checkpoint)
     network = Gaze360()
     expected = {_PREFIX + name: tensor for name, tensor in network.state_dict().items()}
-    for name in dict.fromkeys((*expected, *found)):
-        shape, wanted = (_shape(tensors.get(name)) for tensors in (found, expected))
-        if shape != wanted and (name in found or not name.endswith(_COUNTER)):
+    for name in dict.fromkeys((*expected, *of_file)):
+        shape, wanted = (_shape(tensors.get(name)) for tensors in (of_file, expected))
+        if shape != wanted and (name in of_file or not name.endswith(_COUNTER)):
             raise VfoaError(f"{checkpoint}: tensor {name}: found {shape}, expected {wanted}, as in Gaze360")
-    network.load_state_dict({name.removeprefix(_PREFIX): tensor for name, tensor in (expected | found).items()})
+    network.load_state_dict({name.removeprefix(_PREFIX): tensor for name, tensor in (expected | of_file).items()})
     return network.eval()
 
 
@@ -163,12 +163,12 @@ def _read_tensors(checkpoint: Path) -> dict[str, Any]:
         raise VfoaError(f"{checkpoint}: a Git LFS pointer; expected the checkpoint itself (fetch it with git lfs pull)")
     try:
         # A checkpoint is a pickle, and a pickle can run any code: here, PyTorch unpickles only tensors
-        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        saved = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:  # the errors of a damaged pickle have no common base class
         raise VfoaError(f"{checkpoint}: expected a complete PyTorch checkpoint that holds only tensors") from error
-    tensors = found.get("state_dict") if isinstance(found, dict) else None
+    tensors = saved.get("state_dict") if isinstance(saved, dict) else None
     if not isinstance(tensors, dict):
-        what = f"the keys {', '.join(map(str, found))}" if isinstance(found, dict) else f"a {type(found).__name__}"
+        what = f"the keys {', '.join(map(str, saved))}" if isinstance(saved, dict) else f"a {type(saved).__name__}"
         raise VfoaError(f"{checkpoint}: not Gaze360's checkpoint; expected the key state_dict, found {what}")
     return tensors
 
@@ -206,10 +206,10 @@ def _prove(network: Gaze360, path: Path, checkpoint: Path) -> float:
     greatest_rad = 0.0
     for size in PROOF_BATCHES:
         images = random.standard_normal((size, FRAMES, 3, SIDE_PX, SIDE_PX), dtype=np.float32)
-        found = model.run(images=images)
+        outputs = model.run(images=images)
         with torch.no_grad():
             expected = dict(zip(SIGNATURE.outputs, network(torch.from_numpy(images)), strict=True))
-        difference_rad = max(float(np.abs(found[name] - expected[name].numpy()).max()) for name in expected)
+        difference_rad = max(float(np.abs(outputs[name] - expected[name].numpy()).max()) for name in expected)
         if not difference_rad <= TOLERANCE_RAD:  # NaN also counts as a difference
             raise VfoaError(
                 f"{checkpoint}: ONNX and PyTorch differ by {difference_rad:.2g} rad; expected at most {TOLERANCE_RAD:g}"

@@ -85,10 +85,10 @@ class FileHeadPose(_OfFile):
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
         """Return the pose of one head, or None."""
-        found = self._rows.find(frame.index, head)
-        if found is None:
+        match = self._rows.find(frame.index, head)
+        if match is None:
             return None
-        row, boxes = found
+        row, boxes = match
         yaw, pitch, roll = self._rows.angles[row].tolist()
         direction = self._rows.direction(row)
         if direction is None:
@@ -107,10 +107,10 @@ class FileGaze(_OfFile):
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
         """Return the gaze of one head, or None."""
-        found = self._rows.find(frame.index, head)
-        if found is None:
+        match = self._rows.find(frame.index, head)
+        if match is None:
             return None
-        row, boxes = found
+        row, boxes = match
         direction = self._rows.direction(row)
         if direction is None:
             theta, phi = self._rows.angles[row].tolist()
@@ -158,13 +158,13 @@ class _JoinedRows:
 
     def direction(self, row: int) -> Float | None:
         """The direction (3,) in a row; None if it has angles alone."""
-        found: Float = self._directions[row]
-        return None if math.isnan(found[0]) else found
+        direction: Float = self._directions[row]
+        return None if math.isnan(direction[0]) else direction
 
     def sigma(self, row: int) -> float | None:
         """The claimed error in a row, radians."""
-        found = float(self._sigmas[row])
-        return None if math.isnan(found) else found
+        sigma_rad = float(self._sigmas[row])
+        return None if math.isnan(sigma_rad) else sigma_rad
 
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
@@ -175,23 +175,23 @@ class _JoinedRows:
         heads = self._heads.of(frame)
         # Of equal boxes, take the one with the same instance; if these are also equal, the first.
         overlaps = [
-            (box_iou(each.box_px, head.box_px), each.instance_id == head.instance_id, subject)
-            for subject, each in heads.items()
+            (box_iou(boxes.box_px, head.box_px), boxes.instance_id == head.instance_id, subject)
+            for subject, boxes in heads.items()
         ]
-        overlap, _, subject = max(overlaps, key=lambda each: each[:2], default=(0.0, False, ""))
+        overlap, _, subject = max(overlaps, key=lambda candidate: candidate[:2], default=(0.0, False, ""))
         row = next((row for row in self._rows.of(frame) if self._subjects[row] == subject), None)
         return (row, heads[subject]) if row is not None and overlap >= LEAST_OVERLAP else None
 
 
 def _directions(table: FrameTable) -> Float:
     """Unit directions (n, 3), NaN where they are blank."""
-    found = table.columns.group(DIRECTION)
-    lengths = np.linalg.norm(found, axis=1)
+    directions = table.columns.group(DIRECTION)
+    lengths = np.linalg.norm(directions, axis=1)
     table.reject(
         np.abs(lengths - 1) > _LENGTH_TOLERANCE,
         lambda row: f"x, y, z: expected a unit direction, found one of length {lengths[row]:.4g}",
     )
-    return found
+    return directions
 
 
 def _angles(table: FrameTable, names: Sequence[str]) -> Float:
@@ -207,9 +207,9 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
 
 def _sigmas(table: FrameTable) -> Float:
     """Claimed errors (n,) in radians, NaN where they are blank."""
-    found: Float = _angles(table, ["sigma"])[:, 0]
-    table.reject(found < 0, lambda row: f"sigma: expected an angle of at least 0, found {found[row]:g} rad")
-    return found
+    sigmas: Float = _angles(table, ["sigma"])[:, 0]
+    table.reject(sigmas < 0, lambda row: f"sigma: expected an angle of at least 0, found {sigmas[row]:g} rad")
+    return sigmas
 
 
 def _from_crop(direction_crop: Float, boxes: Head, frame: StereoFrame) -> Float:

@@ -42,8 +42,8 @@ class RowIndex:
     def of(self, frame: int) -> list[int]:
         """The rows of a frame, in the file's order."""
         begin, end = np.searchsorted(self._frames, (frame, frame + 1)).tolist()
-        found: list[int] = self._order[begin:end].tolist()
-        return found
+        rows: list[int] = self._order[begin:end].tolist()
+        return rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,8 +76,8 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> F
         For the first mistake, with file and line: a column that is unknown, missing or repeated, a wrong number
         of cells, a frame that the clip does not have, a blank subject, or a repeated pair of frame and subject.
     """
-    found = read_columns(path, (*KEYS, *columns), KEYS)
-    table = FrameTable(columns=found, frames=found.integers("frame"), subjects=found.cells["subject"])
+    content = read_columns(path, (*KEYS, *columns), KEYS)
+    table = FrameTable(columns=content, frames=content.integers("frame"), subjects=content.cells["subject"])
     table.reject(
         ~np.isin(table.frames, np.array([*frames], dtype=np.int64)),
         lambda row: f"frame {table.frames[row]}: not in the clip; expected {min(frames)} to {max(frames)}",
@@ -167,7 +167,7 @@ class HeadTable:
 
     def _head(self, row: int) -> Head:
         face, landmarks, score, instance = (
-            each[row] for each in (self._faces, self._landmarks, self._scores, self._instances)
+            column[row] for column in (self._faces, self._landmarks, self._scores, self._instances)
         )
         return Head(
             box_px=self._boxes[row],

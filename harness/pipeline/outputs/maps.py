@@ -235,9 +235,11 @@ class _Masks:
         self._numbers = np.array([*self.files], dtype=np.int64)
         self._begins = np.cumsum([0, *map(len, in_order)])
         self._packed = np.fromiter(
-            ((each.id, each.category_id, bool(each.iscrowd), each.score) for each in every), _PACKED, len(every)
+            ((segment.id, segment.category_id, bool(segment.iscrowd), segment.score) for segment in every),
+            _PACKED,
+            len(every),
         )
-        self._names = {place: each.name for place, each in enumerate(every) if each.name is not None}
+        self._names = {place: segment.name for place, segment in enumerate(every) if segment.name is not None}
 
     def segments(self, frame: int) -> list[_Segment]:
         """The segments of a frame, in the file's order."""
@@ -256,11 +258,11 @@ def _read(path: Path, digest: str) -> _Masks:
 
 
 def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:
-    found: dict[Any, _Entry] = {}
+    by_key: dict[Any, _Entry] = {}
     for entry in entries:
-        if found.setdefault(getattr(entry, key), entry) is not entry:
+        if by_key.setdefault(getattr(entry, key), entry) is not entry:
             raise VfoaError(f"{where}: {key} {getattr(entry, key)!r} occurs twice; expected it once")
-    return found
+    return by_key
 
 
 def _named_stuff(

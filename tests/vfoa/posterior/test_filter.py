@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vfoa.geometry import perturb
-from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
@@ -30,18 +30,18 @@ def scenery(*angles_deg: float) -> Scenery:
     return Scenery(keys=keys, directions=directions, variances=np.full(len(angles_deg), 1e-4), to_camera=camera)
 
 
-def measured(gaze: np.ndarray | None = None, head: np.ndarray | None = None, error_deg: float = 11.1) -> Measured:
-    return Measured(gaze=gaze, head=head, gaze_sigma_rad=sigma_rad(error_deg), head_sigma_rad=sigma_rad(5.0))
+def measured(gaze: np.ndarray | None = None, head: np.ndarray | None = None, error_deg: float = 11.1) -> MeasuredCues:
+    return MeasuredCues(gaze=gaze, head=head, gaze_sigma_rad=sigma_rad(error_deg), head_sigma_rad=sigma_rad(5.0))
 
 
-def beliefs_of(scene: Scenery, frames: list[Measured], settings: PosteriorSettings) -> list[Belief]:
+def beliefs_of(scene: Scenery, frames: list[MeasuredCues], settings: PosteriorSettings) -> list[Belief]:
     found: list[Belief] = []
     for frame in frames:
         found.append(update(found[-1] if found else None, scene, frame, DT_S, settings))
     return found
 
 
-def offsets_of(gazes_rad: np.ndarray) -> list[Measured]:
+def offsets_of(gazes_rad: np.ndarray) -> list[MeasuredCues]:
     camera = np.array([0.0, 0.0, -1.0])
     return [measured(perturb(camera, *offset)) for offset in gazes_rad]
 
@@ -167,7 +167,7 @@ def test_a_dwell_is_the_same_time_at_every_frame_rate() -> None:
     scene, settings = scenery(-10.0, 10.0), PosteriorSettings(error="told", nowhere_looks=1e9, dwell_looks=1e9)
     camera = np.array([0.0, 0.0, -1.0])
     at = measured(perturb(camera, np.deg2rad(-10.0), 0.0))
-    none = Measured(gaze=None, head=None, gaze_sigma_rad=0.1, head_sigma_rad=0.1)
+    none = MeasuredCues(gaze=None, head=None, gaze_sigma_rad=0.1, head_sigma_rad=0.1)
     left = []
     for rate_hz in (10, 40):
         belief = update(None, scene, at, 0.0, settings)
