@@ -145,9 +145,7 @@ def open_cache(
 
     ``digest`` is that of the clip's content, if it is known already: computing it takes reading all images.
     """
-    choices = {
-        choice.key: choice for configuration in configurations for choice in configuration.choices.values() if choice
-    }
+    choices = {choice.key: choice for configuration in configurations for choice in configuration.stages}
     source = Source.of(name, clip, digest)
     identities = {key: identity for key, choice in choices.items() if (identity := identify(choice, source))}
     return ClipCache(store=store, identities=identities)

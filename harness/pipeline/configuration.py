@@ -237,6 +237,11 @@ class Configuration:
     factors: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def stages(self) -> list[StageChoice]:
+        """The stages that are not switched off."""
+        return [choice for choice in self.choices.values() if choice]
+
+    @property
     def is_in_region(self) -> bool:
         """Whether the matcher is asked only for the disparities of things and heads."""
         stereo = self.choices["stereo"]

@@ -218,8 +218,8 @@ class Perception:
     def _build(self, configuration: Configuration) -> None:
         """Build the stages of one configuration, except those already built for another one."""
         keys = {slot: choice.key if choice else OFF for slot, choice in configuration.choices.items()}
-        for choice in configuration.choices.values():
-            if choice and choice.key not in self._stages:
+        for choice in configuration.stages:
+            if choice.key not in self._stages:
                 self._stages[choice.key] = self._stage(choice)
         chosen: dict[str, Any] = {slot: self._stages.get(key) for slot, key in keys.items()}
         for slot in ("stereo", "segmentation", "heads"):

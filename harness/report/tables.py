@@ -211,13 +211,13 @@ def nowhere_table(scores: Scores) -> Table:
                 row.clip or ALL,
                 row.configuration,
                 of.true,
-                of.found,
+                of.predicted,
                 of.matched,
                 percent(of.precision),
                 percent(of.recall),
             )
             for row in scores.by_clip()
-            if (of := row.nowhere) and (of.true or of.found)
+            if (of := row.nowhere) and (of.true or of.predicted)
         ),
         words=2,
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),

@@ -133,37 +133,37 @@ def check_manifest(data: Any, where: str) -> dict[str, Any]:
     return dict(data)
 
 
-def differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """Name the differences of a run's manifest from ``wanted``; "" if none: ``attention.n_rays, versions.numpy``.
 
     Keys that ``wanted`` does not have do not count.
     """
-    every = list(dict.fromkeys(_differing(found, wanted)))
+    every = list(dict.fromkeys(_differing(actual, wanted)))
     more = f" and {len(every) - MOST} more" if len(every) > MOST else ""
     return f"{', '.join(every[:MOST])}{more}"
 
 
-def _differing(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
+def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
     for key, value in wanted.items():
-        if found.get(key) != value:
-            yield from _within(key, _named(found.get(key)), _named(value)) or [key]
+        if actual.get(key) != value:
+            yield from _within(key, _named(actual.get(key)), _named(value)) or [key]
 
 
-def _within(key: str, found: Any, wanted: Any) -> list[str]:
+def _within(key: str, actual: Any, wanted: Any) -> list[str]:
     """Differences within one key. Those of clips name the clip; those of configurations, mostly shared, do not."""
     if key not in ("clips", "configurations"):
-        return list(differing_keys(found, wanted, key))
-    if not isinstance(found, dict) or list(found) != list(wanted):
+        return list(differing_keys(actual, wanted, key))
+    if not isinstance(actual, dict) or list(actual) != list(wanted):
         return [key]
-    leaves = [(name, list(differing_keys(found[name], wanted[name]))) for name in wanted]
+    leaves = [(name, list(differing_keys(actual[name], wanted[name]))) for name in wanted]
     if key == "configurations":
-        return [leaf for _, each in leaves for leaf in each]
-    return [f"{leaf} of {name}" for name, each in leaves for leaf in each if leaf != _FOLLOWS or "frames" not in each]
+        return [leaf for _, keys in leaves for leaf in keys]
+    return [f"{leaf} of {name}" for name, keys in leaves for leaf in keys if leaf != _FOLLOWS or "frames" not in keys]
 
 
 def _named(value: Any) -> Any:
     """A list of clips by their names; other values unchanged."""
-    return {each["name"]: each for each in value} if isinstance(value, list) and value and "name" in value[0] else value
+    return {clip["name"]: clip for clip in value} if isinstance(value, list) and value and "name" in value[0] else value
 
 
 Pair = tuple[str, str]
@@ -271,10 +271,10 @@ class RunDirectory:
         except (OSError, ValueError) as error:
             raise unreadable(self.path, error) from None
         if not is_there:
-            found = "no manifest.json in it" if self.path.is_dir() else "nothing there"
+            problem = "no manifest.json in it" if self.path.is_dir() else "nothing there"
             runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
-            raise VfoaError(f"{self.path}: expected a run's directory, found {found}{hint}")
+            raise VfoaError(f"{self.path}: expected a run's directory, found {problem}{hint}")
         return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:

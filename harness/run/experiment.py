@@ -208,7 +208,7 @@ def load_experiment(
     chosen = clips or file.clips
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
-    if twice := next((each for each in chosen if chosen.count(each) > 1), None):
+    if twice := next((clip for clip in chosen if chosen.count(clip) > 1), None):
         raise VfoaError(f"{where}: clips: {twice!r} occurs twice; expected each clip once")
     try:
         present, absent = clips_here(chosen)
@@ -219,7 +219,7 @@ def load_experiment(
     configurations, partly = _configurations(file, changes, preset, where)
     if file.seeds > 1:
         configurations = tuple(
-            configuration for one in configurations for configuration in repeated(one, file.seeds, where)
+            configuration for base in configurations for configuration in repeated(base, file.seeds, where)
         )
     _check_published(file, [base_of(configuration.name) for configuration in configurations], where)
     return Experiment(
@@ -238,50 +238,50 @@ def load_experiment(
 def _with_fitted_files(file: _File, folder: Path) -> _File:
     """Return the file with the paths of its preset files: below the working directory, else beside the file."""
 
-    def found(name: object) -> object:
+    def located(name: object) -> object:
         is_file = isinstance(name, str) and name.endswith(".toml")
         return str(folder / str(name)) if is_file and not Path(str(name)).exists() else name
 
     configurations = (
-        {**each, **({"preset": found(each["preset"])} if "preset" in each else {})} for each in file.configuration
+        {**table, **({"preset": located(table["preset"])} if "preset" in table else {})} for table in file.configuration
     )
-    return file.model_copy(update={"preset": found(file.preset), "configuration": tuple(configurations)})
+    return file.model_copy(update={"preset": located(file.preset), "configuration": tuple(configurations)})
 
 
 def _configurations(
     file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
 ) -> tuple[tuple[Configuration, ...], list[str]]:
     """Return every configuration of the file with its defaults and the changes, and notes on changes that some lack."""
-    found = []
+    made = []
     used: set[tuple[str, str]] = set()
     of_variants = list(variants(file.grid, file.configuration, where))
     tables_of = {
-        each.name: merged(
-            merged(file.defaults, _bundle(preset, each.preset or file.preset, where)),
-            dotted_tables([*each.differences, *changes], TABLES, where),
+        variant.name: merged(
+            merged(file.defaults, _bundle(preset, variant.preset or file.preset, where)),
+            dotted_tables([*variant.differences, *changes], TABLES, where),
         )
-        for each in of_variants
+        for variant in of_variants
     }
-    lacking = {key: [name for name, each in tables_of.items() if not takes(each, key)] for key, _ in changes}
+    lacking = {key: [name for name, tables in tables_of.items() if not takes(tables, key)] for key, _ in changes}
     lacking = {key: names if len(names) < len(of_variants) else [] for key, names in lacking.items()}  # all: an error
     for variant in of_variants:
         of_file = dotted_tables(variant.differences, TABLES, where)
         taken = [(key, value) for key, value in changes if variant.name not in lacking[key]]
         own = dotted_tables([*variant.differences, *taken], TABLES, where)
-        for each in (of_file, own):  # a stage that a change exchanges has still used its defaults
-            used |= {(table, key) for table, settings in inherited(file.defaults, each).items() for key in settings}
+        for chosen in (of_file, own):  # a stage that a change exchanges has still used its defaults
+            used |= {(table, key) for table, settings in inherited(file.defaults, chosen).items() for key in settings}
         bundle = _bundle(preset, variant.preset or file.preset, where)
         attention = {**file.defaults.get("attention", {}), **own.get("attention", {})}
         method = attention.get("method", "cones" if attention else None)
         bundle = logit_only(bundle, method)
         tables = merged(inherited(merged(file.defaults, bundle), own), own)
         of_variant = f"{where}: configuration {variant.name!r}"
-        found.append(make_configuration(variant.name, tables, variant.factors, of_variant))
+        made.append(make_configuration(variant.name, tables, variant.factors, of_variant))
     check_all_used(file.defaults, used, where)
     notes = [
         f"{key} is not set in {', '.join(names)}: no such setting there." for key, names in lacking.items() if names
     ]
-    return tuple(found), notes
+    return tuple(made), notes
 
 
 def _bundle(given: str | None, own: str | None, where: str) -> Tables:
@@ -293,7 +293,7 @@ def _bundle(given: str | None, own: str | None, where: str) -> Tables:
 
 def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
     """Yield a sentence for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
-    names = [preset] if preset else [*(each.get("preset") for each in file.configuration), file.preset]
+    names = [preset] if preset else [*(table.get("preset") for table in file.configuration), file.preset]
     for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
         fitted_on = read_fitted(path).fit.clips
         if seen := [clip for clip in clips if clip in fitted_on]:

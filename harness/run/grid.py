@@ -47,7 +47,7 @@ def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
         factors = {key: label for label, key, _ in combination}
-        differences = (each for _, key, value in combination for each in _flattened({key: value}))
+        differences = (difference for _, key, value in combination for difference in _flattened({key: value}))
         yield _variant(name, where, factors, differences)
 
 

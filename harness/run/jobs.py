@@ -65,8 +65,8 @@ def run_jobs(
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
     jobs = [
-        replace(_job(plan, one, directory, cache, account), read_ahead=ahead, perceive_ahead=ahead)
-        for one in plan.clips
+        replace(_job(plan, prepared, directory, cache, account), read_ahead=ahead, perceive_ahead=ahead)
+        for prepared in plan.clips
     ]
     for job in jobs:
         if not job.configurations:
@@ -157,35 +157,35 @@ def _silent(clip: str) -> None:
     """Report no progress: every frame has been reported already."""
 
 
-def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
+def skip(clip: PreparedClip | ClipJob, progress: Progress) -> None:
     """Report the progress of a clip whose frames are done already."""
-    for _ in one.frames:
-        progress(one.manifest.name)
+    for _ in clip.frames:
+        progress(clip.manifest.name)
 
 
-def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
+def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
     """Return the job with the unfinished configurations of a clip."""
-    clip, configurations = one.manifest.name, plan.experiment.configurations
+    clip, configurations = prepared.manifest.name, plan.experiment.configurations
     todo = [
         configuration.for_clip(clip)
         for configuration in configurations
         if not directory.is_finished((clip, configuration.name))
     ]
     job = ClipJob(
-        manifest=one.manifest,
-        frames=one.frames,
-        labels=one.labels,
+        manifest=prepared.manifest,
+        frames=prepared.frames,
+        labels=prepared.labels,
         configurations=tuple(todo),
         directory=directory,
         run_id=directory.read_manifest()["run_id"],
         sinks=(*plan.sinks, ResultsSinks()),
-        drawn=one.drawn,
-        digest=one.digest,
+        drawn=prepared.drawn,
+        digest=prepared.digest,
         known=KNOWN.known,
     )
-    if store is None or isinstance(one.clip, MeasuredClip):  # nothing to perceive
+    if store is None or isinstance(prepared.clip, MeasuredClip):  # nothing to perceive
         return job
-    cache = open_cache(store, clip, one.clip, job.configurations, one.digest)
+    cache = open_cache(store, clip, prepared.clip, job.configurations, prepared.digest)
     for key, identity in cache.identities.items():
         account.open(clip, key, identity, store)
     return replace(job, cache=cache)

@@ -117,15 +117,15 @@ class ClipOutcome:
 def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
     """Read the usable checkpoints of a job by configuration name; ``tell`` is called with a line about each."""
     frames = frozenset(job.frames)
-    found: dict[str, Checkpoint] = {}
+    usable: dict[str, Checkpoint] = {}
     for clip, name in job.pairs:
         read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
         if read is not None:
-            found[name] = read
+            usable[name] = read
             tell(f"{clip} under {name}: continues after frame {read.frame}")
         elif misfit is not None:
             tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it starts again with the first frame")
-    return found
+    return usable
 
 
 def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
@@ -158,8 +158,8 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         runners = attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
         return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
-    begins = {name: each.frame + 1 for name, each in resumed.items()}
-    starts = {name: each.window for name, each in resumed.items() if each.window}
+    begins = {name: checkpoint.frame + 1 for name, checkpoint in resumed.items()}
+    starts = {name: checkpoint.window for name, checkpoint in resumed.items() if checkpoint.window}
     with unchanged(), job.perception(images, begins=begins, starts=starts) as perception:
         frames = prefetch(perception.frames(chosen, job.read_ahead), job.perceive_ahead)
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
@@ -203,9 +203,9 @@ def attend_to(
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"
-            told = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
+            reason = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
             for runner in runners:
-                runner.fail(told)
+                runner.fail(reason)
     return runners
 
 
@@ -232,7 +232,7 @@ class SmoothingBuffer(Generic[T]):
     def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
         """Add a result; yield the results that have waited long enough."""
         self._waiting.append((result, companion))
-        awaited = frames_awaited([each for each, _ in self._waiting], self._settings) if self._settings else 0
+        awaited = frames_awaited([result for result, _ in self._waiting], self._settings) if self._settings else 0
         if len(self._waiting) > 2 * awaited:
             yield from self._release(len(self._waiting) - awaited)
 
@@ -332,11 +332,11 @@ class ConfigurationRunner:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
         if self.error is not None or (self._resumed and shared.index <= self._resumed.frame):
             return
-        found = shared.by_configuration[self._configuration.name]
-        if isinstance(found, VfoaError):
-            self.fail(found)
+        perceived = shared.by_configuration[self._configuration.name]
+        if isinstance(perceived, VfoaError):
+            self.fail(perceived)
             return
-        percepts, scene, timings = found
+        percepts, scene, timings = perceived
         memory = self._memory
         self._window = shared.windows.get(self._configuration.name)
         try:
@@ -378,7 +378,7 @@ class ConfigurationRunner:
         if len(states) < len(sinks):
             return False
         waiting = self._smoothing.oldest
-        found = Checkpoint(
+        checkpoint = Checkpoint(
             frame=self._last,
             written=self.written,
             memory=waiting.memory if waiting else self._memory,
@@ -386,5 +386,5 @@ class ConfigurationRunner:
             window=waiting.window if waiting else self._window,
             sinks=states,
         )
-        write_checkpoint(self._job.directory, (self._job.manifest.name, self._configuration.name), found)
+        write_checkpoint(self._job.directory, (self._job.manifest.name, self._configuration.name), checkpoint)
         return True

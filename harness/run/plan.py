@@ -17,7 +17,7 @@ from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
 from harness.files.digests import code_digest, file_digest
 from harness.labels.labels import Labels, timeline_of
-from harness.pipeline.configuration import STAGES, Configuration
+from harness.pipeline.configuration import STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip, check_drawn
 from harness.pipeline.weights import locate_weights
 from harness.run.directory import Pair
@@ -56,23 +56,27 @@ class Plan:
     def pairs(self) -> list[Pair]:
         """Every (clip, configuration), in the order of the tables."""
         return [
-            (one.manifest.name, configuration.name)
-            for one in self.clips
+            (prepared.manifest.name, configuration.name)
+            for prepared in self.clips
             for configuration in self.experiment.configurations
         ]
 
     @property
+    def stages(self) -> list[StageChoice]:
+        """The stages of every configuration."""
+        return [choice for configuration in self.experiment.configurations for choice in configuration.stages]
+
+    @property
     def deciding_modules(self) -> tuple[str, ...]:
         """The modules whose code decides the results: a change to any other does not make another run."""
-        choices = [choice for one in self.experiment.configurations for choice in one.choices.values() if choice]
-        stages = {STAGES[choice.slot].stage_class(choice.name).__module__ for choice in choices}
-        adapters = {type(one.clip).__module__ for one in self.clips}
+        stages = {STAGES[choice.slot].stage_class(choice.name).__module__ for choice in self.stages}
+        adapters = {type(prepared.clip).__module__ for prepared in self.clips}
         return tuple(sorted({"harness.run.loop", *stages, *adapters}))
 
     @property
     def frames(self) -> int:
         """Number of frames to read, over all clips."""
-        return sum(len(one.frames) for one in self.clips)
+        return sum(len(prepared.frames) for prepared in self.clips)
 
 
 def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable[SinkFactory] = ()) -> Plan:
@@ -92,14 +96,12 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
     """
     limit = experiment.limit if limit is None else limit
     clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
-    if all(isinstance(one.clip, MeasuredClip) for one in clips):
-        experiment = replace(
-            experiment,
-            configurations=tuple(configuration.without_images() for configuration in experiment.configurations),
-        )
+    if all(isinstance(prepared.clip, MeasuredClip) for prepared in clips):
+        without_images = tuple(configuration.without_images() for configuration in experiment.configurations)
+        experiment = replace(experiment, configurations=without_images)
     notes = (
         *_notes_on_names(clips, experiment.configurations),
-        *(_note_on_drawn(one.manifest.name, one.drawn) for one in clips if one.drawn),
+        *(_note_on_drawn(prepared.manifest.name, prepared.drawn) for prepared in clips if prepared.drawn),
         *_notes_on_near(clips, experiment.configurations),
     )
     noted = replace(experiment, notes=(*experiment.notes, *notes))
@@ -122,7 +124,7 @@ def drawn_on(manifest: ClipManifest, frames: Sequence[int], experiment: Experime
     VfoaError
         If the file is wrong, or if a configuration uses nothing but the drawing and nothing is drawn.
     """
-    if not any(each.uses_drawn for each in experiment.configurations):
+    if not any(configuration.uses_drawn for configuration in experiment.configurations):
         return None
     drawn = manifest.drawn(frames)
     for configuration in experiment.configurations:
@@ -136,7 +138,7 @@ def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Conf
     networks = sorted(
         {choice.name for choice in choices if choice and choice.name not in STAGES["segmentation"].of_clip}
     )
-    for clip in [one for one in clips if not isinstance(one.clip, MeasuredClip)] if networks else ():
+    for clip in [prepared for prepared in clips if not isinstance(prepared.clip, MeasuredClip)] if networks else ():
         rules = {**clip.manifest.subjects, **clip.manifest.targets}
         if names := [name for name, rule in rules.items() if rule.instance is not None]:
             yield (
@@ -154,7 +156,7 @@ def _note_on_drawn(clip: str, drawn: DrawnClip) -> str:
 def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
     """Notes on objects nearer than a matcher searches. Unreadable images are ignored: the run reports them."""
     stereo = [choice.settings for configuration in configurations if (choice := configuration.choices["stereo"])]
-    limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
+    limits_m: set[float] = {settings.min_depth_m for settings in stereo if isinstance(settings, BlockMatchingSettings)}
     for clip in clips:
         images = clip.clip
         searched_m = [limit_m for limit_m in sorted(limits_m) if limit_m > getattr(images, "nearest_m", 0.0)]
@@ -176,7 +178,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     VfoaError
         If weights are missing: which, how to fetch them, and what would do instead.
     """
-    choices = [choice for one in plan.experiment.configurations for choice in one.choices.values() if choice]
+    configurations = plan.experiment.configurations
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),
@@ -184,29 +186,29 @@ def describe(plan: Plan) -> dict[str, Any]:
         "annotator": plan.experiment.annotator,
         "recording": None,
         **{key: value for sink in plan.sinks for key, value in sink.described().items()},
-        "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
-        "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
-        "factors": {one.name: dict(one.factors) for one in plan.experiment.configurations},
-        "weights_sha256": {name: file_digest(path) for name, path in locate_weights(choices).items()},
+        "clips": [_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
+        "configurations": {configuration.name: configuration.plain() for configuration in configurations},
+        "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
+        "weights_sha256": {name: file_digest(path) for name, path in locate_weights(plan.stages).items()},
         "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
 
 
-def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
+def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> dict[str, Any]:
     return {
-        "name": one.manifest.name,
-        "manifest": str(one.manifest.path),
-        "licence": one.manifest.licence,
-        "citation": one.manifest.citation,
-        "notes": [*one.manifest.notes, *one.clip.notes],
-        "rate_hz": one.clip.rate_hz,
-        "frames": list(one.frames),
-        "times_ns": [one.clip.time_ns(number) for number in one.frames],
-        "sha256": one.digest,
-        "drawn_sha256": None if one.drawn is None else one.drawn.digest,
-        "names": one.manifest.naming(),
-        "stage_outputs_sha256": output_digests(experiment, one.manifest.name, one.clip),
+        "name": prepared.manifest.name,
+        "manifest": str(prepared.manifest.path),
+        "licence": prepared.manifest.licence,
+        "citation": prepared.manifest.citation,
+        "notes": [*prepared.manifest.notes, *prepared.clip.notes],
+        "rate_hz": prepared.clip.rate_hz,
+        "frames": list(prepared.frames),
+        "times_ns": [prepared.clip.time_ns(number) for number in prepared.frames],
+        "sha256": prepared.digest,
+        "drawn_sha256": None if prepared.drawn is None else prepared.drawn.digest,
+        "names": prepared.manifest.naming(),
+        "stage_outputs_sha256": output_digests(experiment, prepared.manifest.name, prepared.clip),
     }
 
 
@@ -220,19 +222,22 @@ def output_digests(experiment: Experiment, name: str, clip: Clip | MeasuredClip)
     """The sha256 of the files that each distinct stage reads for the clip ``name``, in the order of the stages."""
     if isinstance(clip, MeasuredClip):
         return []
-    choices = [choice for one in experiment.configurations for choice in one.for_clip(name).choices.values() if choice]
-    distinct = {f"{choice.slot} {choice.plain()}": choice for choice in choices}
+    distinct = {
+        f"{choice.slot} {choice.plain()}": choice
+        for configuration in experiment.configurations
+        for choice in configuration.for_clip(name).stages
+    }
     digests = (STAGES[choice.slot].files_digest(choice, clip) for choice in distinct.values())
     return [digest for digest in digests if digest is not None]
 
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that can change a result."""
-    found = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for package in _PACKAGES:
         with suppress(PackageNotFoundError):
-            found[package] = version(package)
-    return found
+            installed[package] = version(package)
+    return installed
 
 
 def source_commit() -> str | None:

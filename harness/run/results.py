@@ -60,10 +60,6 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
         yield from read_block(path, block)
 
 
-def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
-    return _decoded(_codec()[1], line, path, number)
-
-
 def _decoded(decoder: msgspec.json.Decoder[T], line: bytes, path: Path, number: int) -> T:
     import msgspec
 
@@ -134,7 +130,8 @@ def find_blocks(path: Path) -> list[Block]:
 def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
     """Read the records of a block. Raises the errors of :func:`read_results`."""
     lines = block_bytes(path, block).splitlines(keepends=True)
-    return (_from_line(line, path, number) for number, line in enumerate(lines, start=block.line))
+    _, decoder = _codec()
+    return (_decoded(decoder, line, path, number) for number, line in enumerate(lines, start=block.line))
 
 
 def block_bytes(path: Path, block: Block) -> bytes:
@@ -237,7 +234,7 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     name, names_now = clip, dict[str, str]()
     if isinstance(clip, ClipManifest):
         clips = manifest.get("clips", [])
-        then: dict[str, Any] = next((each.get("names", {}) for each in clips if each["name"] == clip.name), {})
+        then: dict[str, Any] = next((entry.get("names", {}) for entry in clips if entry["name"] == clip.name), {})
         name, names_now = clip.name, clip.names_now(then.get("targets", {}))
     records = [renamed(frame, names_now) for frame in read_results(directory.results) if frame.clip == name]
     if not records:
@@ -277,18 +274,16 @@ class MeasureLog:
         for record in records:
             if record.measures is not None:
                 pair = record.clip, base_of(record.configuration)
-                if pair not in self._by_pair:
-                    self._by_pair[pair] = []
-                self._by_pair[pair].append(record.measures)
+                self._by_pair.setdefault(pair, []).append(record.measures)
                 for target in record.measures.targets:
                     if target.instance_id is not None and (record.clip, target.truth_id) not in self._names:
                         self._note_name(record, target)
             yield record
 
     def _note_name(self, record: FrameRecord, measure: TargetMeasure) -> None:
-        found = {target.instance_id: target.name for target in record.targets}
-        if measure.instance_id in found:
-            self._names[record.clip, measure.truth_id] = found[measure.instance_id]
+        names = {target.instance_id: target.name for target in record.targets}
+        if measure.instance_id in names:
+            self._names[record.clip, measure.truth_id] = names[measure.instance_id]
 
     def part(self, clip: str, configuration: str) -> tuple[list[FrameMeasures], dict[int, str]]:
         """The measures of a configuration on a clip so far, and the names of true objects, for another log."""
@@ -306,22 +301,19 @@ class MeasureLog:
         """The measures of each (clip, configuration) and, of several clips, of all together under the clip None."""
         pooled: dict[tuple[str | None, str], list[FrameMeasures]] = dict(self._by_pair.items())
         if len({clip for clip, _ in self._by_pair}) > 1:
-            for (_, configuration), each in self._by_pair.items():
-                pooled[None, configuration] = [*pooled.get((None, configuration), []), *each]
+            for (_, configuration), measures in self._by_pair.items():
+                pooled[None, configuration] = [*pooled.get((None, configuration), []), *measures]
         return pooled
 
     def by_thing(self) -> dict[tuple[str, str, str], list[TargetMeasure]]:
         """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
-        found: dict[tuple[str, str, str], list[TargetMeasure]] = {}
+        by_thing: dict[tuple[str, str, str], list[TargetMeasure]] = {}
         for (clip, configuration), frames in self._by_pair.items():
             by_id: dict[int, list[TargetMeasure]] = {}
             for frame in frames:
                 for target in frame.targets:
-                    if target.truth_id in by_id:
-                        by_id[target.truth_id].append(target)
-                    else:
-                        by_id[target.truth_id] = [target]
+                    by_id.setdefault(target.truth_id, []).append(target)
             for number, measures in by_id.items():
                 name = self._names.get((clip, number), f"{measures[0].label}#{number}")
-                found.setdefault((clip, name, configuration), []).extend(measures)
-        return dict(sorted(found.items(), key=lambda item: item[0][:2]))
+                by_thing.setdefault((clip, name, configuration), []).extend(measures)
+        return dict(sorted(by_thing.items(), key=lambda item: item[0][:2]))

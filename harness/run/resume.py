@@ -109,12 +109,12 @@ class _CheckpointCodec(Codec):
             order = tuple(int(axis) for axis in np.argsort([-abs(stride) for stride in value.strides], kind="stable"))
             return super()._plain(_Layout(order, np.ascontiguousarray(value.transpose(order))))
         if isinstance(value, Mapping):
-            return {_ITEMS: [[self._plain(key), self._plain(each)] for key, each in value.items()]}
+            return {_ITEMS: [[self._plain(key), self._plain(entry)] for key, entry in value.items()]}
         return super()._plain(value)
 
     def _value(self, plain: Any) -> Any:
         if isinstance(plain, dict) and _ITEMS in plain:
-            return {self._value(key): self._value(each) for key, each in plain[_ITEMS]}
+            return {self._value(key): self._value(entry) for key, entry in plain[_ITEMS]}
         value = super()._value(plain)
         return value.array.transpose(np.argsort(value.order)) if isinstance(value, _Layout) else value
 
@@ -128,11 +128,11 @@ def is_due(run_s: float, since_s: float, frames: int) -> bool:
     return since_s >= (pause_s if frames % EVEN_FRAMES == 0 else 2 * pause_s)
 
 
-def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> None:
+def write_checkpoint(directory: RunDirectory, pair: Pair, checkpoint: Checkpoint) -> None:
     """Replace the last checkpoint by a new one, atomically."""
-    files = {name: size for state in found.sinks.values() for name, size in state.files.items()}
+    files = {name: size for state in checkpoint.sinks.values() for name, size in state.files.items()}
     tails = {name: _tail(directory.path / name, size) for name, size in files.items()}
-    body = _codec.encode((found, tails))
+    body = _codec.encode((checkpoint, tails))
     head = f"vfoa checkpoint {VERSION} {zlib.crc32(body):08x}\n".encode()
     atomic_write(directory.checkpoint(pair), head + body)
 
@@ -151,20 +151,24 @@ def read_checkpoint(
     if head != f"vfoa checkpoint {VERSION} {zlib.crc32(body):08x}".encode():
         return None, f"expected format {VERSION} with a right checksum"
     try:
-        found, tails = _codec.decode(body)
+        checkpoint, tails = _codec.decode(body)
     except Exception as error:  # a right checksum, but not written by this program
         return None, f"{type(error).__name__}: {error}"
-    return (found, None) if (why := _misfit(found, tails, directory, frames, sinks)) is None else (None, why)
+    return (checkpoint, None) if (why := _misfit(checkpoint, tails, directory, frames, sinks)) is None else (None, why)
 
 
 def _misfit(
-    found: object, tails: Mapping[str, int], directory: RunDirectory, frames: Collection[int], sinks: Collection[str]
+    checkpoint: object,
+    tails: Mapping[str, int],
+    directory: RunDirectory,
+    frames: Collection[int],
+    names: Collection[str],
 ) -> str | None:
-    if not isinstance(found, Checkpoint) or found.frame not in frames:
+    if not isinstance(checkpoint, Checkpoint) or checkpoint.frame not in frames:
         return "expected a frame of this run"
-    if not found.sinks.keys() <= set(sinks):
-        return f"expected the sinks {', '.join(sorted(sinks))}, found {', '.join(sorted(found.sinks))}"
-    for state in found.sinks.values():
+    if not checkpoint.sinks.keys() <= set(names):
+        return f"expected the sinks {', '.join(sorted(names))}, found {', '.join(sorted(checkpoint.sinks))}"
+    for state in checkpoint.sinks.values():
         for name, size in state.files.items():
             path = directory.path / name
             if not path.is_file() or path.stat().st_size < size or _tail(path, size) != tails.get(name):

@@ -65,7 +65,7 @@ def run_plan(
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
-    for candidate in itertools.takewhile(lambda each: not each.is_new(), _candidates(RunDirectory(out))):
+    for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
         KNOWN.add(read_value(candidate.noted_inputs, dict[str, str]) or {})
     with KNOWN.used() as digests:
         identity = describe(plan)
@@ -74,8 +74,8 @@ def run_plan(
         different = differences(RunDirectory(out).read_manifest(), identity)
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
     if _is_done(directory, retry_failed):
-        for one in plan.clips:
-            skip(one, progress)
+        for prepared in plan.clips:
+            skip(prepared, progress)
         tell(f"{directory.path}: finished already; nothing was computed")
         return directory
     with locked(directory.path, tell):
@@ -108,10 +108,10 @@ def run_plan(
 
 def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
     """Whether this very run is finished; if so, its partial results are removed."""
-    found = {} if directory.is_new() else directory.read_manifest()
-    if "finished" not in found or (retry_failed and found.get("failed")):
+    manifest = {} if directory.is_new() else directory.read_manifest()
+    if "finished" not in manifest or (retry_failed and manifest.get("failed")):
         return False
-    if not found.get("failed"):
+    if not manifest.get("failed"):
         directory.remove_partial()
     return True
 
@@ -130,15 +130,16 @@ def _check_unchanged(
     """
     before = {clip["name"]: clip["sha256"] for clip in identity["clips"]}
     forget_copies()
-    for one in plan.clips:
-        if one.manifest.open().digest() != before[one.manifest.name]:
+    for prepared in plan.clips:
+        if prepared.manifest.open().digest() != before[prepared.manifest.name]:
             if cache:
-                account.forget(one.manifest.name, cache)
+                account.forget(prepared.manifest.name, cache)
             if all(
-                (one.manifest.name, configuration.name) in failures for configuration in plan.experiment.configurations
+                (prepared.manifest.name, configuration.name) in failures
+                for configuration in plan.experiment.configurations
             ):
                 continue
-            raise VfoaError(changed_during_run(one.manifest.name))
+            raise VfoaError(changed_during_run(prepared.manifest.name))
 
 
 def _finish(
@@ -162,7 +163,9 @@ def _finish(
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join(finished)
-    labels = {one.manifest.name: one.manifest.annotations.find(plan.experiment.annotator) for one in plan.clips}
+    labels = {
+        prepared.manifest.name: prepared.manifest.annotations.find(plan.experiment.annotator) for prepared in plan.clips
+    }
     directory.write_manifest(
         {
             **of_run,

@@ -100,50 +100,52 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
     frames, rate_hz
         The clip's frame numbers and rate; looks shorter than two seconds are joined for the interval.
     """
-    found = []
+    agreements = []
     for first, second in combinations(labels, 2):
         subjects = _compared(labels[first], labels[second], frames)
-        found.append(_agreement(first, second, None, subjects, rate_hz))
+        agreements.append(_agreement(first, second, None, subjects, rate_hz))
         if len(subjects) > 1:
-            found += [_agreement(first, second, subject.subject, [subject], rate_hz) for subject in subjects]
-    return found
+            agreements += [_agreement(first, second, subject.subject, [subject], rate_hz) for subject in subjects]
+    return agreements
 
 
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
     """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
-    found = []
+    ranges = []
     for compared in _compared(first, second, frames):
         answers = enumerate(zip(compared.places, compared.answers, strict=True))
         # within a run of one difference, place in the clip and rank in the list grow together
-        for (_, (one, other)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
+        for (_, (named_first, named_second)), run in groupby(
+            answers, key=lambda item: (item[1][0] - item[0], item[1][1])
+        ):
             inside = [frames[place] for _, (place, _) in run]
-            if one != other:
-                found.append(
+            if named_first != named_second:
+                ranges.append(
                     Difference(
                         subject=compared.subject,
                         first_frame=inside[0],
                         last_frame=inside[-1],
                         frames=len(inside),
-                        first=one,
-                        second=other,
+                        first=named_first,
+                        second=named_second,
                     )
                 )
-    return found
+    return ranges
 
 
 def _compared(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Compared]:
     first, second = first.confirmed(), second.confirmed()
-    found = []
+    by_subject = []
     for subject in sorted({*first.subjects, *second.subjects}):
         pairs = [(first.at(frame, subject), second.at(frame, subject)) for frame in frames]
         judged = {
-            place: (one.target, other.target)
-            for place, (one, other) in enumerate(pairs)
-            if one and other and IGNORED not in (one.target, other.target)
+            place: (ours.target, theirs.target)
+            for place, (ours, theirs) in enumerate(pairs)
+            if ours and theirs and IGNORED not in (ours.target, theirs.target)
         }
-        labelled = sum(one is not None or other is not None for one, other in pairs)
-        found.append(_Compared(subject, list(judged), list(judged.values()), labelled - len(judged)))
-    return found
+        labelled = sum(pair != (None, None) for pair in pairs)
+        by_subject.append(_Compared(subject, list(judged), list(judged.values()), labelled - len(judged)))
+    return by_subject
 
 
 def _agreement(
@@ -167,10 +169,11 @@ def _agreement(
     )
 
 
-def _by_look(each: _Compared, targets: Sequence[str], rate_hz: float | None) -> Counts:
+def _by_look(compared: _Compared, targets: Sequence[str], rate_hz: float | None) -> Counts:
     """The confusion of each look of the first annotator: (looks, targets, targets)."""
-    codes = np.array([[targets.index(name) for name in pair] for pair in each.answers], dtype=np.intp).reshape(-1, 2)
-    looks = number_looks(codes[:, 0], np.array(each.places, dtype=np.intp), rate_hz)
+    code_of = {name: code for code, name in enumerate(targets)}
+    codes = np.array([[code_of[name] for name in pair] for pair in compared.answers], dtype=np.intp).reshape(-1, 2)
+    looks = number_looks(codes[:, 0], np.array(compared.places, dtype=np.intp), rate_hz)
     counts = np.zeros((looks.max(initial=-1) + 1, len(targets), len(targets)), dtype=np.intp)
     np.add.at(counts, (looks, *codes.T), 1)
     return counts
@@ -182,7 +185,7 @@ def _interval(subjects: Codes, by_look: Counts) -> Interval:
     if n < LEAST_UNITS or df < 1:
         return UNKNOWN
     sums = draw(subjects, by_clip=False).astype(np.intp) @ by_look.reshape(n, -1)
-    kappas = np.array([cohen_kappa(each) for each in sums.reshape(-1, *by_look.shape[1:])])
+    kappas = np.array([cohen_kappa(confusion) for confusion in sums.reshape(-1, *by_look.shape[1:])])
     kappas = kappas[np.isfinite(kappas)]
     if not len(kappas) or np.ptp(kappas) == 0:
         return UNKNOWN

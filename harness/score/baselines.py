@@ -43,7 +43,7 @@ class Choices(NamedTuple):
 
     def hits(self, right: Collection[int | None]) -> tuple[bool, ...]:
         """Which of the first four picks are among these instances. No pick is right nowhere."""
-        return tuple(each is not None and each in right for each in self[:4])
+        return tuple(pick is not None and pick in right for pick in self[:4])
 
 
 class Baselines:
@@ -53,20 +53,20 @@ class Baselines:
         centers = [(target.box.center_m, target.instance_id) for target in record.targets if target.box is not None]
         extents = [(target.instance_id, target.box_px) for target in record.targets]
         self._centers = centers
-        self._largest = sorted((-_area_px(box_px), each) for each, box_px in extents if box_px is not None)
-        self._central = sorted((_off_axis(center), each) for center, each in centers)
+        self._largest = sorted((-_area_px(box_px), number) for number, box_px in extents if box_px is not None)
+        self._central = sorted((_off_axis(center), number) for center, number in centers)
 
     def choose(self, subject: SubjectRecord | None) -> Choices:
         """Apply the baselines to a subject of the frame. Ties go to the lower instance id."""
         if subject is None:
             return Choices()
-        own, eyes, dist = subject.instance_id, subject.eye_origin_m, math.dist
-        nearest = None
-        if eyes is not None:
-            nearest = min([(dist(center, eyes), each) for center, each in self._centers if each != own], default=None)
+        own, eyes = subject.instance_id, subject.eye_origin_m
+        by_distance = (
+            [] if eyes is None else sorted((math.dist(center, eyes), number) for center, number in self._centers)
+        )
         angle_rad, in_angle = self._nearest_in_angle(subject)
         return Choices(
-            nearest=None if nearest is None else nearest[1],
+            nearest=_first_but(by_distance, own),
             largest=_first_but(self._largest, own),
             central=_first_but(self._central, own),
             in_angle=in_angle,
@@ -77,10 +77,12 @@ class Baselines:
         eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
         if eyes is None or direction is None:
             return math.nan, None
-        found = [
-            (_angle_rad(direction, eyes, center), each) for center, each in self._centers if each != subject.instance_id
+        angles = [
+            (_angle_rad(direction, eyes, center), number)
+            for center, number in self._centers
+            if number != subject.instance_id
         ]
-        return min(found, default=(math.nan, None))
+        return min(angles, default=(math.nan, None))
 
 
 def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
@@ -109,7 +111,7 @@ def commonest(truths: Iterable[str]) -> str | None:
 
 
 def _first_but(ranked: list[tuple[float, int]], own: int | None) -> int | None:
-    return next((each for _, each in ranked if each != own), None)
+    return next((number for _, number in ranked if number != own), None)
 
 
 def _area_px(box_px: BoxPx) -> float:

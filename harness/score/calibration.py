@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -166,7 +167,7 @@ class CalibrationLog(PartLog[CalibrationData]):
     def take(self, record: FrameRecord) -> None:
         """Add a record."""
         data, labels = self.part(record.clip, record.configuration), self._labels.get(record.clip)
-        data.fits += [each.fit for each in record.subjects if each.fit is not None and each.name is not None]
+        data.fits += [person.fit for person in record.subjects if person.fit is not None and person.name is not None]
         has_probabilities = base_of(record.configuration) in self._names
         for _, name, label in labels.labelled([record.frame]) if labels is not None else ():
             subject = find_subject(record, name)
@@ -183,14 +184,14 @@ class CalibrationLog(PartLog[CalibrationData]):
 
     def reliabilities(self) -> list[Reliability]:
         """One over all clips for each configuration with a scored frame, in the order of the configurations."""
-        found = []
+        reliabilities = []
         for name in self._names:
             clips = [data.sureness for (_, of), data in self.parts.items() if of == name and data.sureness]
-            frames = [(code, np.array(each)) for code, by_subject in enumerate(clips) for each in by_subject.values()]
+            frames = [list(chain.from_iterable(by_subject.values())) for by_subject in clips]
             if frames:
-                codes = np.concatenate([np.full(len(each), code) for code, each in frames])
-                found.append(reliability(name, np.concatenate([each for _, each in frames]), codes))
-        return found
+                codes = np.repeat(np.arange(len(frames)), [len(of_clip) for of_clip in frames])
+                reliabilities.append(reliability(name, np.concatenate(frames), codes))
+        return reliabilities
 
     def by_subject(self) -> list[Reliability]:
         """One for each subject of each clip, then by configuration."""
@@ -208,12 +209,10 @@ class CalibrationLog(PartLog[CalibrationData]):
         for (_, name), data in self.parts.items():
             if data.sets:
                 by_name.setdefault(name, []).extend(data.sets)
-        found = {name: np.array(sets) for name, sets in by_name.items()}
+        sums = {name: np.sum(sets, axis=0).tolist() for name, sets in by_name.items()}
         return [
-            SetCoverage(
-                configuration=name, n=len(sets), covered=int(sets[:, 0].sum()), mean_size=float(sets[:, 1].mean())
-            )
-            for name, sets in found.items()
+            SetCoverage(configuration=name, n=len(by_name[name]), covered=covered, mean_size=size / len(by_name[name]))
+            for name, (covered, size) in sums.items()
         ]
 
     def direction_checks(self) -> list[DirectionCheck]:
@@ -290,9 +289,9 @@ NO_PROBABILITIES = (0.0, 1.0)
 
 def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
     """The probability of each target by instance id. None stands for nowhere, which has the rest up to 1."""
-    found: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
-    found[None] = max(0.0, 1 - sum(found.values()))
-    return found
+    chances: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
+    chances[None] = max(0.0, 1 - sum(chances.values()))
+    return chances
 
 
 def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label) -> tuple[float, float]:
@@ -327,14 +326,12 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
 
 def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     """A note for each configuration whose directions do not fit on some of its clips."""
-    notes, found = [], list(checks)
-    for name in dict.fromkeys(direction_check.configuration for direction_check in found):
-        of_name = [direction_check for direction_check in found if direction_check.configuration == name]
-        unfit = [direction_check for direction_check in of_name if not direction_check.fits]
-        if unfit:
-            clips = (
-                f"{len(unfit)} of {len(of_name)} clips ({', '.join(direction_check.clip for direction_check in unfit)})"
-            )
+    notes, by_name = [], dict[str, list[DirectionCheck]]()
+    for check in checks:
+        by_name.setdefault(check.configuration, []).append(check)
+    for name, of_name in by_name.items():
+        if unfit := [check for check in of_name if not check.fits]:
+            clips = f"{len(unfit)} of {len(of_name)} clips ({', '.join(check.clip for check in unfit)})"
             where = f"{clips}, on the first" if len(unfit) > 1 else unfit[0].clip
             notes.append(f"{name}: directions do not fit the posterior on {where}: {unfit[0].misfit()}.")
     return notes

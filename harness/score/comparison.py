@@ -135,8 +135,8 @@ def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, .
     ``frames`` are keyed by the names used in the result. Frames are paired by clip, subject and frame; frames that
     either did not score are left out. Without a common frame, n = 0 and p = 1.
     """
-    known = {name: list(each) for name, each in frames.items()}
-    return with_holm([_comparison(one, two, pair(known[one], known[two])) for one, two in combinations(known, 2)])
+    known = {name: list(scored) for name, scored in frames.items()}
+    return with_holm([_comparison(*names, pair(*(known[name] for name in names))) for names in combinations(known, 2)])
 
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
@@ -148,13 +148,13 @@ def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     levels = {index: SIGNIFICANCE / (family - min(rank, rejected)) for rank, index in enumerate(order)}
     return tuple(
         replace(
-            each,
+            comparison,
             p_holm=p,
             family=family,
-            interval=UNKNOWN if each.units is None else difference_interval(each.units, levels[index]),
-            detectable=math.nan if each.units is None else detectable_difference(each.units, family),
+            interval=UNKNOWN if comparison.units is None else difference_interval(comparison.units, levels[index]),
+            detectable=math.nan if comparison.units is None else detectable_difference(comparison.units, family),
         )
-        for index, (each, p) in enumerate(zip(comparisons, corrected, strict=True))
+        for index, (comparison, p) in enumerate(zip(comparisons, corrected, strict=True))
     )
 
 
@@ -339,16 +339,16 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
         If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
     """
     _distinct([baseline, *runs])
-    reference, found = read_scores(RunDirectory(baseline)), []
+    reference, compared = read_scores(RunDirectory(baseline)), []
     known = reference.scored_configurations
     for run, name, frames in _scored(runs):
         if name not in known:
             raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
-        (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": frames})
-        if one.n == 0:
+        (comparison,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": frames})
+        if comparison.n == 0:
             raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
-        found.append(one)
-    return with_holm(found)
+        compared.append(comparison)
+    return with_holm(compared)
 
 
 def _scored(runs: Iterable[Path]) -> Iterator[tuple[Path, str, list[ScoredFrames]]]:

@@ -105,7 +105,7 @@ class FinishedRun:
                     f"{self.directory.manifest}: clips: found {', '.join(frames)}; expected {block.clip!r}, of which "
                     "results.jsonl has frames"
                 )
-        failed = {(each["clip"], each["configuration"]) for each in run.get("failed", [])}
+        failed = {(failure["clip"], failure["configuration"]) for failure in run.get("failed", [])}
         for clip, configuration in product(frames, run["configurations"]):
             count = counts[clip, configuration]
             if (clip, configuration) not in failed and count != frames[clip]:
@@ -113,7 +113,7 @@ class FinishedRun:
                     f"{self.directory.results}: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
                 )
-        return [each for each in blocks if each.clip not in clips and each.configuration not in configurations]
+        return [block for block in blocks if block.clip not in clips and block.configuration not in configurations]
 
     def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
         """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
@@ -123,8 +123,8 @@ class FinishedRun:
         run = self.manifest
         annotator = annotator or run.get("annotator")
         manifests = {clip["name"]: _manifest(clip) for clip in run["clips"]}
-        found = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
-        labels = {name: each for name, each in found.items() if each is not None and each.ranges}
+        read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
+        labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         of_clips: dict[str, list[str]] = {}
         changed: list[str] = []
         for clip in run["clips"]:
@@ -146,13 +146,13 @@ class FinishedRun:
                 *([f"Scored against the labels of {annotator!r}."] if annotator else []),
                 *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
                 *changed,
-                *self._unlabelled_notes([manifests[name] for name in found if name not in labels]),
+                *self._unlabelled_notes([manifests[name] for name in read if name not in labels]),
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self.names_now(),
-            says_nowhere=frozenset(name for name, each in run["configurations"].items() if says_nowhere(each)),
+            says_nowhere=frozenset(name for name, settings in run["configurations"].items() if says_nowhere(settings)),
             probabilistic=dict.fromkeys(
-                name for name, each in run["configurations"].items() if has_probabilities(each)
+                name for name, settings in run["configurations"].items() if has_probabilities(settings)
             ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
@@ -193,15 +193,15 @@ def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
     A configuration that ran on only some of the clips would have a rate over other frames than the rest of the table.
     """
     failed = run.get("failed", [])
-    counts = Counter(each["clip"] for each in failed)
+    counts = Counter(failure["clip"] for failure in failed)
     clips = {clip for clip, count in counts.items() if count == len(run["configurations"])}
-    configurations = {each["configuration"] for each in failed if each["clip"] not in clips}
+    configurations = {failure["configuration"] for failure in failed if failure["clip"] not in clips}
     notes: dict[str, str] = {}
-    for each in failed:
-        if each["clip"] in clips:
-            notes.setdefault(each["clip"], f"left out, every configuration failed: {each['error']}")
+    for failure in failed:
+        if failure["clip"] in clips:
+            notes.setdefault(failure["clip"], f"left out, every configuration failed: {failure['error']}")
         else:
-            notes.setdefault(each["configuration"], f"left out, failed on {each['clip']}: {each['error']}")
+            notes.setdefault(failure["configuration"], f"left out, failed on {failure['clip']}: {failure['error']}")
     return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
 
 
@@ -225,8 +225,8 @@ def _labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
 
 
 def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
-    found: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
-    return found.get(clip["name"])
+    digests: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
+    return digests.get(clip["name"])
 
 
 def _label_notes(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None, digest: str) -> Iterator[str]:
@@ -281,12 +281,12 @@ def _content_notes(
     KNOWN.add(noted)
     try:
         with KNOWN.used() as used:
-            found = manifest.open().digest()
+            digest = manifest.open().digest()
     except VfoaError:
         return
     if not used.keys() <= noted.keys():
         write_value(digests, {**noted, **used})
-    if found != clip["sha256"]:
+    if digest != clip["sha256"]:
         yield (
             f"{clip['name']}: the images or the calibration of {manifest.path.name} are not those that the run was "
             "made with, and its labels may be of another clip; to score this one, run it again."

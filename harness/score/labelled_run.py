@@ -52,7 +52,7 @@ class Person:
     def only(self, chosen: Iterable[int]) -> Person:
         """Return the person with the labels of these frames alone."""
         wanted = set(chosen)
-        targets = [each if k in wanted else UNKNOWN for k, each in enumerate(self.sequence.targets)]
+        targets = [target if k in wanted else UNKNOWN for k, target in enumerate(self.sequence.targets)]
         return replace(self, sequence=replace(self.sequence, targets=targets))
 
     def first(self, seconds: float) -> Person:
@@ -87,7 +87,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     run = FinishedRun.read(directory)
     known = run.manifest["configurations"]
     bases = list(dict.fromkeys(base_of(name) for name in known))
-    logits = [base_of(name) for name, each in known.items() if each.get("attention", {}).get("method") == "logit"]
+    logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
     if chosen not in bases:
         raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, bases)}")
@@ -113,20 +113,20 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _O
     """Read the configurations in one pass; ``others`` takes the outcomes of all configurations, if it is given."""
     reference = run.reference()
     labels = reference.labels
-    found: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
+    records_of: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
     for record in run.records():
         if record.clip not in labels:
             continue
         base = base_of(record.configuration)
-        if base in found:
-            found[base].setdefault((record.clip, record.configuration), []).append(record)
+        if base in records_of:
+            records_of[base].setdefault((record.clip, record.configuration), []).append(record)
         if others is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
             has_probabilities = record.configuration in reference.probabilistic
             for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
                 others.setdefault((record.clip, name, record.frame), {})[base] = outcome
     experiment = str(run.manifest.get("experiment", ""))
     runs = []
-    for name, by_run in found.items():
+    for name, by_run in records_of.items():
         seeds = len({configuration for _, configuration in by_run})
         people = [
             person
@@ -150,36 +150,37 @@ def labelled_people(
     traces = Traces()
     rows: dict[str, list[tuple[float, Seen, int | None, tuple[float, bool], Mapping[str, Outcome]]]] = {}
     for record in records:
-        targets = tuple(_target(each) for each in record.targets)
-        subjects = tuple(_subject(each) for each in record.subjects)
+        targets = tuple(_target(target) for target in record.targets)
+        subjects = tuple(_subject(subject) for subject in record.subjects)
         attentions, traces = weigh(subjects, targets, traces, settings, record.time_ns)
         seen = {attention.subject.track_id: attention.belief for attention in attentions}
         for name in labels.subjects:
-            found = find_subject(record, name)
-            if found is None or seen[found.track_id] is None:
+            person = find_subject(record, name)
+            if person is None or seen[person.track_id] is None:
                 continue
             label = labels.at(record.frame, name)
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
-            target = next((each for each in right if each is None or each in seen[found.track_id].ids), UNKNOWN)
+            answerable = (None, *seen[person.track_id].ids)
+            target = next((answer for answer in right if answer in answerable), UNKNOWN)
             nearest, answers = (math.nan, False), dict[str, Outcome]()
             if others is not None:
-                pick = Baselines(record).choose(found)
+                pick = Baselines(record).choose(person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:
-                    subject = next(each for each in subjects if each.track_id == found.track_id)
+                    subject = next(subject for subject in subjects if subject.track_id == person.track_id)
                     answers[TWO_CONES] = pay_attention(subject, targets, _CONES).focus in right, math.nan, math.nan
-            rows.setdefault(name, []).append((record.time_ns / 1e9, seen[found.track_id], target, nearest, answers))
+            rows.setdefault(name, []).append((record.time_ns / 1e9, seen[person.track_id], target, nearest, answers))
     people = []
     for of_person in rows.values():
         times_s, seen_, targets_, nearest_, answers_ = zip(*of_person, strict=True)
-        names = list(dict.fromkeys(name for each in answers_ for name in each))
+        names = list(dict.fromkeys(name for by_name in answers_ for name in by_name))
         missing: Outcome = (False, math.nan, math.nan)
         people.append(
             Person(
                 sequence=LabelledSequence(group=clip, times_s=times_s, seen=seen_, targets=targets_, weight=weight),
                 nearest=np.array(nearest_, dtype=np.float64),
-                others={name: np.array([each.get(name, missing) for each in answers_], np.float64) for name in names},
+                others={name: np.array([by_name.get(name, missing) for by_name in answers_], float) for name in names},
             )
         )
     return people
@@ -188,14 +189,14 @@ def labelled_people(
 def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -> Iterator[tuple[str, Outcome]]:
     """Yield the outcome of the record's own answers, by subject."""
     for _, name, label in labels.labelled([record.frame]):
-        found = find_subject(record, name)
-        if found is not None and label.target != IGNORED:
+        subject = find_subject(record, name)
+        if subject is not None and label.target != IGNORED:
             right = right_answers(record, label)
-            if not has_probabilities or found.missing is not None:
-                yield name, (found.missing is None and found.focus in right, math.nan, math.nan)
+            if not has_probabilities or subject.missing is not None:
+                yield name, (subject.missing is None and subject.focus in right, math.nan, math.nan)
                 continue
-            chances = probabilities(found)
-            yield name, (found.focus in right, chances[found.focus], sum(chances.get(key, 0.0) for key in right))
+            chances = probabilities(subject)
+            yield name, (subject.focus in right, chances[subject.focus], sum(chances.get(key, 0.0) for key in right))
 
 
 def _subject(record: SubjectRecord) -> Subject:

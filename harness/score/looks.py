@@ -58,11 +58,11 @@ def joined(lengths: Float, least: float) -> Codes:
     """
     units = np.zeros(len(lengths), dtype=np.intp)
     unit, length = 0, 0.0
-    for run, each in enumerate(lengths.tolist()):
+    for run, seconds in enumerate(lengths.tolist()):
         if length >= least:
             unit, length = unit + 1, 0.0
         units[run] = unit
-        length += each
+        length += seconds
     if unit and length < least:
         units[units == unit] = unit - 1
     return units
@@ -103,7 +103,7 @@ def correlation_time_s(sequences: Iterable[tuple[Flags, Codes, float | None]]) -
         return 0.0
     seconds, heights = _LAGS_S[known], 0.5 * squares[known] / counts[known]
     weights = counts[known] / seconds  # pairs that are further apart overlap more
-    fits = [_fitted(1 - np.exp(-seconds / each), heights, weights) for each in _LAGS_S]
+    fits = [_fitted(1 - np.exp(-seconds / range_s), heights, weights) for range_s in _LAGS_S]
     best = int(np.argmin([error for error, _ in fits]))
     return float(_LAGS_S[best]) if fits[best][1] > 0 else 0.0
 
@@ -130,7 +130,7 @@ class MatchCounts:
     """Numbers of what is true (events, or frames), what was found, and what matches; and the rates of detection."""
 
     true: int
-    found: int
+    predicted: int
     matched: int
 
     @property
@@ -141,12 +141,12 @@ class MatchCounts:
     @property
     def precision(self) -> float:
         """Share of the found ones that are true; NaN without any."""
-        return self.matched / self.found if self.found else math.nan
+        return self.matched / self.predicted if self.predicted else math.nan
 
     @property
     def f_measure(self) -> float:
         """Harmonic mean of recall and precision; NaN without any."""
-        both = self.true + self.found
+        both = self.true + self.predicted
         return 2 * self.matched / both if both else math.nan
 
     @property
@@ -169,18 +169,18 @@ def find_events(codes: Codes, positions: Codes) -> list[Event]:
     return [Event(*run) for run in runs if run[0] >= 0]
 
 
-def match_events(true: list[Event], found: list[Event]) -> int:
+def match_events(true: list[Event], predicted: list[Event]) -> int:
     """The greatest number of pairs of a true and a found event with the same target that overlap; each is used once.
 
     Both lists are in order. Events of one list do not overlap, so the pass below finds the best alignment: if the
     first two do not match, the one that ends first can match no later event.
     """
     matched = i = j = 0
-    while i < len(true) and j < len(found):
-        overlap = true[i].first <= found[j].last and found[j].first <= true[i].last
-        if overlap and true[i].code == found[j].code:
+    while i < len(true) and j < len(predicted):
+        overlap = true[i].first <= predicted[j].last and predicted[j].first <= true[i].last
+        if overlap and true[i].code == predicted[j].code:
             matched, i, j = matched + 1, i + 1, j + 1
-        elif true[i].last <= found[j].last:
+        elif true[i].last <= predicted[j].last:
             i += 1
         else:
             j += 1
@@ -189,10 +189,10 @@ def match_events(true: list[Event], found: list[Event]) -> int:
 
 def count_events(sequences: Iterable[tuple[Codes, Codes, Codes]]) -> MatchCounts:
     """Events of several sequences together; each is (truth codes, predicted codes, positions), all (n,)."""
-    true = found = matched = 0
+    true = n_predicted = matched = 0
     for truth, predicted, positions in sequences:
-        true_events, found_events = find_events(truth, positions), find_events(predicted, positions)
+        true_events, predicted_events = find_events(truth, positions), find_events(predicted, positions)
         true += len(true_events)
-        found += len(found_events)
-        matched += match_events(true_events, found_events)
-    return MatchCounts(true=true, found=found, matched=matched)
+        n_predicted += len(predicted_events)
+        matched += match_events(true_events, predicted_events)
+    return MatchCounts(true=true, predicted=n_predicted, matched=matched)

@@ -51,7 +51,7 @@ class BalancedFRR:
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The mean of the two recalls, in [0, 1]."""
         recalls = [recall(group) for recall in (RecallTargets(), RecallNowhere())]
-        known = [each for each in recalls if not math.isnan(each)]
+        known = [value for value in recalls if not math.isnan(value)]
         return sum(known) / len(known) if known else math.nan
 
 
@@ -63,7 +63,7 @@ class RecallTargets:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The recall, in [0, 1]; NaN if there are no such frames."""
-        return _mean([each.correct[~each.nowhere] for each in group])
+        return _mean([outcomes.correct[~outcomes.nowhere] for outcomes in group])
 
 
 class RecallNowhere:
@@ -74,7 +74,7 @@ class RecallNowhere:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The recall, in [0, 1]; NaN if there are no such frames."""
-        return _mean([each.correct[each.nowhere] for each in group])
+        return _mean([outcomes.correct[outcomes.nowhere] for outcomes in group])
 
 
 class LogLoss:
@@ -88,7 +88,7 @@ class LogLoss:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The log loss, nats; NaN for a method without probabilities."""
-        return _mean([-np.log(np.maximum(each.on_truth, LEAST_PROBABILITY)) for each in group])
+        return _mean([-np.log(np.maximum(outcomes.on_truth, LEAST_PROBABILITY)) for outcomes in group])
 
 
 class Brier:
@@ -99,7 +99,7 @@ class Brier:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The score, 0 to 2; NaN for a method without probabilities."""
-        return _mean([each.brier for each in group])
+        return _mean([outcomes.brier for outcomes in group])
 
 
 class MacroF1:
@@ -125,8 +125,8 @@ class Kappa:
 
 
 def _mean(values: Sequence[NDArray[Any]]) -> float:
-    found = np.concatenate(values)
-    return float(found.mean()) if len(found) and not np.isnan(found).any() else math.nan
+    column = np.concatenate(values)
+    return float(column.mean()) if len(column) and not np.isnan(column).any() else math.nan
 
 
 def confusion(group: Sequence[Outcomes]) -> Counts:
@@ -134,7 +134,8 @@ def confusion(group: Sequence[Outcomes]) -> Counts:
 
     Answers that never occur in the truth share a column: separating them would change neither kappa nor macro F1.
     """
-    truth, predicted = (np.concatenate([getattr(each, name) for each in group]) for name in ("truth", "predicted"))
+    truth = np.concatenate([outcomes.truth for outcomes in group])
+    predicted = np.concatenate([outcomes.predicted for outcomes in group])
     labels, true_codes = np.unique(truth, return_inverse=True)
     another = len(labels)
     nearest = np.minimum(np.searchsorted(labels, predicted), another - 1)

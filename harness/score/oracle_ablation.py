@@ -120,12 +120,12 @@ def without_oracles(configurations: Collection[str]) -> list[str]:
 def steps(scores: Scores) -> list[Step]:
     """The ablations of a run, each beginning with its configuration; empty for a run without ablation."""
     scored = {row.configuration: row for row in scores.overall()}
-    found: list[Step] = []
+    ablation: list[Step] = []
     for name, row in scored.items():
         before = _step_before(name, scored)
         if before is not None:
             units = pair(scores.frames_of(before), scores.frames_of(name)).units
-            found.append(
+            ablation.append(
                 Step(
                     configuration=name,
                     replaced=name.removeprefix(f"{before}+"),
@@ -135,8 +135,8 @@ def steps(scores: Scores) -> list[Step]:
                 )
             )
         elif any(f"{name}+{replaced}" in scored for replaced in REPLACEMENTS):
-            found.append(Step(configuration=name, replaced=None, row=row))
-    return found
+            ablation.append(Step(configuration=name, replaced=None, row=row))
+    return ablation
 
 
 def _step_before(name: str, configurations: Collection[str]) -> str | None:

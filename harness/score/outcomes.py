@@ -28,7 +28,7 @@ class Reference:
     """Labels and frames by clip, and the notes that every table must show with the scores.
 
     A clip without labels is not scored. ``frames`` are those that were to be run, if they are fewer than the labels
-    cover (a clip whose numbers have gaps, a run with a limit): a labelled one among them without a record is wrong.
+    cover (a clip whose numbers have gaps, a run with a limit): a labelled frame without a record counts as wrong.
     ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
     ``says_nowhere`` are the configurations whose method can answer "looks at nothing", ``probabilistic`` those whose
     attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
@@ -141,7 +141,7 @@ class OutcomeLog(PartLog[JudgedPart]):
         In order of clip, configuration (both as they first appear in the records) and subject (by name).
         """
         codes: dict[str, int] = {}
-        found = []
+        outcomes = []
         for name in dict.fromkeys(clip for clip, _ in self.parts):
             parts = {configuration: part for (clip, configuration), part in self.parts.items() if clip == name}
             wanted = self._wanted(name)
@@ -157,8 +157,9 @@ class OutcomeLog(PartLog[JudgedPart]):
                         verdict = judge_absent(name, configuration, frame, subject, label)
                         judged[frame] = Judgement(verdict, label.is_blocked, NO_HITS, math.nan, *worth)
                 for subject, judged in sorted(part.by_subject.items()):
-                    found.append(_outcomes((name, configuration, subject), judged, places, _rate_hz(times_ns), codes))
-        return _with_limits(_with_longer_looks(found))
+                    key = name, configuration, subject
+                    outcomes.append(_outcomes(key, judged, places, _rate_hz(times_ns), codes))
+        return _with_limits(_with_longer_looks(outcomes))
 
     def _wanted(self, clip: str) -> list[int]:
         """The frames of a clip that are scored if they have a label."""
@@ -199,10 +200,10 @@ def _judgements(
             verdict = _as_said(verdict)
         judgement = Judgement(verdict, label is not None and label.is_blocked)
         if baselines and label and verdict.outcome != "unscored":
-            found = find_subject(record, subject)
-            choices = baselines.choose(found)
+            person = find_subject(record, subject)
+            choices = baselines.choose(person)
             hits = choices.hits(right_answers(record, label))
-            worth = worth_of(record, found, label) if has_probabilities else UNKNOWN_WORTH
+            worth = worth_of(record, person, label) if has_probabilities else UNKNOWN_WORTH
             judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, *worth)
         yield subject, judgement
 
@@ -226,7 +227,7 @@ def _outcomes(
     truth = _coded(truths, codes)
     positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
     always = commonest(truths)
-    baselines = [(each == always, *one.hits) for each, one in zip(truths, scored, strict=True)]
+    baselines = [(truth == always, *judgement.hits) for truth, judgement in zip(truths, scored, strict=True)]
     return Outcomes(
         clip=clip,
         configuration=configuration,
@@ -259,7 +260,7 @@ def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
     for outcome in outcomes:
         key = outcome.configuration, outcome.clip
         if key not in limits:
-            others = [one for one in outcomes if one.configuration == key[0] and one.clip != key[1]]
+            others = [other for other in outcomes if other.configuration == key[0] and other.clip != key[1]]
             limits[key] = _limit_rad(others, place)
         is_target = outcome.angles_rad <= limits[key]
         says_nothing = np.isfinite(outcome.angles_rad) & ~is_target
@@ -272,9 +273,9 @@ def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
 def _limit_rad(others: list[Outcomes], place: int) -> float:
     if not others:
         return math.inf
-    angles_rad = np.concatenate([each.angles_rad for each in others])
-    hits = np.concatenate([each.baselines[:, place] for each in others])
-    return best_limit_rad(angles_rad, hits, np.concatenate([each.nowhere for each in others]))
+    angles_rad = np.concatenate([outcome.angles_rad for outcome in others])
+    hits = np.concatenate([outcome.baselines[:, place] for outcome in others])
+    return best_limit_rad(angles_rad, hits, np.concatenate([outcome.nowhere for outcome in others]))
 
 
 def _coded(names: Iterable[str | None], codes: dict[str, int]) -> Codes:

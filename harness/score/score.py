@@ -135,10 +135,10 @@ class Scores:
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
-        found: dict[tuple[str, str], list[Outcomes]] = {}
+        seeds_of: dict[tuple[str, str], list[Outcomes]] = {}
         for outcome in self.outcomes:
             if base_of(outcome.configuration) == configuration and outcome.frames:
-                found.setdefault((outcome.clip, outcome.subject), []).append(outcome)
+                seeds_of.setdefault((outcome.clip, outcome.subject), []).append(outcome)
         return [
             ScoredFrames(
                 clip=clip,
@@ -151,7 +151,7 @@ class Scores:
                 correct=np.sum([seed.correct for seed in seeds], axis=0, dtype=np.intp),
                 seeds=len(seeds),
             )
-            for (clip, subject), seeds in found.items()
+            for (clip, subject), seeds in seeds_of.items()
         ]
 
 
@@ -180,11 +180,7 @@ def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference
         *map(base_of, reference.says_nowhere),
         *(base_of(outcome.configuration) for outcome in outcomes if outcome.says_nowhere.any()),
     }
-    rows = [
-        row
-        for group in _groups(outcomes, clips, configurations)
-        if (row := _row(*group, metrics, says_nowhere)) is not None
-    ]
+    rows = [_row(*group, metrics, says_nowhere) for group in _groups(outcomes, clips, configurations)]
     verdicts = tuple(verdict for outcome in outcomes for verdict in outcome.verdicts)
     return Scores(
         clips=clips,
@@ -193,7 +189,7 @@ def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference
         rows=tuple(rows),
         notes=reference.notes,
         published=reference.published,
-        factors={base_of(name): each for name, each in reference.factors.items()},
+        factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measures,
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
@@ -207,18 +203,22 @@ def _groups(outcomes: Sequence[Outcomes], clips: Sequence[str], configurations: 
     """Groups scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
     scored = [outcome for outcome in outcomes if len(outcome.correct)]
     by_name: dict[str, list[Outcomes]] = {base_of(name): [] for name in configurations}
-    for each in scored:
-        by_name[base_of(each.configuration)].append(each)
+    for outcome in scored:
+        by_name[base_of(outcome.configuration)].append(outcome)
+
+    def rows(clip: str | None, subject: str | None) -> Iterator[_Group]:
+        for name, of_name in by_name.items():
+            chosen = [outcome for outcome in of_name if clip in (None, outcome.clip)]
+            if group := [outcome for outcome in chosen if subject in (None, outcome.subject)]:
+                yield clip, subject, name, group
+
     for clip in clips:
-        for name, found in by_name.items():
-            yield clip, None, name, [each for each in found if each.clip == clip]
-    if len({each.clip for each in scored}) > 1:
-        for name, found in by_name.items():
-            yield None, None, name, found
+        yield from rows(clip, None)
+    if len({outcome.clip for outcome in scored}) > 1:
+        yield from rows(None, None)
     for clip in clips:
-        for subject in dict.fromkeys(each.subject for each in scored if each.clip == clip):
-            for name, found in by_name.items():
-                yield clip, subject, name, [each for each in found if (each.clip, each.subject) == (clip, subject)]
+        for subject in dict.fromkeys(outcome.subject for outcome in scored if outcome.clip == clip):
+            yield from rows(clip, subject)
 
 
 def _row(
@@ -228,17 +228,14 @@ def _row(
     group: list[Outcomes],
     metrics: Mapping[str, Metric],
     says_nowhere: Collection[str],
-) -> ScoreRow | None:
-    if not group:
-        return None
-
+) -> ScoreRow:
     def column(name: str) -> Flags:
-        return np.concatenate([getattr(each, name) for each in group])
+        return np.concatenate([getattr(outcome, name) for outcome in group])
 
     correct, no_hit, visible, baselines = column("correct"), column("no_hit"), ~column("blocked"), column("baselines")
     answered = (column("predicted") >= 0) & ~no_hit
-    error_types = Counter(error_type for each in group for error_type in each.error_types)
-    units = units_of(group, [each.correct for each in group])
+    error_types = Counter(error_type for outcome in group for error_type in outcome.error_types)
+    units = units_of(group, [outcome.correct for outcome in group])
     return ScoreRow(
         clip=clip,
         subject=subject,
@@ -253,7 +250,7 @@ def _row(
         interval=rate_interval(units),
         wilson=wilson_interval(_count(correct), len(correct)),
         metrics={name: float(metric(group)) for name, metric in metrics.items()},
-        events=count_events((each.truth, each.predicted, each.positions) for each in group),
+        events=count_events((outcome.truth, outcome.predicted, outcome.positions) for outcome in group),
         nowhere=_matches(column("nowhere"), column("says_nowhere")) if configuration in says_nowhere else None,
         visible=_count(visible),
         visible_correct=_count(correct & visible),
@@ -266,18 +263,18 @@ def _row(
 
 def _seed_rates(group: list[Outcomes]) -> tuple[float, ...]:
     by_seed: dict[str, list[Flags]] = {}
-    for each in group:
-        by_seed.setdefault(each.configuration, []).append(each.correct)
-    return tuple(float(np.concatenate(each).mean()) for each in by_seed.values()) if len(by_seed) > 1 else ()
+    for outcome in group:
+        by_seed.setdefault(outcome.configuration, []).append(outcome.correct)
+    return tuple(float(np.concatenate(flags).mean()) for flags in by_seed.values()) if len(by_seed) > 1 else ()
 
 
-def _matches(true: Flags, found: Flags) -> MatchCounts:
-    return MatchCounts(true=_count(true), found=_count(found), matched=_count(true & found))
+def _matches(true: Flags, said: Flags) -> MatchCounts:
+    return MatchCounts(true=_count(true), predicted=_count(said), matched=_count(true & said))
 
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
     best = int(np.argmax(baselines.sum(axis=0)))
-    gains = units_of(group, [each.correct.astype(int) - each.baselines[:, best] for each in group])
+    gains = units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"

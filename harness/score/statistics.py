@@ -88,11 +88,11 @@ def cohen_kappa(confusion: Counts) -> float:
 
 def macro_f1(confusion: Counts) -> float:
     """Mean F1 over the categories that occur in the truth (rows); NaN without ground truth."""
-    true, found = confusion.sum(axis=1), confusion.sum(axis=0)
+    true, predicted = confusion.sum(axis=1), confusion.sum(axis=0)
     occurs = true > 0
     if not occurs.any():
         return math.nan
-    return float((2 * np.diagonal(confusion)[occurs] / (true + found)[occurs]).mean())
+    return float((2 * np.diagonal(confusion)[occurs] / (true + predicted)[occurs]).mean())
 
 
 _ALL_SUBSETS = 12
@@ -137,7 +137,7 @@ def _upper_tail(differences: Codes | Float) -> float:
     """The share of the assignments of signs with a total at least as large as the observed one, which is positive."""
     sizes = np.abs(np.rint(differences[differences != 0])).astype(np.int64)
     step = math.gcd(*sizes.tolist())
-    found = round(float(differences.sum())) // step
+    total = round(float(differences.sum())) // step
     chance = np.ones(1)  # distribution over the totals -k, -k + 2, ..., k, where k is the sum of the sizes so far
     for size in (sizes // step).tolist():
         wider = np.zeros(len(chance) + size)
@@ -145,7 +145,7 @@ def _upper_tail(differences: Codes | Float) -> float:
         wider[size:] += chance / 2
         chance = wider
     # place i is the total 2 i - k
-    return float(chance[(found + len(chance) - 1) // 2 :].sum())
+    return float(chance[(total + len(chance) - 1) // 2 :].sum())
 
 
 def sign_flip_interval(differences: Float, frames: Float, alpha: float = SIGNIFICANCE) -> tuple[float, float] | None:

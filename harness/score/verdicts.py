@@ -78,12 +78,12 @@ class Verdict:
 
 def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
     """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
-    found = find_subject(record, subject)
-    predicted = _predicted(record, found)
+    person = find_subject(record, subject)
+    predicted = _predicted(record, person)
     outcome: Outcome = "unscored"
     error_type = None
     if label is not None and label.target != IGNORED:
-        error_type = _error_type(record, subject, found, label, predicted)
+        error_type = _error_type(record, subject, person, label, predicted)
         outcome = "wrong" if error_type else "correct"
     return Verdict(
         clip=record.clip,
@@ -105,7 +105,7 @@ def judge_absent(clip: str, configuration: str, frame: int, subject: str, label:
 
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
     """Return the person of this name; the first in the record if tracks share it."""
-    return next((each for each in record.subjects if each.name == subject), None)
+    return next((person for person in record.subjects if person.name == subject), None)
 
 
 def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
@@ -124,25 +124,25 @@ def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
     return tuple(target.instance_id for target in true_targets(record, label))
 
 
-def _predicted(record: FrameRecord, found: SubjectRecord | None) -> str | None:
-    if found is None or found.missing is not None:
+def _predicted(record: FrameRecord, person: SubjectRecord | None) -> str | None:
+    if person is None or person.missing is not None:
         return None
-    if found.focus is not None:
-        return record.target(found.focus).name
-    return NOWHERE if any(value.total > 0.0 for value in found.attention) else NO_HIT
+    if person.focus is not None:
+        return record.target(person.focus).name
+    return NOWHERE if any(value.total > 0.0 for value in person.attention) else NO_HIT
 
 
 def _error_type(
-    record: FrameRecord, subject: str, found: SubjectRecord | None, label: Label, predicted: str | None
+    record: FrameRecord, subject: str, person: SubjectRecord | None, label: Label, predicted: str | None
 ) -> str | None:
     """Why the frame is wrong: the first error type that applies; None if it is correct."""
-    if found is None:
+    if person is None:
         return "no_subject"
-    if found.missing == "no_direction" and found.no_gaze is not None:
-        return found.no_gaze
-    if found.missing is not None:
-        return found.missing
-    if found.focus in right_answers(record, label):
+    if person.missing == "no_direction" and person.no_gaze is not None:
+        return person.no_gaze
+    if person.missing is not None:
+        return person.missing
+    if person.focus in right_answers(record, label):
         return None
     if label.target == NOWHERE:
         return "false_attention"
@@ -151,17 +151,17 @@ def _error_type(
         return "target_not_segmented"
     if all(target.box is None for target in targets):
         return "target_without_box"
-    if _is_somebody_else(record, subject, found) or predicted == subject:
+    if _is_somebody_else(record, subject, person) or predicted == subject:
         return "wrong_subject"
-    attended = {value.instance_id for value in found.attention if value.total > 0.0}
+    attended = {value.instance_id for value in person.attention if value.total > 0.0}
     if not attended:
         return "no_hit"
     return "outscored" if any(target.instance_id in attended for target in targets) else "missed"
 
 
-def _is_somebody_else(record: FrameRecord, subject: str, found: SubjectRecord) -> bool:
+def _is_somebody_else(record: FrameRecord, subject: str, person: SubjectRecord) -> bool:
     bodies = {target.instance_id for target in record.targets if target.name == subject}
-    return found.instance_id is not None and bool(bodies) and found.instance_id not in bodies
+    return person.instance_id is not None and bool(bodies) and person.instance_id not in bodies
 
 
 def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[float, float]:

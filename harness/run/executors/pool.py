@@ -155,7 +155,8 @@ class Pool:
         self._ending.value = True
         if self._processes:
             self._processes.shutdown(wait=False, cancel_futures=True)
-        workers, deadline = [each for each in self._context.started if each.is_alive()], time.monotonic() + GRACE_S
+        workers = [process for process in self._context.started if process.is_alive()]
+        deadline = time.monotonic() + GRACE_S
         try:
             for worker in workers:
                 worker.join(max(deadline - time.monotonic(), 0))
@@ -214,9 +215,9 @@ class _Listener:
         self.told.close()
 
 
-def _begin(told: Connection, stop: c_bool) -> None:
+def _begin(pipe: Connection, stop: c_bool) -> None:
     global _told, _stop
-    _told, _stop = told, stop
+    _told, _stop = pipe, stop
     for name in ("SIGINT", "SIGHUP"):  # a terminal sends Ctrl-C to all processes; the parent decides
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -233,12 +234,12 @@ def _end_with_parent() -> None:
 
 
 def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
-    told, stop = _told, _stop
-    if told is None or stop is None:
+    pipe, stop = _told, _stop
+    if pipe is None or stop is None:
         raise AssertionError("the worker was not started by a pool")
 
     def progress(word: str) -> None:
-        told.send_bytes(word.encode())
+        pipe.send_bytes(word.encode())
         if stop.value:
             raise StoppedError
 

@@ -72,15 +72,15 @@ def test_an_example_written_out_by_hand() -> None:
     #        a b  a  b a b      a   b  -    found: AA, B, (no prediction), AA, B, A, BBB, AA, BB, --- : nine events
     # A1 takes the first AA (the second AA stays over), B1 the B of one frame, A2 the AA, -1 the ---; C1 nothing.
     counts = _count(truth, found)
-    assert counts == MatchCounts(true=5, found=9, matched=4)
+    assert counts == MatchCounts(true=5, predicted=9, matched=4)
     assert counts.recall == 4 / 5
     assert counts.precision == 4 / 9
     assert counts.f_measure == pytest.approx(2 * (4 / 5) * (4 / 9) / (4 / 5 + 4 / 9))
 
 
 def test_a_long_event_matches_only_one_of_two_that_it_covers() -> None:
-    assert _count("AABAA", "AAAAA") == MatchCounts(true=3, found=1, matched=1)
-    assert _count("AAAAA", "AABAA") == MatchCounts(true=1, found=3, matched=1)
+    assert _count("AABAA", "AAAAA") == MatchCounts(true=3, predicted=1, matched=1)
+    assert _count("AAAAA", "AABAA") == MatchCounts(true=1, predicted=3, matched=1)
 
 
 def test_events_are_longest_runs() -> None:
@@ -93,12 +93,12 @@ def test_frames_that_are_not_scored_end_a_run() -> None:
 
 
 def test_a_perfect_prediction_matches_every_event() -> None:
-    assert _count("AABBA-", "AABBA-") == MatchCounts(true=4, found=4, matched=4)
+    assert _count("AABBA-", "AABBA-") == MatchCounts(true=4, predicted=4, matched=4)
 
 
 def test_no_prediction_is_no_event() -> None:
     counts = _count("AAB", "???")
-    assert counts == MatchCounts(true=2, found=0, matched=0)
+    assert counts == MatchCounts(true=2, predicted=0, matched=0)
     assert counts.recall == 0
     assert math.isnan(counts.precision)
     assert counts.f_measure == 0
@@ -106,12 +106,12 @@ def test_no_prediction_is_no_event() -> None:
 
 def test_sequences_are_counted_together_but_never_joined() -> None:
     sequence = (_codes("AA"), _codes("AA"), np.arange(2, dtype=np.intp))
-    assert count_events([sequence, sequence]) == MatchCounts(true=2, found=2, matched=2)
+    assert count_events([sequence, sequence]) == MatchCounts(true=2, predicted=2, matched=2)
 
 
 def test_no_frames_have_no_events() -> None:
     counts = count_events([(_codes(""), _codes(""), _codes(""))])
-    assert counts == MatchCounts(true=0, found=0, matched=0)
+    assert counts == MatchCounts(true=0, predicted=0, matched=0)
     assert all(math.isnan(rate) for rate in counts.rates)
 
 

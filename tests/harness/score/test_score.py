@@ -120,13 +120,13 @@ def test_another_instance_of_the_name_is_no_agreement() -> None:
     row = _row(score(records, Reference(labels={"clip": Labels(points)})))
     assert row.frr == 0.5
     assert row.metrics["macro_f1"] == pytest.approx(2 / 3)  # recall 1 / 2, precision 1
-    assert row.events.found == 2
+    assert row.events.predicted == 2
 
 
 def test_events_run_over_scored_frames_of_a_subject() -> None:
     truth = labels("cup", "cup", "ignore", "cup", "can")
     row = _row(score(answers(["cup", "can", "cup", "cup", None]), Reference(labels={"clip": truth})))
-    assert (row.events.true, row.events.found, row.events.matched) == (3, 3, 2)
+    assert (row.events.true, row.events.predicted, row.events.matched) == (3, 3, 2)
 
 
 def test_a_clip_that_a_baseline_solves_shows_it() -> None:
@@ -183,7 +183,7 @@ def test_a_method_that_says_nothing_is_looked_at_is_scored_on_it() -> None:
     records = [frame_record([cup], [each], frame=k) for k, each in enumerate([unsure, unsure, sure, sure], start=1)]
     row = _row(score(records, Reference(labels={"clip": labels("none", "cup", "cup", "none")})))
     assert row.nowhere is not None
-    assert (row.nowhere.true, row.nowhere.found, row.nowhere.matched) == (2, 2, 1)
+    assert (row.nowhere.true, row.nowhere.predicted, row.nowhere.matched) == (2, 2, 1)
     assert (row.nowhere.precision, row.nowhere.recall) == (0.5, 0.5)
     assert (row.coverage, row.no_hit) == (1.0, 0)
 
@@ -192,7 +192,7 @@ def test_a_method_that_says_so_by_giving_no_attention_has_answered() -> None:
     reference = Reference(labels={"clip": labels("cup", "none")}, says_nowhere=frozenset({"one"}))
     row = _row(score(answers(["none", "none"]), reference))
     assert row.nowhere is not None
-    assert (row.nowhere.found, row.nowhere.matched, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
+    assert (row.nowhere.predicted, row.nowhere.matched, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
     assert row.error_types["no_hit"] == 0
 
 
@@ -254,7 +254,7 @@ def test_events_run_over_the_frames_that_a_source_has_whatever_their_numbers() -
     records = [replace(record, frame=frame) for frame, record in zip(frames, answers(["cup"] * 4), strict=True)]
     looks = [LabelRange(first_frame=f, last_frame=f, subject="girl", label=Label(target="cup")) for f in frames]
     row = _row(score(records, Reference(labels={"clip": Labels(looks)})))
-    assert (row.events.true, row.events.found, row.events.matched) == (1, 1, 1)
+    assert (row.events.true, row.events.predicted, row.events.matched) == (1, 1, 1)
 
 
 def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> None:
