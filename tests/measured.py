@@ -31,7 +31,7 @@ LABELS_HEADER = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,not
 START_NS, STEP_NS = 1_700_000_000_000_000_000, 40_000_000
 
 
-def measured_tables(folder: Path, frames: Sequence[int] = range(1, 13)) -> Path:
+def measured_tables(folder: Path, frames: Sequence[int] = range(1, 13), step_ns: int = STEP_NS) -> Path:
     """Both look at each other in the first half, and at the robot in the second; Ben's eyes are not measured."""
     people, objects = [PEOPLE_HEADER], [OBJECTS_HEADER, f",robot,robot,{_cells(ROBOT)},0.3,0.3,0.3"]
     for place, number in enumerate(frames):
@@ -39,7 +39,7 @@ def measured_tables(folder: Path, frames: Sequence[int] = range(1, 13)) -> Path:
         for name, eyes in (("anna", ANNA), ("ben", BEN)):
             towards = _cells(unit(looks[name] - eyes))
             gaze = f"{towards},8" if name == "anna" else ",,,"
-            people.append(f"{number},{START_NS + number * STEP_NS},{name},{_cells(eyes)},{towards},5,{gaze}")
+            people.append(f"{number},{START_NS + number * step_ns},{name},{_cells(eyes)},{towards},5,{gaze}")
         objects.append(f"{number},cup,cup,{0.05 * place},0.4,0.9,,,")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "people.csv").write_text("\n".join(people) + "\n")

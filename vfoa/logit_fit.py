@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -48,7 +48,7 @@ class LabelledSequence:
     targets: Sequence[int | None]
     weight: float = 1.0
 
-    @property
+    @cached_property
     def gaps_s(self) -> list[float]:
         """Time from each frame to the next, seconds; 0 after the last one."""
         return [*(max(after - before, 0.0) for before, after in pairwise(self.times_s)), 0.0]

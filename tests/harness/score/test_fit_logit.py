@@ -21,13 +21,15 @@ from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
 
-FRAMES = 775
+STEP_NS = 200_000_000
+"""Time between frames: long clips of few frames."""
+FRAMES = 155
 TWO_CLIPS = EXPERIMENT.replace('"talk"', '"one", "two"').replace('"bayes"', '"logit"')
 
 
 def labelled_clips(folder: Path, names: tuple[str, ...], frames: int) -> None:
     for name in names:
-        add_clip(measured_tables(folder / "data" / name, range(1, frames + 1)), name=name)
+        add_clip(measured_tables(folder / "data" / name, range(1, frames + 1), STEP_NS), name=name)
         write_text(folder / "annotations" / f"{name}.csv", true_labels(frames))
     clips = ", ".join(f'"{name}"' for name in names)
     write_text(folder / "talk.toml", TWO_CLIPS.replace('"one", "two"', clips))
@@ -118,10 +120,10 @@ def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatc
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The labels of the first 2 of 16 seconds are wrong."""
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), 400)
-    wrong = true_labels(400)
+    labelled_clips(tmp_path, ("one",), 80)
+    wrong = true_labels(80)
     for name in ("anna", "ben"):
-        wrong = wrong.replace(f"1,200,{name},", f"1,50,{name},none,\n51,200,{name},")
+        wrong = wrong.replace(f"1,40,{name},", f"1,10,{name},none,\n11,40,{name},")
     write_text(tmp_path / "annotations" / "one.csv", wrong)
     with pytest.raises(VfoaError, match="not written"):
         fit("talk.toml", Path("fitted.toml"), first="2s")
