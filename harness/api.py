@@ -75,17 +75,17 @@ class RunResults:
 
     @cached_property
     def frr(self) -> pd.DataFrame:
-        """``frr.csv``: rates with intervals. Columns: :func:`harness.columns.frr_columns`."""
+        """``frr.csv``: rates with intervals. Columns: :func:`harness.report.csv_tables.frr_columns`."""
         return self._table("frr.csv")
 
     @cached_property
     def frames(self) -> pd.DataFrame:
-        """``frames.csv``: every attention value. Columns: :data:`harness.columns.FRAMES_COLUMNS`."""
+        """``frames.csv``: every attention value. Columns: :data:`harness.report.csv_tables.FRAMES_COLUMNS`."""
         return self._table("frames.csv", "predicted")
 
     @cached_property
     def comparisons(self) -> pd.DataFrame:
-        """``comparisons.csv``: every two configurations. Columns: :data:`harness.columns.COMPARISON_COLUMNS`."""
+        """``comparisons.csv``: every two configurations. See :data:`harness.report.csv_tables.COMPARISON_COLUMNS`."""
         return self._table("comparisons.csv")
 
     @property
@@ -222,7 +222,7 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
     """Compare configurations on the same frames, as ``vfoa compare`` does.
 
     Compares every two configurations of the runs; with ``baseline``, each with that run's of the same name. Columns:
-    :data:`harness.columns.COMPARISON_COLUMNS`.
+    :data:`harness.report.csv_tables.COMPARISON_COLUMNS`.
 
     Raises
     ------

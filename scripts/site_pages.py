@@ -145,7 +145,7 @@ def settings_page() -> str:
 
 def columns_page() -> str:
     """Every column of the tables for programs."""
-    from harness import columns
+    from harness.report import csv_tables as columns
 
     tables = {
         "frr.csv": (columns.frr_columns(), "A row is a subject, a clip, or all of them, under one configuration."),

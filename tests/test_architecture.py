@@ -26,7 +26,6 @@ ROOMS = (
     "run",
     "score",
     "record",
-    "columns",
     "report",
     "api",
     "annotate",
@@ -34,7 +33,7 @@ ROOMS = (
     "cli",
 )
 """Folders of ``harness/``, each of which may import those before it. "" are the modules of ``harness/`` itself, but for
-``columns.py``, the columns that ``report`` writes, and ``api.py``, which opens the rooms before it to scripts."""
+``api.py``, which opens the rooms before it to scripts."""
 
 # package -> the files (or folders) that may import it
 DOORS = {
@@ -170,7 +169,7 @@ def imported() -> dict[str, set[str]]:
 def test_every_folder_of_the_harness_is_a_room() -> None:
     folders = {path.name for path in (ROOT / "harness").iterdir() if (path / "__init__.py").is_file()}
     without_init = {path.parent.name for path in (ROOT / "harness").glob("*/*.py")}
-    assert folders | without_init == set(ROOMS) - {"", "columns", "api"}
+    assert folders | without_init == set(ROOMS) - {"", "api"}
 
 
 def test_no_room_imports_a_later_one(imported: dict[str, set[str]]) -> None:

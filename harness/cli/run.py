@@ -96,7 +96,6 @@ def run(
     from harness.report.write import rescore
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
-    from harness.score.fit_logit import with_left_out_weights
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -109,8 +108,11 @@ def run(
         from harness.score.oracle_ablation import with_oracle_ablation
 
         experiment = with_oracle_ablation(experiment)
-    beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
-    experiment = with_left_out_weights(experiment, beside)
+    if any(configuration.unfitted for configuration in experiment.configurations):
+        from harness.score.fit_logit import with_left_out_weights
+
+        beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
+        experiment = with_left_out_weights(experiment, beside)
     recorded = recording or Recording(experiment.recording)
     plan = prepare(
         experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded is Recording.light)

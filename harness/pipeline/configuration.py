@@ -252,6 +252,12 @@ class Configuration:
         """Whether any drawn shapes of a clip are used."""
         return self.drawn.targets or self.drawn.heads
 
+    @property
+    def unfitted(self) -> LogitSettings | None:
+        """Its attention, if the weights are still to be fitted to the other clips of the experiment."""
+        attention = self.attend.attention
+        return attention if isinstance(attention, LogitSettings) and attention.weights == "left-out" else None
+
     def for_clip(self, clip: str) -> Configuration:
         """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
         choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harness.record.layers import ClipFiles, LayerNames, layer_names
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import Pair, RunDirectory, clip_names
 from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:
@@ -143,12 +143,6 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
         if not found:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
     return found
-
-
-def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The subjects and the targets of a clip, from the manifest of a run; none if an older run did not save them."""
-    names = clip.get("names", {})
-    return tuple(names.get("subjects", ())), tuple(names.get("targets", ()))
 
 
 def _clips(run: Path) -> list[RecordedClip]:

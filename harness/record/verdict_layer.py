@@ -17,13 +17,12 @@ from harness.files.digests import digest_files
 from harness.labels.labels import Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
-from harness.record.composed import clip_names
 from harness.record.frame_log import FrameLog, Shown
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, recording_id
 from harness.record.reading import id_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
 from harness.run.results import Block, find_blocks, read_block
 from harness.score import calibration

@@ -9,7 +9,7 @@ from itertools import combinations, takewhile
 
 import numpy as np
 
-from harness.columns import COMPARISON_COLUMNS
+from harness.report.csv_tables import COMPARISON_COLUMNS
 from harness.report.formats import (
     UNKNOWN,
     Table,
@@ -22,10 +22,9 @@ from harness.report.formats import (
 )
 from harness.run.directory import PublishedCount
 from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
-from harness.score.intervals import LEAST_CLIPS
+from harness.score.intervals import LEAST_CLIPS, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.scored_frames import pair
 from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
 
 _TITLE = "Configurations compared on the same frames"

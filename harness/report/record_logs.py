@@ -28,14 +28,13 @@ from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.packing import AttentionLog, AttentionPart
-from harness.report.reliability import direction_check_table, prediction_set_table, subject_reliability_table
 from harness.report.stages import StageTimes, stage_times
-from harness.run.records import FrameRecord, renamed
+from harness.report.tables import direction_check_table, prediction_set_table, subject_reliability_table
+from harness.run.records import FrameRecord, PartLog, renamed
 from harness.run.results import Block, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import JudgedPart, OutcomeLog, Reference
-from harness.score.part_log import PartLog
 from harness.score.score import Scores, score_outcomes
 
 

@@ -69,7 +69,9 @@ class ThumbnailSinks:
         """Open the thumbnails of one configuration on one clip."""
         from harness.report.thumbnails.writer import ThumbnailWriter
 
-        return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
+        return ThumbnailWriter(
+            context.directory.path, context.manifest.name, context.configuration, resumed=context.resumed
+        )
 
 
 def composed_sinks(configurations: Iterable[Configuration], *, recorded: bool = True) -> tuple[SinkFactory, ...]:

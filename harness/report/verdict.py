@@ -14,9 +14,9 @@ from functools import reduce
 import numpy as np
 
 from harness.score.comparison import Comparison, compare, with_holm
+from harness.score.intervals import ScoredFrames
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.scored_frames import ScoredFrames
 from harness.score.statistics import Interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 

@@ -22,7 +22,6 @@ from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markd
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.record_logs import KeptParts, RecordLogs
-from harness.report.reliability import reliability_table
 from harness.report.stages import (
     StageTimes,
     object_measures_table,
@@ -37,6 +36,7 @@ from harness.report.tables import (
     measures_table,
     nowhere_table,
     paper_table,
+    reliability_table,
     seeds_table,
     subjects_table,
     terminal_table,

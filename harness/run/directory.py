@@ -364,3 +364,9 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
             yield
         finally:
             path.unlink(missing_ok=True)
+
+
+def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The subjects and the targets of a clip, from the manifest of a run; none if an older run did not save them."""
+    names = clip.get("names", {})
+    return tuple(names.get("subjects", ())), tuple(names.get("targets", ()))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import Labels
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
@@ -88,11 +88,6 @@ class SinkContext:
     directory: RunDirectory
     run_id: str
     resumed: SinkState | None = None
-
-    @property
-    def pair(self) -> Pair:
-        """The names of the clip and of the configuration."""
-        return self.manifest.name, self.configuration
 
 
 class SinkFactory(Protocol):

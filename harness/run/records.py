@@ -1,4 +1,4 @@
-"""The record of a frame: named, plain values, made from a frame's result.
+"""The record of a frame: named, plain values, made from a frame's result; and logs of passing records.
 
 Everything the scores, tables and pages need is here, so that none of them needs images or models.
 """
@@ -6,15 +6,19 @@ Everything the scores, tables and pages need is here, so that none of them needs
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Generic, TypeVar
 
 from harness.clips.naming import Names
 from harness.pipeline.frame_measures import FrameMeasures
+from harness.run.directory import Pair
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
 
 Vector = tuple[float, float, float]
 BoxPx = tuple[float, float, float, float]
+P = TypeVar("P")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,3 +213,50 @@ def _vector(array: Float) -> Vector:
 def _box_px(array: Float) -> BoxPx:
     u0, v0, u1, v1 = array.tolist()
     return u0, v0, u1, v1
+
+
+class PartLog(ABC, Generic[P]):
+    """What a log takes from records: a part, of plain values, for each clip and configuration.
+
+    The parts are stored, so that a run is scored again from those that have not changed.
+    """
+
+    def __init__(self, new: Callable[[], P]) -> None:
+        self._new = new
+        self.parts: dict[Pair, P] = {}
+
+    def part(self, clip: str, configuration: str) -> P:
+        """The part of a configuration on a clip so far."""
+        pair = clip, configuration
+        if pair not in self.parts:
+            self.parts[pair] = self._new()
+        return self.parts[pair]
+
+    @abstractmethod
+    def take(self, record: FrameRecord) -> None:
+        """Add a record."""
+
+    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
+        """Yield the records unchanged and take them."""
+        for record in records:
+            self.take(record)
+            yield record
+
+    def add(self, clip: str, configuration: str, part: P) -> None:
+        """Add a part of another log."""
+        _merge(self.part(clip, configuration), part)
+
+
+def _merge(ours: Any, more: Any) -> None:
+    """Extend lists and bytes, dictionaries by key, and dataclasses by field; of two other values the first stays."""
+    if isinstance(ours, list | bytearray):
+        ours.extend(more)
+    elif isinstance(ours, dict):
+        for key, value in more.items():
+            if key in ours:
+                _merge(ours[key], value)
+            else:
+                ours[key] = value
+    elif is_dataclass(ours):
+        for field in fields(ours):
+            _merge(getattr(ours, field.name), getattr(more, field.name))

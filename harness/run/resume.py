@@ -297,4 +297,4 @@ class ResultsSinks:
 
     def open(self, context: SinkContext) -> ResultsSink:
         """Open the results of one configuration on one clip."""
-        return ResultsSink(context.directory, context.pair, context.resumed)
+        return ResultsSink(context.directory, (context.manifest.name, context.configuration), context.resumed)

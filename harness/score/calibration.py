@@ -27,9 +27,8 @@ import numpy as np
 
 from harness.labels.labels import IGNORED, Label, Labels
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, PartLog, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
-from harness.score.part_log import PartLog
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from harness.score.verdicts import find_subject, right_answers
 from vfoa.posterior.grid import PLAUSIBLE_SHARE

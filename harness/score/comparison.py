@@ -13,9 +13,8 @@ import numpy as np
 
 from harness.run.directory import RunDirectory
 from harness.score.finished_run import read_scores
-from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, standard_error
+from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, difference_interval, pair, standard_error
 from harness.score.oracle_ablation import without_oracles
-from harness.score.scored_frames import Pairs, ScoredFrames, pair
 from harness.score.statistics import (
     SIGNIFICANCE,
     UNKNOWN,

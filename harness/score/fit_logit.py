@@ -249,12 +249,10 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
         If fewer than two clips have labels.
     """
     wanted = {
-        each.name: attention
-        for each in experiment.configurations
-        if isinstance(attention := each.attend.attention, LogitSettings) and attention.weights == "left-out"
+        configuration.name: attention
+        for configuration in experiment.configurations
+        if (attention := configuration.unfitted) is not None
     }
-    if not wanted:
-        return experiment
     shared: dict[str, str] = {}  # by base name, that of the first configuration with the same stages
     first: dict[str, str] = {}
     for configuration in experiment.configurations:

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from harness.clips.manifest import load_manifest
-from harness.score.intervals import difference_interval
+from harness.score.intervals import difference_interval, pair
 from harness.score.score import ScoreRow, Scores
-from harness.score.scored_frames import pair
 from harness.score.statistics import Interval
 from harness.sources import Truth
 from vfoa.errors import VfoaError

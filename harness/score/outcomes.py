@@ -11,11 +11,10 @@ import numpy as np
 
 from harness.labels.labels import NOWHERE, Label, Labels
 from harness.run.directory import Published
-from harness.run.records import FrameRecord
+from harness.run.records import FrameRecord, PartLog
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.calibration import NO_PROBABILITIES, worth_of
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
-from harness.score.part_log import PartLog
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, right_answers
 from vfoa.types import Float

@@ -10,22 +10,23 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.run.directory import Published
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
 from harness.run.results import MeasureLog
 from harness.score.baselines import BASELINES
-from harness.score.intervals import rate_interval
+from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.outcomes import OutcomeLog, Outcomes, Reference
-from harness.score.scored_frames import ScoredFrames, units_of
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
+from vfoa.types import Float
 
 Beats = Literal["yes", "not shown", "no"]
 """Whether a configuration beats the best baseline: significantly, possibly by chance, or not at all."""
@@ -235,7 +236,7 @@ def _row(
     correct, no_hit, visible, baselines = column("correct"), column("no_hit"), ~column("blocked"), column("baselines")
     answered = (column("predicted") >= 0) & ~no_hit
     error_types = Counter(error_type for outcome in group for error_type in outcome.error_types)
-    units = units_of(group, [outcome.correct for outcome in group])
+    units = _units_of(group, [outcome.correct for outcome in group])
     return ScoreRow(
         clip=clip,
         subject=subject,
@@ -274,7 +275,7 @@ def _matches(true: Flags, said: Flags) -> MatchCounts:
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
     best = int(np.argmax(baselines.sum(axis=0)))
-    gains = units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
+    gains = _units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
@@ -282,3 +283,17 @@ def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
 
 def _count(flags: Flags) -> int:
     return int(np.count_nonzero(flags))
+
+
+def _units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
+    """The looks of some outcomes, with the sums over their frames of a value (n,) per frame."""
+    clips: dict[str, int] = {}
+    sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
+    for outcome, value in zip(group, values, strict=True):
+        of_looks = np.stack([np.bincount(outcome.looks), np.bincount(outcome.looks, value)], axis=1).astype(np.float64)
+        key = outcome.clip, outcome.subject
+        sums[key] = sums[key] + of_looks if key in sums else of_looks
+    codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
+    tracks = np.repeat(np.arange(len(sums)), [len(each) for each in sums.values()])
+    frames, totals = np.concatenate(list(sums.values())).T
+    return Units(clips=np.concatenate(codes), frames=frames, values=totals, tracks=tracks)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.columns import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
+from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.record.appearance import Colours, attention_by_name
-from harness.run.records import FrameRecord
-from harness.score.part_log import PartLog
+from harness.run.records import FrameRecord, PartLog
 from harness.score.statistics import Codes
 from harness.score.verdicts import Verdict, find_subject
 

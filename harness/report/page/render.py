@@ -15,9 +15,16 @@ from harness.report.formats import UNKNOWN, Table
 from harness.report.page.data import Served, differing_settings, page_data
 from harness.report.page.packing import AttentionLog, bundle, pack_json
 from harness.report.panels import Picture, draw_panels
-from harness.report.reliability import reliability_table
 from harness.report.stages import StageTimes
-from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
+from harness.report.tables import (
+    error_types_table,
+    frr_table,
+    nowhere_table,
+    reliability_table,
+    remarks,
+    seeds_table,
+    visible_table,
+)
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import headline, next_steps, verdict_sentence
 from harness.score.calibration import Reliability

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from harness.cli import app
 from harness.run.results import to_line
 from harness.score import comparison
-from harness.score.scored_frames import ScoredFrames
+from harness.score.intervals import ScoredFrames
 from tests.records import answers
 from vfoa.errors import VfoaError
 

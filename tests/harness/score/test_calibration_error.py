@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.report.reliability import reliability_table
+from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.calibration import CalibrationLog, adaptive_error, misfit_notes, prediction_set, reliability
 from tests.records import frame_record, subject_record, target_record

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from harness.score.comparison import compare, format_p
-from harness.score.scored_frames import ScoredFrames
+from harness.score.intervals import ScoredFrames
 
 LOOK = 10
 
