@@ -56,7 +56,7 @@ class Outcomes:
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
     so, ``blocked`` those whose line of sight the label calls blocked. ``on_truth`` is the probability of the true
     answer, ``brier`` Brier's score; NaN for a method without probabilities. ``baselines`` (n, baselines) says which
-    baselines were right, in the order of :data:`harness.score.metrics.BASELINES`; ``angles_rad`` is the smallest
+    baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest
     angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
     ``rate_hz`` is the rate of the clip's frames, None if unknown.
     """
