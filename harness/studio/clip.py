@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.sources import Truth
@@ -19,7 +20,7 @@ from harness.studio.stage import RIG, Stage
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
 from vfoa.settings import Settings
-from vfoa.types import Disparity, Image, Instances, StereoFrame
+from vfoa.types import Disparity, Image, Instances, Map, StereoFrame
 
 if TYPE_CHECKING:
     from harness.studio.render import Renderer
@@ -83,15 +84,14 @@ class StudioClip:
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=RIG)
 
     def truth(self, number: int) -> Truth:
-        """Return the ground truth, which is complete."""
+        """Return the ground truth, which is complete; disparity and instances are rendered, or read from the cache."""
         index, stage = self._index(number), _stage(self._settings)
-        seen = _renderer(self._settings).left_geometry(index)
-        disparity = disparity_from_depth(np.where(np.isfinite(seen.depth_m), seen.depth_m, np.nan), RIG)
-        drawn = set(np.unique(seen.ids).tolist())
+        disparity_px, ids = self._geometry(index)
+        drawn = set(np.unique(ids).tolist())
         return Truth(
-            disparity=Disparity(disparity_px=disparity.astype(np.float32)),
+            disparity=Disparity(disparity_px=disparity_px),
             instances=Instances(
-                ids=seen.ids, instances=tuple(instance for instance in stage.instances if instance.id in drawn)
+                ids=ids, instances=tuple(instance for instance in stage.instances if instance.id in drawn)
             ),
             boxes=stage.boxes(index),
             people=stage.people(index),
@@ -113,15 +113,33 @@ class StudioClip:
         return number - 1
 
     def _pair(self, index: int) -> tuple[Image, Image]:
-        from harness.studio.store import cache_folder, load_pair, save_pair
+        from harness.studio.store import load_pair, save_pair
 
-        path = cache_folder(_cache_key(self.digest())) / f"frame_{index + 1:04d}.bin"
+        path = self._stored("frame", index)
         if (stored := load_pair(path)) is not None:
             return stored
         renderer = _renderer(self._settings)
         left, right = renderer.image(index, 0), renderer.image(index, 1)
         save_pair(path, left, right)
         return left, right
+
+    def _geometry(self, index: int) -> tuple[Map, NDArray[np.uint16]]:
+        """Disparity (H, W), NaN where nothing is, and instance ids (H, W) of the left view."""
+        from harness.studio.store import load_geometry, save_geometry
+
+        path = self._stored("truth", index)
+        if (stored := load_geometry(path, (RIG.height_px, RIG.width_px))) is not None:
+            return stored
+        seen = _renderer(self._settings).left_geometry(index)
+        depth_m = np.where(np.isfinite(seen.depth_m), seen.depth_m, np.nan)
+        disparity_px = disparity_from_depth(depth_m, RIG).astype(np.float32)
+        save_geometry(path, disparity_px, seen.ids)
+        return disparity_px, seen.ids
+
+    def _stored(self, kind: str, index: int) -> Path:
+        from harness.studio.store import cache_folder
+
+        return cache_folder(_cache_key(self.digest())) / f"{kind}_{index + 1:04d}.bin"
 
 
 @lru_cache(maxsize=4)  # the rate is read for every frame, and a gathering would be drawn again

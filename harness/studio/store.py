@@ -1,21 +1,27 @@
-"""Rendered pairs on disk, lossless: reading one takes a fraction of the time of rendering it."""
+"""Rendered pairs and their geometry on disk, lossless: to read one takes a fraction of the time of rendering it."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
+import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 import platformdirs
+from numpy.typing import NDArray
 
 from harness.files.io import atomic_write
-from vfoa.types import Image
+from vfoa.types import Image, Map
 
 _log = logging.getLogger(__name__)
 _DIGEST_BYTES = 32
+_Read = TypeVar("_Read")
 
 
 def cache_folder(key: str) -> Path:
@@ -26,35 +32,63 @@ def cache_folder(key: str) -> Path:
 
 def load_pair(path: Path) -> tuple[Image, Image] | None:
     """Read a stored pair of (H, W, 3) uint8 RGB images; None if there is none, or it is damaged (logged)."""
-    try:
-        content = path.read_bytes()
-    except OSError:  # missing, or the folder is unreadable: then save_pair reports it
-        return None
-    digest, png = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
-    if hashlib.sha256(png).digest() != digest:
-        _log.warning("%s: damaged; the frame is rendered again", path)
-        return None
-    both = _decoded(png)
-    if both is None or len(both) % 2:  # a right checksum, but no pair
-        _log.warning("%s: damaged; the frame is rendered again", path)
-        return None
-    left, right = np.split(both, 2)
-    return left, right
+    return _load(path, _decoded)
 
 
 def save_pair(path: Path, left: Image, right: Image) -> None:
-    """Store a pair as one PNG behind its sha256. A read-only folder is logged and is no error."""
+    """Store a pair as one PNG. A read-only folder is logged and is no error."""
     both = cv2.cvtColor(np.concatenate([left, right]), cv2.COLOR_RGB2BGR)
-    png = cv2.imencode(".png", both, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    _save(path, cv2.imencode(".png", both, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())
+
+
+def load_geometry(path: Path, shape: tuple[int, int]) -> tuple[Map, NDArray[np.uint16]] | None:
+    """Read stored disparities and instance ids, both of this shape; None if there are none, or damaged (logged)."""
+    return _load(path, lambda packed: _unpacked(packed, shape))
+
+
+def save_geometry(path: Path, disparity_px: Map, ids: NDArray[np.uint16]) -> None:
+    """Store disparities (H, W) and instance ids (H, W), compressed. A read-only folder is logged and is no error."""
+    _save(path, zlib.compress(disparity_px.astype("<f4").tobytes() + ids.astype("<u2").tobytes(), 1))
+
+
+def _load(path: Path, decode: Callable[[bytes], _Read | None]) -> _Read | None:
+    """Decode what is stored behind its sha256."""
     try:
-        atomic_write(path, hashlib.sha256(png).digest() + png)
+        stored = path.read_bytes()
+    except OSError:  # missing, or the folder is unreadable: then _save reports it
+        return None
+    digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
+    found = decode(content) if hashlib.sha256(content).digest() == digest else None
+    if found is None:
+        _log.warning("%s: damaged; the frame is rendered again", path)
+    return found
+
+
+def _save(path: Path, content: bytes) -> None:
+    try:
+        atomic_write(path, hashlib.sha256(content).digest() + content)
     except OSError as error:
         _log.warning("%s: rendered frames are not stored: %s", path.parent, error)
 
 
-def _decoded(png: bytes) -> Image | None:
+def _decoded(png: bytes) -> tuple[Image, Image] | None:
     try:
         pixels = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:
         return None
-    return None if pixels is None else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+    if pixels is None or len(pixels) % 2:
+        return None
+    left, right = np.split(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False), 2)
+    return left, right
+
+
+def _unpacked(packed: bytes, shape: tuple[int, int]) -> tuple[Map, NDArray[np.uint16]] | None:
+    pixels = math.prod(shape)
+    try:
+        content = zlib.decompressobj().decompress(packed, 6 * pixels)
+    except zlib.error:
+        return None
+    if len(content) != 6 * pixels:
+        return None
+    disparity_px, ids = np.frombuffer(content, "<f4", pixels), np.frombuffer(content, "<u2", offset=4 * pixels)
+    return disparity_px.reshape(shape), ids.reshape(shape)

@@ -145,6 +145,7 @@ PARSERS: Sequence[Parser] = (
         states.load_rendered,
         names_file=False,
     ),
+    Parser("rendered geometry", "truth.bin", states.write_geometry, states.load_rendered_geometry, names_file=False),
     # Tables
     Parser("signal table", "gaze.csv", whole.SIGNALS, _signals),
     Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),

@@ -35,7 +35,7 @@ from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
-from harness.studio.store import load_pair
+from harness.studio.store import load_geometry, load_pair, save_geometry
 from tests.disk import write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
@@ -194,9 +194,23 @@ def use_identity(path: Path) -> Any:
 
 def load_rendered(path: Path) -> Any:
     """The damaged bytes behind a right checksum."""
+    return load_pair(_sealed(path))
+
+
+def write_geometry(path: Path) -> None:
+    save_geometry(path, np.ones((10, 20), np.float32), np.ones((10, 20), np.uint16))
+    path.write_bytes(path.read_bytes()[32:])
+
+
+def load_rendered_geometry(path: Path) -> Any:
+    """The damaged bytes behind a right checksum."""
+    return load_geometry(_sealed(path), (10, 20))
+
+
+def _sealed(path: Path) -> Path:
     data = path.read_bytes()
     path.write_bytes(hashlib.sha256(data).digest() + data)
-    return load_pair(path)
+    return path
 
 
 # Outputs of stages, and measurements

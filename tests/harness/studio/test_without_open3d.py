@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +18,10 @@ BLOCKED = "import sys; sys.modules['open3d'] = None\n"
 
 def _vfoa(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     code = f"{BLOCKED}import vfoa\nfrom harness.cli import main\nsys.argv = ['vfoa', *{list(words)!r}]\nmain()"
-    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    env = {**os.environ, "VFOA_CACHE": str(folder / "cache")}
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=env, capture_output=True, text=True, check=False
+    )
 
 
 def test_a_real_clip_runs_without_open3d(tmp_path: Path) -> None:
