@@ -7,6 +7,9 @@ import os
 TYPE_CHECKING = False  # as in typing, which takes ten times as long to import as this module
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
+    from types import FrameType
+
+_AGAIN_S = 0.02
 
 
 def main() -> None:
@@ -14,7 +17,7 @@ def main() -> None:
 
     This module is the first that the command imports, and imports nothing: before :func:`main` is called, Python itself
     would print a traceback. While the command line is imported there is nothing to clean up, so that Ctrl-C ends
-    the process at once; libraries would turn a KeyboardInterrupt into errors of their own.
+    the process at once. After that, Ctrl-C calls :func:`interrupt`.
     """
     try:
         import signal
@@ -23,11 +26,39 @@ def main() -> None:
         handler = signal.getsignal(signal.SIGINT)
         if handler is signal.default_int_handler:  # a job in the background ignores Ctrl-C
             signal.signal(signal.SIGINT, signal.SIG_DFL)
+            handler = interrupt
         command_line = import_module("harness.cli")
         signal.signal(signal.SIGINT, handler)
         command_line.main()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise KeyboardInterrupt, at once or as soon as that does no harm.
+
+    Python drops an exception that is raised in ``__del__`` or in a callback of an import's locks, and libraries that
+    are being imported turn it into an ImportError of their own. A process that is being started must get its data:
+    SIGINT is blocked then, but only in this thread, and another one may have taken the signal.
+    """
+    import signal
+
+    if hasattr(signal, "setitimer") and (
+        signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()) or _drops_exceptions(frame)
+    ):
+        signal.signal(signal.SIGALRM, interrupt)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+    else:
+        raise KeyboardInterrupt
+
+
+def _drops_exceptions(frame: FrameType | None) -> bool:
+    """Whether an import or a ``__del__`` is being executed."""
+    while frame is not None:
+        if frame.f_code.co_name == "__del__" or frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def keep_working_directory_out() -> None:

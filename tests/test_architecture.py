@@ -16,8 +16,8 @@ ROOT = Path(__file__).parent.parent
 
 ROOMS = (
     "files",
-    "server",
     "",
+    "server",
     "sources",
     "studio",
     "labels",

@@ -157,9 +157,7 @@ def _advice(plan: Plan) -> str | None:
 @contextmanager
 def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
     """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
+    from harness.processes import interrupt
 
     signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     heeded = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores SIGHUP

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from harness.processes import interrupt
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def ended_by_sigterm() -> Iterator[None]:
 @contextmanager
 def sigterm_as_ctrl_c() -> Iterator[None]:
     """Within the block SIGTERM raises :class:`KeyboardInterrupt`; otherwise it would leave child processes running."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     finally:

@@ -98,7 +98,7 @@ class Runs:
         said = (self._folder / "said").read_text()
         wrong = f"still there: {left}" if left else ""
         if took_s > LONGEST_S:
-            wrong = wrong or "too long"
+            wrong = wrong or f"too long: {said}"
         is_started = not said or "harness" in said or "vfoa:" in said
         if is_started and (len(said.splitlines()) > 1 or code not in (0, 130, -getattr(signal, name))):
             wrong = wrong or f"exit {code}: {said}"

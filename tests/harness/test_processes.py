@@ -1,7 +1,8 @@
-"""Ctrl-C while the command is still imported."""
+"""Ctrl-C while the command is still imported, and where an exception would be lost or come too early."""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -42,6 +43,56 @@ def test_ctrl_c_while_a_module_is_imported_says_nothing(tmp_path: Path, name: st
     )
     assert (done.stdout, done.stderr) == ("", "")
     assert done.returncode in (130, -signal.SIGINT)
+
+
+LOST = {
+    "__del__": """\
+class Resource:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+Resource()
+""",
+    "import": "import interrupted",
+    "blocked": """\
+def send():
+    blocked.wait()
+    os.kill(os.getpid(), signal.SIGINT)
+
+blocked = threading.Event()
+threading.Thread(target=send, daemon=True).start()
+try:
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    blocked.set()
+    time.sleep(0.2)
+except KeyboardInterrupt:
+    print("while it was blocked")
+signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+""",
+}
+"""Statements during which a signal comes, and after which Python goes on if it raises KeyboardInterrupt at once."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("statement", LOST)
+def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) -> None:
+    library = "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept BaseException:\n    pass\n"
+    write_text(tmp_path / "interrupted.py", library)
+    write_text(
+        tmp_path / "start.py",
+        "import os, signal, threading, time\nfrom harness.processes import interrupt\n"
+        f"signal.signal(signal.SIGINT, interrupt)\n{LOST[statement]}\nprint('went on')\ntime.sleep(60)\n",
+    )
+    done = subprocess.run(
+        [sys.executable, tmp_path / "start.py"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        timeout=30,
+    )
+    assert (done.stdout, done.returncode) == ("went on\n", -signal.SIGINT)
+    assert done.stderr.rstrip().endswith("KeyboardInterrupt")
 
 
 def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -> None:
