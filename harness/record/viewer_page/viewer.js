@@ -54,6 +54,8 @@ async function fetched(url) {
   return new Uint8Array(await answer.arrayBuffer());
 }
 
+console.debug = () => {}; // the viewer writes 18,000 lines as it starts, for its own developers
+
 const handle = new Promise((resolve) => { window._started = resolve; });
 const layouts = new Map(); // the layout that each application shows
 const opened = new Set();

@@ -16,20 +16,19 @@ from tests import graphs
 from tests.command import vfoa
 from tests.disk import write_text
 
-FRAMES = 5
+FRAMES = 3
 EXPERIMENT = """
 clips = ["studio_table"]
-defaults.stereo.min_depth_m = 0.8
 defaults.segmentation.model = "truth"
 defaults.heads.detector = "person_mask"
 defaults.head_pose.model = "none"
 [[configuration]]
 name = "temporal"
-stereo.matcher = "bm"
+stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
 gaze = {{ model = "gaze360", weights = "{temporal}", stride = 1 }}
 [[configuration]]
 name = "single"
-stereo.matcher = "bm"
+stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
 gaze = {{ model = "l2cs", weights = "{single}" }}
 """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ TRUE = unit(np.array([0.3, -0.2, -1.0]))
 CAMERA = np.array([0.0, 0.0, -1.0])
 
 
+@cache
 def _errors(count: int = 4000, **settings: object) -> np.ndarray:
     """Angles, in radians, of one person's errors in so many frames."""
     error = AngularError(SimulatedGazeSettings.model_validate({"bias_share": 0, **settings}), 2)

@@ -119,6 +119,10 @@ def _target(instance: Instance, thing: int, rng: np.random.Generator) -> Target:
 
 @pytest.fixture
 def frames() -> list[FinishedFrame]:
+    return four_frames()
+
+
+def four_frames() -> list[FinishedFrame]:
     """Gaze at the cup; the gaze lost and the cups gone; nobody there; all back, numbered anew."""
     return [
         show(10, things=(1, 2, 3, 4), gaze_at=2),

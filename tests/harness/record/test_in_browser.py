@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 
 from harness.record.composed import RecordedClip, find_clips
 from harness.record.web_app import failures_routes, site
-from harness.record.web_viewer import web_viewer_files
+from harness.record.web_viewer import WebFile, web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.packing import AttentionLog
 from harness.report.page.render import render_page
@@ -46,6 +46,11 @@ def browser(tmp_path: Path) -> Iterator[Chrome]:
         yield browser
 
 
+@pytest.fixture(scope="module")
+def viewer_files() -> dict[str, WebFile]:
+    return web_viewer_files()
+
+
 BEN = "Ben"
 """The first tab of the recordings: whoever asks for nobody sees him."""
 
@@ -56,7 +61,7 @@ def clip(frames: list[Any], record_run: Callable[..., Any]) -> RecordedClip:
 
 
 @pytest.fixture
-def report(frames: list[Any], clip: RecordedClip) -> Iterator[str]:
+def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, WebFile]) -> Iterator[str]:
     """The address of a report on four frames, the last one wrong."""
     recording = clip.compose()
     attention = AttentionLog()
@@ -64,7 +69,7 @@ def report(frames: list[Any], clip: RecordedClip) -> Iterator[str]:
     scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
     page = render_page(scores, attention, run_manifest(scores.clips), served=served)
-    with running(site({recording.name: recording}, web_viewer_files(), page=lambda: page)) as server:
+    with running(site({recording.name: recording}, viewer_files, page=lambda: page)) as server:
         yield server.address
 
 
@@ -153,7 +158,7 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
 
 
 @pytest.fixture
-def failures(clip: RecordedClip, record_run: Callable[..., Any], frames: list[Any]) -> Iterator[str]:
+def failures(clip: RecordedClip, viewer_files: dict[str, WebFile]) -> Iterator[str]:
     """The address of the failures of two clips, of Ann and of Ben."""
     told = {"truth": "red cup", "predicted": "book#4", "outcome": "wrong"}
     wrong = [
@@ -162,7 +167,7 @@ def failures(clip: RecordedClip, record_run: Callable[..., Any], frames: list[An
     ]
     recording = clip.compose()
     more = failures_routes(wrong, {("clip", CONFIGURATION): recording})
-    with running(site({recording.name: recording}, web_viewer_files(), more=more)) as server:
+    with running(site({recording.name: recording}, viewer_files, more=more)) as server:
         yield server.address
 
 

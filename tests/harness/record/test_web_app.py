@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import httpx
 import pytest
@@ -12,16 +11,17 @@ from harness.record.composed import Composed, find_clips
 from harness.record.web_app import open_path, site
 from harness.record.web_viewer import page_files
 from harness.server.guard import TOKEN_HEADER
+from tests.harness.record.conftest import CONFIGURATION, four_frames, write_run
 from tests.web import running
 
 PAGE = "<!doctype html><title>page</title>"
 NAME = "clip__it's two"
 
 
-@pytest.fixture
-def client(frames: list[Any], record_run: Callable[..., Any]) -> Iterator[httpx.Client]:
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """A recording of three layers, one that is broken, one that is gone, and files beside them."""
-    recorded = record_run(frames)
+    recorded = write_run(tmp_path_factory.mktemp("web") / "run", {CONFIGURATION: four_frames()})
     (broken := recorded.run / "broken.rrd").write_bytes(b"RRF2 and no more")
     recordings = {
         NAME: find_clips(recorded.run, None, None)[0].compose(),

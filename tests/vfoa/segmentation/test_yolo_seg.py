@@ -132,9 +132,9 @@ def test_finds_the_girl_of_bandage_2(shared_data: Path, shared_models: Path) -> 
     settings = YoloSeg.Settings(weights=str(shared_models / "yolov8n-seg_int8.onnx"))
     model = pickle.loads(pickle.dumps(YoloSeg(settings)))
     found = 0
-    for number in range(1, 51):
+    for number in range(1, 51, 7):
         instances = model.segment(bandage_frame(shared_data, number))
         truth = read_rgb(shared_data / "bandage_2_panoptic" / "png" / f"frame_{number:04d}.png")[..., 0] == 1
         people = [instances.mask(i.id) for i in instances.instances if i.label == "person"]
         found += any((truth & mask).sum() > 0.5 * truth.sum() for mask in people)
-    assert found >= 48
+    assert found == 8
