@@ -31,7 +31,7 @@ EXPERIMENT = f"""
 clips = ["{CLIP}"]
 [[configuration]]
 name = "drawn"
-stereo = {{ matcher = "sgbm", min_depth_m = 0.8, wls = false, region = "needed" }}
+stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false, region = "needed" }}
 segmentation.model = "drawn"
 heads.detector = "drawn"
 head_pose.model = "truth"

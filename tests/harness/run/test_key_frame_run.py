@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,9 +56,9 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_text(folder / "key_frames.toml", EXPERIMENT.format(yolo=weights))
 
 
-@pytest.fixture
-def segmented(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The frames that the network has segmented in this process."""
+@contextmanager
+def segmented() -> Iterator[list[int]]:
+    """The frames that the network segments in this process."""
     asked: list[int] = []
     segment = YoloSeg.segment
 
@@ -65,8 +66,9 @@ def segmented(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         asked.append(frame.index)
         return segment(self, frame)
 
-    monkeypatch.setattr(YoloSeg, "segment", counted)
-    return asked
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(YoloSeg, "segment", counted)
+        yield asked
 
 
 def run(experiment: Path, folder: Path, workers: int = 1, *, cached: bool = True, threads: int = 1) -> RunDirectory:
@@ -84,52 +86,48 @@ def unmeasured(directory: RunDirectory) -> list[FrameRecord]:
     return [replace(each, measures=None) for each in read_results(directory.results)]
 
 
-def test_records_and_tables_say_which_masks_were_carried(
-    experiment: Path, tmp_path: Path, segmented: list[int]
-) -> None:
-    directory = run(experiment, tmp_path, cached=False)
+@pytest.fixture(scope="module")
+def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, list[int]]:
+    """A run by one worker without a cache, and what the network has segmented."""
+    with segmented() as asked:
+        return run(experiment, tmp_path_factory.mktemp("alone"), cached=False), asked
+
+
+def test_records_and_tables_say_which_masks_were_carried(alone: tuple[RunDirectory, list[int]]) -> None:
+    directory, asked = alone
     assert masks_from(directory, "network") == masks_from(directory, "truth") == KEYS
     assert masks_from(directory, "late") == LATE_KEYS
     assert masks_from(directory, "all") == [None] * FRAMES
-    assert sorted(segmented) == [1, 1, 4, 4, 7]
+    assert sorted(asked) == [1, 1, 4, 4, 7]
     notes = rescore(directory).notes
     assert any("network, truth" in note and "every = 3" in note and "up to 2 frames" in note for note in notes)
     assert any("late" in note and "delay = 2" in note and "up to 4 frames" in note for note in notes)
 
 
-def test_records_say_how_old_the_masks_are(experiment: Path, tmp_path: Path) -> None:
-    records = [each for each in read_results(run(experiment, tmp_path).results) if each.configuration == "late"]
+def test_records_say_how_old_the_masks_are(alone: tuple[RunDirectory, list[int]]) -> None:
+    records = [each for each in read_results(alone[0].results) if each.configuration == "late"]
     times_ns = {each.frame: each.time_ns for each in records}
     for record, key in zip(records, LATE_KEYS, strict=True):
         expected = None if key is None else 1e-9 * (record.time_ns - times_ns[key])
         assert record.masks_age_s == (None if expected is None else pytest.approx(expected))
 
 
-@pytest.mark.parametrize(
-    "again",
-    [lambda run, *given: run(*given, workers=2), lambda run, *given: run(*given, cached=False, threads=3)],
-    ids=["two workers", "threads"],
-)
-def test_neither_workers_nor_threads_change_anything(
-    again: Callable[..., RunDirectory], experiment: Path, tmp_path: Path
-) -> None:
-    alone = run(experiment, tmp_path / "alone", cached=False)
+def test_threads_change_nothing(experiment: Path, alone: tuple[RunDirectory, list[int]], tmp_path: Path) -> None:
     threads_before = cv2.getNumThreads()
     try:
-        other = again(run, experiment, tmp_path / "other")
+        other = run(experiment, tmp_path, cached=False, threads=3)
     finally:
         cv2.setNumThreads(threads_before)
-    assert [each.masks_from for each in read_results(other.results)] == [*KEYS, *LATE_KEYS, *KEYS, *[None] * FRAMES]
-    assert unmeasured(other) == unmeasured(alone)
+    assert unmeasured(other) == unmeasured(alone[0])
 
 
-def test_carried_masks_are_cached_as_found_ones_are(experiment: Path, tmp_path: Path, segmented: list[int]) -> None:
-    first = run(experiment, tmp_path)
-    segmented.clear()
-    before = unmeasured(first)
-    first.path.rename(tmp_path / "before")
-    second = run(experiment, tmp_path)
-    assert segmented == []
-    assert unmeasured(second) == before
+def test_workers_change_nothing_and_carried_masks_are_cached_as_found_ones_are(
+    experiment: Path, alone: tuple[RunDirectory, list[int]], tmp_path: Path
+) -> None:
+    assert unmeasured(run(experiment, tmp_path, 2)) == unmeasured(alone[0])
+    with segmented() as asked:
+        second = run(experiment, tmp_path)
+    assert asked == []
+    assert unmeasured(second) == unmeasured(alone[0])
     rows = [each for each in second.read_manifest()["cache"] if each["slot"] == "segmentation"]
     assert [(row["reused"], row["computed"]) for row in rows] == [(FRAMES, 0)] * 2

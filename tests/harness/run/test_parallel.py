@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -26,10 +25,11 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import Cluster, connect
 from harness.run.experiment import load_experiment
+from harness.run.jobs import executor
 from harness.run.loop import run_clip
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from tests import graphs
+from tests import graphs, tasks
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text
 from vfoa.errors import VfoaError
@@ -224,6 +224,57 @@ def scheduler() -> Iterator[str]:
         yield address
 
 
+def _lost(job: object, why: str) -> str:
+    return why
+
+
+def test_a_cluster_does_the_work_in_order_and_tells_of_it(scheduler: str) -> None:
+    told: list[str] = []
+    with executor(1, scheduler) as cluster:
+        assert cluster.workers == 2
+        assert list(cluster.run(tasks.square, [3, 1, 2], told.append, _lost)) == [(9, 1), (1, 1), (4, 1)]
+        deadline = time.monotonic() + 10
+        while len(told) < 3 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert sorted(told) == ["1", "2", "3"]
+
+
+def test_a_worker_of_a_cluster_that_dies_is_replaced(scheduler: str, tmp_path: Path) -> None:
+    jobs = [tmp_path / name for name in "ab"]
+    jobs[1].touch()
+    with executor(1, scheduler) as cluster:
+        assert list(cluster.run(tasks.die_once, jobs, lambda word: None, _lost)) == ["a done", "b done"]
+
+
+def test_an_error_of_a_worker_names_the_worker(scheduler: str) -> None:
+    with executor(1, scheduler) as cluster:  # noqa: SIM117
+        with pytest.raises(VfoaError, match=r"^tcp://[0-9.:]+: s3://bucket: cannot be read$"):
+            list(cluster.run(tasks.refuse, [1], lambda word: None, _lost))
+
+
+def test_an_interrupted_run_leaves_no_job_behind_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
+    jobs = [tmp_path / name for name in ("short", "a", "b", "queued", "queued too")]
+    with executor(1, scheduler) as cluster:
+        outcomes = cluster.run(tasks.endless, jobs, lambda word: None, _lost)
+        assert next(outcomes) == "done"
+        deadline = time.monotonic() + 120
+        while not any(job.exists() for job in jobs) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        outcomes.close()  # as an interrupt does
+        begun = [job for job in jobs if job.exists()]
+        assert 1 <= len(begun) <= 2
+        assert {job.read_text() for job in begun} == {"stopped"}
+        assert list(cluster.run(tasks.square, [3], lambda word: None, _lost)) == [(9, 1)]
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("harness.run.executors.cluster.PATIENCE_SECONDS", 0.5)
+    with pytest.raises(VfoaError, match=r"--scheduler tcp://127\.0\.0\.1:9: expected a Dask scheduler"):  # noqa: SIM117
+        with executor(1, "tcp://127.0.0.1:9"):
+            pass
+
+
 def test_a_cluster_changes_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str) -> None:
     assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler), alone)
 
@@ -240,23 +291,15 @@ def test_a_worker_of_a_cluster_that_is_killed_changes_nothing(
     assert killed
 
 
-def _named(job: str, progress: Callable[[str], None]) -> str:
-    return job
-
-
-def _lost(job: str, why: str) -> str:
-    return why
-
-
 def test_a_worker_with_other_code_refuses_the_job(scheduler: str) -> None:
     modules = ("harness.run.loop",)
     with connect(scheduler) as client:
         same = Cluster(client, modules)
-        assert list(same.run(_named, ["a"], lambda word: None, _lost)) == ["a"]
+        assert list(same.run(tasks.pid, ["a"], lambda word: None, _lost))
         other = Cluster(client, modules)
         other._code = modules, "the digest of other code"
         with pytest.raises(VfoaError, match=r"tcp://.*: runs another version of vfoa"):
-            list(other.run(_named, ["a"], lambda word: None, _lost))
+            list(other.run(tasks.pid, ["a"], lambda word: None, _lost))
 
 
 def test_what_is_no_address_is_refused_at_once() -> None:
@@ -269,21 +312,20 @@ def test_a_scheduler_that_dies_is_one_line(caplog: pytest.LogCaptureFixture) -> 
         time.sleep(60)
         return job
 
-    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1"]
-    with subprocess.Popen([*command, "--no-dashboard"], stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        said = (re.search(r"tcp://127[.0-9]+:[0-9]+", line) for line in process.stderr)
-        address = next(found.group() for found in said if found)
-        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
-        working = subprocess.Popen([*worker, "--no-nanny"], stderr=subprocess.DEVNULL)
+    code = (
+        "import time, distributed\n"
+        "how = {'processes': False, 'protocol': 'tcp://', 'host': '127.0.0.1', 'dashboard_address': None}\n"
+        "print(distributed.LocalCluster(1, threads_per_worker=1, **how).scheduler_address, flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         try:
-            with connect(address) as client:
+            assert process.stdout is not None
+            with connect(process.stdout.readline().strip()) as client:
                 outcomes = Cluster(client).run(slow, ["a"], lambda word: None, _lost)
                 threading.Timer(1.0, process.kill).start()
                 with pytest.raises(VfoaError, match="the scheduler is gone"):
                     next(outcomes)
             assert not [record for record in caplog.records if record.name == "distributed.client"]
         finally:
-            working.kill()
-            working.wait()
             process.kill()

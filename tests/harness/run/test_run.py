@@ -29,7 +29,7 @@ from vfoa.types import Instances
 TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
 
 
-def _run(out: Path, *, workers: int = 1, recorded: bool = False, limit: int = 4, **override: str) -> RunDirectory:
+def _run(out: Path, *, workers: int = 1, recorded: bool = False, limit: int = 3, **override: str) -> RunDirectory:
     overrides = tuple(f"{key.replace('__', '.')}={value}" for key, value in override.items())
     experiment = load_experiment("demo", clips=("studio_table", "studio_talk"), overrides=overrides)
     plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
@@ -49,7 +49,7 @@ def test_a_run_holds_every_frame_of_every_configuration(finished: RunDirectory) 
         (clip, configuration, frame)
         for clip in ("studio_table", "studio_talk")
         for configuration in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
-        for frame in (1, 2, 3, 4)
+        for frame in (1, 2, 3)
     ]
     assert found == expected
     assert not (finished.path / "partial").exists()
@@ -58,7 +58,7 @@ def test_a_run_holds_every_frame_of_every_configuration(finished: RunDirectory) 
 
 def test_the_manifest_says_what_the_results_depend_on(finished: RunDirectory) -> None:
     manifest = json.loads(finished.manifest.read_text())
-    assert [clip["frames"] for clip in manifest["clips"]] == [[1, 2, 3, 4]] * 2
+    assert [clip["frames"] for clip in manifest["clips"]] == [[1, 2, 3]] * 2
     assert manifest["configurations"]["bm-two"]["attention"]["cones_cm"] == [10.0, 25.0]
     assert manifest["configurations"]["bm-two"]["stereo"]["wls"] is False
     assert {"numpy", "rerun-sdk", "python"} <= manifest["versions"].keys()
@@ -76,7 +76,7 @@ def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) 
     """A configuration among others gives what it gives alone."""
     alone = load_experiment("demo", clips=("studio_talk",))
     only = [configuration for configuration in alone.configurations if configuration.name == "sgbm-two"]
-    plan = prepare(type(alone)(name="alone", clips=alone.clips, configurations=tuple(only)), limit=4)
+    plan = prepare(type(alone)(name="alone", clips=alone.clips, configurations=tuple(only)), limit=3)
     directory = run_plan(plan, tmp_path / "alone", workers=1, progress=lambda clip: None)
     among = [
         record
@@ -99,12 +99,12 @@ def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkey
     for folder, name in (("datasets", "studio_table.toml"), ("annotations", "studio_table.csv")):
         write_text(tmp_path / folder / name, (REPOSITORY / folder / name).read_text())
     monkeypatch.chdir(tmp_path)
-    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     first = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     before, results = rescore(first), first.results.stat().st_mtime_ns
     labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,4,anna,none,\n"
     write_text(tmp_path / "annotations" / "studio_table.csv", labels)
-    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     again = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     assert again.results.stat().st_mtime_ns == results
     assert rescore(again).rows != before.rows
@@ -138,10 +138,10 @@ def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, t
         write_text(directory.partial(pair, "jsonl"), "".join(kept))
         write_text(directory.partial(pair, "csv"), "")
     done: list[str] = []
-    plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=4)
+    plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=3)
     run_plan(plan, directory.path, workers=1, progress=done.append)
     assert directory.results.read_bytes() == finished.results.read_bytes()
-    assert done == ["studio_table"] * 4 + ["studio_talk"] * 4
+    assert done == ["studio_table"] * 3 + ["studio_talk"] * 3
 
 
 def test_scoring_again_needs_only_results_and_labels(finished: RunDirectory, tmp_path: Path) -> None:

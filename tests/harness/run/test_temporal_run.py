@@ -62,10 +62,10 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     return load_experiment(str(write_text(folder / "temporal.toml", EXPERIMENT.format(weights=weights))))
 
 
-def run(experiment: Experiment, out: Path, *, workers: int = 1, only: str | None = None) -> list[FrameRecord]:
+def run(experiment: Experiment, out: Path, *, only: str | None = None) -> list[FrameRecord]:
     chosen = tuple(configuration for configuration in experiment.configurations if only in (None, configuration.name))
     plan = prepare(Experiment(name="temporal", clips=experiment.clips, configurations=chosen), limit=LAST)
-    return list(read_results(run_plan(plan, out, workers=workers, progress=lambda clip: None).results))
+    return list(read_results(run_plan(plan, out, workers=1, progress=lambda clip: None).results))
 
 
 @pytest.fixture(scope="module")
@@ -101,11 +101,6 @@ def test_a_configuration_among_others_gives_what_it_gives_alone(
 ) -> None:
     found = run(experiment, tmp_path / "static", only="static")
     assert found == [record for record in records if record.configuration == "static"]
-
-
-def test_workers_change_nothing(experiment: Experiment, records: list[FrameRecord], tmp_path: Path) -> None:
-    found = run(experiment, tmp_path / "two", workers=2, only="bm")
-    assert found == [record for record in records if record.configuration == "bm"]
 
 
 class WatchedClip:
