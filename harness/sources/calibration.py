@@ -27,14 +27,16 @@ def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_
         With the numbers.
     """
     if not all(SIDE_PX[0] <= side <= SIDE_PX[1] for side in size_px):
-        found = f"{size_px[0]} x {size_px[1]}"
-        raise VfoaError(f"images of {found} pixels; expected {SIDE_PX[0]} to {SIDE_PX[1]} on each side")
+        width, height = size_px
+        raise VfoaError(f"images of {width} x {height} pixels; expected {SIDE_PX[0]} to {SIDE_PX[1]} on each side")
     if not all(FOCAL_PX[0] <= focal <= FOCAL_PX[1] for focal in focal_px):
-        found = ", ".join(f"{focal:g}" for focal in focal_px)
-        raise VfoaError(f"fx, fy: found {found}; expected {FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} pixels")
+        raise VfoaError(f"fx, fy: found {_listed(focal_px)}; expected {FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} pixels")
     if not all(abs(place) <= PLACE_PX for place in place_px):
-        found = ", ".join(f"{place:g}" for place in place_px)
-        raise VfoaError(f"cx, cy: found {found}; expected at most {PLACE_PX:g} pixels")
+        raise VfoaError(f"cx, cy: found {_listed(place_px)}; expected at most {PLACE_PX:g} pixels")
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    return ", ".join(f"{number:g}" for number in numbers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -55,6 +55,8 @@ class DepthFolderSettings(Settings):
 class DepthFolderClip:
     """A clip from colour images and depth maps of the same size, aligned: each pixel's depth is at its own place.
 
+    Frames have the numbers in the files' names, or numbers from 1 for lists. Notes are on images without a frame.
+
     root/
       rgb/000007.png      any image OpenCV reads; colour and depth are joined by number
       depth/000007.png    16 bits, or .npy, .exr, .tif, .pfm
@@ -73,6 +75,7 @@ class DepthFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._files = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
+        self.frames, self.notes = tuple(self._files.colours), self._files.notes
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
@@ -81,20 +84,10 @@ class DepthFolderClip:
 
         return recognise_depth(path)
 
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """The numbers in the files' names, or numbers from 1 for lists."""
-        return tuple(self._files.colours)
-
     @cached_property
     def rate_hz(self) -> float | None:
         """The manifest's rate, else from the median step of the times, to 0.001 Hz."""
         return self._settings.rate_hz or (rate_of(self._files.times_ns.values()) if self._files.times_ns else None)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on images that belong to no frame."""
-        return self._files.notes
 
     def time_ns(self, number: int) -> int:
         """Time from the lists, or the number over the rate (without lists, or if the manifest gives a rate)."""
@@ -107,10 +100,8 @@ class DepthFolderClip:
     def frame(self, number: int) -> StereoFrame:
         """Read one frame."""
         time_ns, files = self.time_ns(number), self._files
-        left, depth_m = (
-            read_rgb(files.colours[number]),
-            read_depth_file(files.depths[number], self._settings.depth_scale),
-        )
+        left = read_rgb(files.colours[number])
+        depth_m = read_depth_file(files.depths[number], self._settings.depth_scale)
         with located(f"{self._folder}: frame {number}"):
             if left.shape[:2] != depth_m.shape:
                 sizes = " and depth ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (left, depth_m))
@@ -127,11 +118,8 @@ class DepthFolderClip:
     def digest(self) -> str:
         """Digest of the files' bytes, the frames' numbers and the settings, but not of the files' names."""
         files = self._files
-        paths = [
-            part
-            for number in self.frames
-            for part in ((f"colour {number}", files.colours[number]), (f"depth {number}", files.depths[number]))
-        ]
+        roles = (("colour", files.colours), ("depth", files.depths))
+        paths = [(f"{role} {number}", path_of[number]) for number in self.frames for role, path_of in roles]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
         settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration"})

@@ -189,5 +189,5 @@ def _is_colour_of(colour: str, depth: str) -> bool:
         return False
     if not in_folders and folders[0] != folders[1]:
         return False
-    said = folders[0] if in_folders else Path(colour).name.lower()
-    return any(word in said for word in _COLOUR_WORDS)
+    name = folders[0] if in_folders else Path(colour).name.lower()
+    return any(word in name for word in _COLOUR_WORDS)

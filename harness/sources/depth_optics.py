@@ -33,7 +33,7 @@ class Intrinsics(Settings):
             raise VfoaError(f"{where}: source.camera.baseline_m: missing; expected the pair's baseline in metres")
         return Calibration(
             fx_px=self.fx_px,
-            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
+            fy_px=self.fy_px or self.fx_px,
             cx_px=self.cx_px,
             cy_px=self.cy_px,
             cx_right_px=self.cx_px,
@@ -42,18 +42,19 @@ class Intrinsics(Settings):
 
     def camera(self, size_px: tuple[int, int]) -> RawCamera:
         """Return it as a camera for images of this (width, height)."""
-        fy = self.fx_px if self.fy_px is None else self.fy_px
-        return lens(np.array([[self.fx_px, 0, self.cx_px], [0, fy, self.cy_px], [0, 0, 1.0]]), size_px)
+        k: Float = np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px or self.fx_px, self.cy_px], [0, 0, 1]])
+        return pinhole(k, size_px)
 
 
 def check_one_calibration(calibration: object, camera: Intrinsics | None) -> None:
     """Reject settings with neither or both of a calibration's file and numbers."""
     if (calibration is None) == (camera is None):
-        found = "neither" if camera is None else "both"
-        raise ValueError(f"found {found}; expected either calibration (a file) or camera (numbers)")
+        raise ValueError(
+            f"found {'neither' if camera is None else 'both'}; expected either calibration (a file) or camera (numbers)"
+        )
 
 
-def lens(k: Float, size_px: tuple[int, int]) -> RawCamera:
+def pinhole(k: Float, size_px: tuple[int, int]) -> RawCamera:
     """Return a camera with this matrix (3, 3) and no distortion."""
     return RawCamera(size_px=size_px, k=k, d=np.zeros(0), r=np.eye(3), p=np.column_stack([k, np.zeros(3)]))
 
@@ -61,7 +62,7 @@ def lens(k: Float, size_px: tuple[int, int]) -> RawCamera:
 def without_distortion(camera: RawCamera) -> RawCamera:
     """Return the camera of images that were rectified already: the left part of P, or K if P is empty."""
     has_p = camera.p[0, 0] > 0 and camera.p[1, 1] > 0
-    return lens(camera.p[:, :3] if has_p else camera.k, camera.size_px)
+    return pinhole(camera.p[:, :3] if has_p else camera.k, camera.size_px)
 
 
 class DepthOptics:

@@ -88,6 +88,8 @@ class SintelClip:
     """
 
     Settings = SintelSettings
+    rate_hz = RATE_HZ
+    notes: tuple[str, ...] = ()
 
     def __init__(self, settings: SintelSettings, root: Path | None) -> None:
         self._scene, self._pass = settings.scene, settings.render_pass
@@ -97,11 +99,13 @@ class SintelClip:
         self._check_scene()
         folder = self._path(f"{self._pass}_left", 1).parent
         matches = (_NAME.fullmatch(path.name) for path in folder.iterdir())
-        self._frames = tuple(sorted(int(match[1]) for match in matches if match))
-        if not self._frames:
+        self.frames = tuple(sorted(int(match[1]) for match in matches if match))
+        """The film's frame numbers, from 1."""
+        if not self.frames:
             raise VfoaError(f"{folder}: no images; expected frame_0001.png and so on")
         for kind in (f"{self._pass}_right", "camdata_left"):
-            self._check_complete(kind)
+            if missing := [path for number in self.frames if not (path := self._path(kind, number)).is_file()]:
+                raise VfoaError(f"{missing[0]}: {_expected(kind)} ({len(missing)} of {len(self.frames)} are missing)")
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -123,21 +127,6 @@ class SintelClip:
             for folder in sorted((training / f"{render_pass}_left").glob("*"))
             if folder.is_dir() and scene in ("", folder.name)
         )
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """The film's frame numbers, from 1."""
-        return self._frames
-
-    @property
-    def rate_hz(self) -> float:
-        """The film's rate."""
-        return RATE_HZ
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """No notes: the official data has no peculiarities."""
-        return ()
 
     def time_ns(self, number: int) -> int:
         """Time in the film: number over rate."""
@@ -175,7 +164,7 @@ class SintelClip:
     def digest(self) -> str:
         """Digest of the images' and cameras' bytes and the frames' numbers."""
         kinds = f"{self._pass}_left", f"{self._pass}_right", "camdata_left"
-        return digest_files((f"{number} {kind}", self._path(kind, number)) for number in self._frames for kind in kinds)
+        return digest_files((f"{number} {kind}", self._path(kind, number)) for number in self.frames for kind in kinds)
 
     def _path(self, kind: str, number: int) -> Path:
         suffix = "cam" if kind == "camdata_left" else "png"
@@ -189,14 +178,9 @@ class SintelClip:
             scenes = [path.name for path in views.iterdir() if path.is_dir()]
             raise VfoaError(f"{views}: no scene {self._scene!r}; {did_you_mean(self._scene, scenes)}")
 
-    def _check_complete(self, kind: str) -> None:
-        missing = [path for number in self._frames if not (path := self._path(kind, number)).is_file()]
-        if missing:
-            raise VfoaError(f"{missing[0]}: {_expected(kind)} ({len(missing)} of {len(self._frames)} are missing)")
-
     def _check_number(self, number: int) -> None:
-        if number not in self._frames:
-            raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
+        if number not in self.frames:
+            raise VfoaError(f"{self._scene}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
 
     def _check_size(self, path: Path, pixels: NDArray[Any], number: int) -> None:
         """Reject a map that has not the left image's size."""
@@ -221,9 +205,9 @@ class SintelClip:
     @cached_property
     def _small_ids(self) -> dict[int, int]:
         """16-bit ids for the whole scene's segments, so that an object has the same id in every frame."""
-        paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
-        every_id = (int(segment_id) for path in paths for segment_id in np.unique(read_segments(path)))
-        return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
+        paths = [path for number in self.frames if (path := self._path("segmentation", number)).is_file()]
+        segment_ids = (int(segment_id) for path in paths for segment_id in np.unique(read_segments(path)))
+        return small_ids(segment_ids, f"{self._training / 'segmentation' / self._scene}")
 
 
 def _expected(kind: str) -> str:

@@ -59,7 +59,7 @@ class StereoFolderSettings(ViewFiles):
 
 
 class StereoFolderClip:
-    """A clip from numbered images (a frame's number is the digits in its name; gaps stay gaps) or from videos.
+    """A clip from numbered images (a frame's number is the digits in its name; gaps stay gaps) or videos (from 0).
 
     root/
         left/000007.png     any image OpenCV reads; left and right are joined by number
@@ -87,6 +87,7 @@ class StereoFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
+        self.frames = self._views.frames
         self._cameras = self._read_cameras(folder)
         self._rectifier: Rectifier | None = None
 
@@ -96,11 +97,6 @@ class StereoFolderClip:
         from harness.sources.stereo_layouts import recognise_stereo
 
         return recognise_stereo(path, given)
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """The numbers in the files' names, or positions in the video from 0; ascending."""
-        return self._views.frames
 
     @property
     def rate_hz(self) -> float | None:

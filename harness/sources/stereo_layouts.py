@@ -132,8 +132,8 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
     except VfoaError as error:
         if stamps is None:
             raise
-        told = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
-        raise VfoaError(f"{root}: {error} ({told})") from None
+        options = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
+        raise VfoaError(f"{root}: {error} ({options})") from None
 
 
 def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
@@ -161,9 +161,8 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
         with suppress(VfoaError):  # an odd width, or names without a number
             layout = _open(root, ViewFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
             likeness[layout] = _likeness(*layout.views.read(layout.views.frames[0]))
-    yield from sorted(
-        (layout for layout in likeness if likeness[layout] >= ALIKE), key=lambda layout: -likeness[layout]
-    )
+    alike = [layout for layout in likeness if likeness[layout] >= ALIKE]
+    yield from sorted(alike, key=lambda layout: -likeness[layout])
 
 
 def _is_map(image: Path) -> bool:
@@ -182,9 +181,9 @@ def _open(root: Path, files: ViewFiles) -> FoundLayout:
 def _likeness(left: Image, right: Image) -> float:
     """Greatest correlation of the two over horizontal shifts up to a quarter of the width; 0 without contrast."""
     first, second = _small(left), _small(right)[:, : _WIDTH - _WIDTH // 4]
-    return (
-        float(cv2.matchTemplate(first, second, cv2.TM_CCOEFF_NORMED).max()) if second.std() > _LEAST_CONTRAST else 0.0
-    )
+    if second.std() <= _LEAST_CONTRAST:
+        return 0.0
+    return float(cv2.matchTemplate(first, second, cv2.TM_CCOEFF_NORMED).max())
 
 
 def _small(view: Image) -> NDArray[np.float32]:

@@ -129,11 +129,10 @@ class Views:
 
     def digest(self) -> str:
         """Hexadecimal sha256 of the files' contents, their times, and how they are split into views."""
-        if self._right is None:
-            parts = list(self._left.parts(self._packing, self.frames))
-        else:
-            sides = self._left.parts("left", self.frames), self._right.parts("right", self.frames)
-            parts = [part for pair in zip(*sides, strict=True) for part in pair]
+        sides = [self._left.parts(self._packing if self._right is None else "left", self.frames)]
+        if self._right is not None:
+            sides.append(self._right.parts("right", self.frames))
+        parts = [part for of_frame in zip(*sides, strict=True) for part in of_frame]
         times = None if isinstance(self._left, Video) else self._left.times_ns
         return hashlib.sha256(f"{digest_files(parts)} {times} {self._swapped}".encode()).hexdigest()
 

@@ -11,7 +11,7 @@ from harness.files.io import read_text
 from harness.files.parsing import parse_json
 from harness.sources.calibration_files.documents import read_document, ros_camera
 from harness.sources.calibration_files.texts import floats
-from harness.sources.depth_optics import lens, without_distortion
+from harness.sources.depth_optics import pinhole, without_distortion
 from harness.sources.rectification import RawCamera
 from vfoa.errors import VfoaError
 
@@ -67,4 +67,4 @@ def _camera(path: Path, numbers: ArrayLike, size_px: tuple[int, int]) -> RawCame
     k = values.reshape(3, 3)
     if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and k[2, 2] == 1):
         raise VfoaError(f"{path}: found {k.tolist()}; expected K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    return lens(k, size_px)
+    return pinhole(k, size_px)

@@ -126,13 +126,15 @@ class FramesOfMeasurements:
 
     ``where`` opens messages: the file or folder that was read. ``fixed`` objects are in every frame that has no object
     of that name itself. ``people`` and ``objects`` are ids by name, from 1, people first and the manifest's objects
-    last, so that other ids do not change; ``categories`` are those of all of them.
+    last, so that other ids do not change; ``categories`` are those of all of them. ``measurements`` are by frame.
 
     Raises
     ------
     VfoaError
         If there is no frame, times do not ascend, or an object has two categories.
     """
+
+    notes: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -142,19 +144,19 @@ class FramesOfMeasurements:
         where: str,
         content: str,
     ) -> None:
-        self._frames = dict(sorted(frames.items()))
+        self.measurements = dict(sorted(frames.items()))
+        self.frames = tuple(self.measurements)
         self._fixed, self._settings, self._where = tuple(fixed), settings, where
         self._content = content
-        if not self._frames:
+        if not self.frames:
             raise VfoaError(f"{where}: no frames; expected at least one row")
-        times = [frame.time_ns for frame in self._frames.values()]
-        for (before, after), number in zip(itertools.pairwise(times), self.frames[1:], strict=True):
-            if after <= before:
+        for (_, before), (number, after) in itertools.pairwise(self.measurements.items()):
+            if after.time_ns <= before.time_ns:
                 raise VfoaError(f"{where}: frame {number}: its time is not after that of the frame before it")
-        names = dict.fromkeys(person.name for frame in self._frames.values() for person in frame.people)
+        names = dict.fromkeys(person.name for frame in self.measurements.values() for person in frame.people)
         self.people = {name: number for number, name in enumerate(names, start=1)}
         self.categories = dict.fromkeys(self.people, PERSON)
-        moving = itertools.chain.from_iterable(frame.objects for frame in self._frames.values())
+        moving = itertools.chain.from_iterable(frame.objects for frame in self.measurements.values())
         for thing in (*self._fixed, *moving):
             known = self.categories.setdefault(thing.name, thing.category)
             if known != thing.category and thing.name not in self.people:
@@ -165,26 +167,11 @@ class FramesOfMeasurements:
         things.sort(key=lambda name: name in settings.objects)
         self.objects = {name: number for number, name in enumerate(things, start=len(self.people) + 1)}
 
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """The frames' numbers, ascending."""
-        return tuple(self._frames)
-
-    @property
-    def measurements(self) -> Mapping[int, MeasuredFrame]:
-        """All measurements by frame."""
-        return self._frames
-
     @cached_property
     def rate_hz(self) -> float | None:
         """One over the median time step, Hz; None for a single frame."""
-        steps = np.diff([frame.time_ns for frame in self._frames.values()])
+        steps = np.diff([frame.time_ns for frame in self.measurements.values()])
         return float(1e9 / np.median(steps)) if len(steps) else None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """No notes: nothing was left out."""
-        return ()
 
     def time_ns(self, number: int) -> int:
         """Time of a frame, nanoseconds."""
@@ -219,7 +206,7 @@ class FramesOfMeasurements:
 
     def truth(self, number: int) -> Truth:
         """Return the true gaze and target of people, where a source knows them; their heads are as measured."""
-        measured = self._frame(number).people
+        measured_people = self._frame(number).people
         if not self._knows_truth:
             return Truth()
         people = (
@@ -232,26 +219,23 @@ class FramesOfMeasurements:
                 gaze_direction=person.true_gaze,
                 target=person.true_target,
             )
-            for person in measured
+            for person in measured_people
         )
         return Truth(people=tuple(people))
 
     @cached_property
     def _knows_truth(self) -> bool:
-        people = (person for frame in self._frames.values() for person in frame.people)
-        return any(
-            measured_person.true_gaze is not None or measured_person.true_target is not None
-            for measured_person in people
-        )
+        people = (person for frame in self.measurements.values() for person in frame.people)
+        return any(person.true_gaze is not None or person.true_target is not None for person in people)
 
     def digest(self) -> str:
         """Digest of the files' content and the settings."""
         return hashlib.sha256(f"{self._content} {self._settings.model_dump_json()}".encode()).hexdigest()
 
     def _frame(self, number: int) -> MeasuredFrame:
-        if number not in self._frames:
+        if number not in self.measurements:
             raise VfoaError(f"{self._where}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
-        return self._frames[number]
+        return self.measurements[number]
 
 
 def _target(number: int, category: str, category_id: int, box: Box3D | None) -> Target:

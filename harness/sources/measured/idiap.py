@@ -74,7 +74,6 @@ class IdiapClip(FramesOfMeasurements):
                 layout=f"Idiap's head tracker in {file.name}, with the robot at the camera",
                 name=file.parent.name,
                 calibration="not needed",
-                licence=None,
             )
             for file in files
             if _is_tracker_output(file)

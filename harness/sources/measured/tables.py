@@ -97,24 +97,14 @@ class MeasuredTables(FramesOfMeasurements):
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
         folder = path if path.is_dir() else path.parent
-        files = [path] if path.is_file() else [folder / "people.csv"]
-        people = [file for file in files if file.suffix == ".csv" and file.is_file() and _is_of_people(file)]
-        objects = [file for file in [folder / "objects.csv"] if file.is_file()]
-        return tuple(
-            Recognised(
-                root=folder,
-                source={"people_file": file.name, **({"objects_file": objects[0].name} if objects else {})},
-                layout=f"measurements of people in {file.name}"
-                + (f", objects in {objects[0].name}" if objects else ""),
-                name=folder.name,
-                calibration="not needed",
-            )
-            for file in people
-        )
-
-
-def _is_of_people(path: Path) -> bool:
-    return {"frame", "person"} <= set(read_header(path))  # reading names the other columns that are missing
+        people = path if path.is_file() else folder / "people.csv"
+        # reading names the other columns that are missing
+        if people.suffix != ".csv" or not people.is_file() or not {"frame", "person"} <= {*read_header(people)}:
+            return ()
+        source, layout = {"people_file": people.name}, f"measurements of people in {people.name}"
+        if (folder / "objects.csv").is_file():
+            source, layout = source | {"objects_file": "objects.csv"}, f"{layout}, objects in objects.csv"
+        return (Recognised(root=folder, source=source, layout=layout, name=folder.name, calibration="not needed"),)
 
 
 def _times(rows: list[TableRow], path: Path) -> dict[int, int]:

@@ -20,6 +20,7 @@ another collider; unknown for an invalid gaze, a copy of a thing, a cursor, and 
 from __future__ import annotations
 
 import itertools
+import operator
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -100,7 +101,7 @@ class VrObjectsClip(FramesOfMeasurements):
                 f"{folder / 'trackers'}: no trial from 1 to {settings.trials}; expected VR_move_T001.csv ..."
             )
         self.trials = tuple(read_trial(folder, columns, row) for row in here)
-        self._absent = f"trials without trackers here: {', '.join(map(str, absent))}" if absent else None
+        self.notes = (f"trials without trackers here: {', '.join(map(str, absent))}",) if absent else ()
         files = [path for trial in self.trials for path in _trackers(folder, trial.number)]
         super().__init__(
             dict(enumerate(_frames(self.trials, things, f"p{columns.cells['ppid'][0]}"), start=1)),
@@ -109,11 +110,6 @@ class VrObjectsClip(FramesOfMeasurements):
             str(folder),
             digest_files([("results", results), *(("tracker", path) for path in files)]),
         )
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The trials that are not here."""
-        return (self._absent,) if self._absent else ()
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -212,13 +208,10 @@ def _target(collider: str, things: Mapping[str, str]) -> str | None:
 
 def _things(results: TableColumns, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
     """The boxes of all things by upstream's id, in its order: every thing is the target of some trial."""
-    boxes = _numbers(results, _BOX)
-    things = sorted(
-        zip(results.cells["target"], results.cells["target_label"], boxes, strict=True), key=lambda it: it[0]
-    )
+    columns = results.cells["target"], results.cells["target_label"], _numbers(results, _BOX)
     return {
         key: MeasuredObject(name=name, category=name, box=settings.box(box[:3] * _FLIP, box[3:]))
-        for key, name, box in things
+        for key, name, box in sorted(zip(*columns, strict=True), key=operator.itemgetter(0))
     }
 
 

@@ -55,7 +55,7 @@ def default_counts_per_m(counts: NDArray[Any]) -> float:
     return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0
 
 
-_PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+(-?[0-9.eE+-]+)[^\S\n]*\n")
+_PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)[^\S\n]*\n")
 
 
 def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
@@ -88,7 +88,7 @@ def read_pfm(path: Path) -> Map:
     """Read a one-channel PFM (H, W) float32: a negative scale means little-endian, rows are stored bottom up."""
     data = read_bytes(path)
     header = _PFM_HEADER.match(data)
-    if header is None or header[1] != b"Pf" or not _is_scale(header[4]):
+    if header is None or header[1] != b"Pf" or float(header[4]) == 0:
         raise VfoaError(f"{path}: not a one-channel PFM: the header is {data[:20]!r}")
     width, height, order = int(header[2]), int(header[3]), "<" if header[4].startswith(b"-") else ">"
     n_bytes, expected = len(data) - header.end(), 4 * width * height
@@ -98,25 +98,14 @@ def read_pfm(path: Path) -> Map:
     return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
 
 
-def _is_scale(text: bytes) -> bool:
-    try:
-        return float(text) != 0
-    except ValueError:
-        return False
-
-
 def _read_png(path: Path, counts_per_px: float) -> Map:
     image = read_raw(path)
     if image.ndim == 3 and image.dtype == np.uint8:
-        return _from_sintel(image)
+        disparity = image.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
+        return np.where((disparity > 0) & (disparity < 1023.98), disparity, np.float32(np.nan))
     if image.ndim == 2 and image.dtype == np.uint16:
         return (image / counts_per_px).astype(np.float32)
     raise VfoaError(f"{path}: found {_kind(image)}; expected 8-bit RGB (Sintel) or one 16-bit channel (KITTI)")
-
-
-def _from_sintel(image: NDArray[np.uint8]) -> Map:
-    disparity = image.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
-    return np.where((disparity > 0) & (disparity < 1023.98), disparity, np.float32(np.nan))
 
 
 def _read_npy(path: Path) -> Map:

@@ -201,7 +201,8 @@ class BagContainer:
         try:
             with self._lock:
                 reader = self._reader(part)
-                messages = reader.messages(_of_topic(reader, topic.name), place.offset, place.offset + 1)
+                connections = [connection for connection in reader.connections if connection.topic == topic.name]
+                messages = reader.messages(connections, place.offset, place.offset + 1)
                 return bytes([data for _, _, data in messages][place.place])
         except VfoaError:
             raise
@@ -256,10 +257,6 @@ class BagContainer:
 def _close(readers: dict[Path, Any]) -> None:
     for reader in readers.values():
         reader.close()
-
-
-def _of_topic(reader: Any, name: str) -> list[Connection]:
-    return [connection for connection in reader.connections if connection.topic == name]
 
 
 def _message_type(connection: Connection) -> MessageType:

@@ -69,9 +69,9 @@ class PairCameras:
         streams, _, settings, where = self._recording = recording
         assert streams.right is not None
         pair = streams.left, streams.right
-        self._rectified = settings.rectified
-        if self._rectified is None:  # the names of ROS's image_proc
-            self._rectified = all("image_rect" in topic.name for topic in pair)
+        # the names of ROS's image_proc
+        are_rect = all("image_rect" in topic.name for topic in pair)
+        self._rectified = are_rect if settings.rectified is None else settings.rectified
         self._for_all_times: Rectifier | None = None
         if settings.camera is not None:
             self._for_all_times = Rectifier(settings.camera.pair(where))
@@ -79,8 +79,8 @@ class PairCameras:
             path = folder / settings.calibration
             self._for_all_times = Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
         else:
-            infos = settings.left_info, settings.right_info
-            self._topics = tuple(find_camera(topics, *each, where) for each in zip(pair, infos, strict=True))
+            infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
+            self._topics = tuple(find_camera(topics, image, info, where) for image, info in infos)
 
     def frame(
         self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
@@ -163,9 +163,9 @@ def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, st
     """Frames (parent, child) and parent_from_child of each transform in a message."""
     with reading(topic.type, where):
         for stamped in fields_of(topic.type, data, where)("transforms"):
-            moved = stamped.transform
-            rotation = Rotation.from_quat([float(getattr(moved.rotation, axis)) for axis in "xyzw"]).as_matrix()
-            translation = [float(getattr(moved.translation, axis)) for axis in "xyz"]
+            transform = stamped.transform
+            rotation = Rotation.from_quat([float(getattr(transform.rotation, axis)) for axis in "xyzw"]).as_matrix()
+            translation = [float(getattr(transform.translation, axis)) for axis in "xyz"]
             # tf's old names began with a slash
             parent, child = (str(name).removeprefix("/") for name in (stamped.header.frame_id, stamped.child_frame_id))
             yield parent, child, _motion(rotation, translation)
@@ -290,10 +290,9 @@ class DepthCamera:
         return without_distortion(camera) if self._is_rectified(topic) else camera
 
     def _is_rectified(self, topic: Topic) -> bool:
-        if self._settings.rectified is not None:
-            return self._settings.rectified
         # depth_registered, of ZED and image_proc, belongs to rectified colour
-        return "image_rect" in topic.name or topic.name.endswith("depth_registered")
+        is_rect = "image_rect" in topic.name or topic.name.endswith("depth_registered")
+        return is_rect if self._settings.rectified is None else self._settings.rectified
 
     def _optics_of(self, topic: Topic, stamp_ns: int, image: Image | Map) -> DepthOptics:
         camera = self._camera(topic, stamp_ns, (image.shape[1], image.shape[0]))

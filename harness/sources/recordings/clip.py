@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -54,11 +54,11 @@ def join_streams(
     """
     lefts, notes = streams.left.places, list[str]()
     partners: dict[str, dict[Place, Place]] = {}
-    for topic in (streams.right, streams.depth):
-        if topic is None:
-            continue
+    for topic in streams.topics[1:]:
         tolerance_ns = settings.tolerance_ns(of_depth=topic is streams.depth)
-        joined = partners[topic.name] = _join_places(lefts, topic.places, tolerance_ns)
+        left_ns, other_ns = ([place.stamp_ns for place in side] for side in (lefts, topic.places))
+        joined = {lefts[i]: topic.places[j] for i, j in join_times(left_ns, other_ns, tolerance_ns)}
+        partners[topic.name] = joined
         if topic is streams.right or streams.right is None:
             if not joined:
                 raise VfoaError(f"{where}: {_too_far(streams.left, topic, tolerance_ns)}")
@@ -79,11 +79,6 @@ def join_streams(
         if offset_ns >= _TOLD_NS:
             notes.append(f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)")
     return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in lefts), tuple(notes)
-
-
-def _join_places(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> dict[Place, Place]:
-    lefts, rights = ([place.stamp_ns for place in side] for side in (left, right))
-    return {left[one]: right[other] for one, other in join_times(lefts, rights, tolerance_ns)}
 
 
 def _too_far(left: Topic, other: Topic, tolerance_ns: int) -> str:

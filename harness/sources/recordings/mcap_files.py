@@ -107,8 +107,8 @@ def _offsets(path: Path, file: BinaryIO, walk: Walk) -> Iterator[int]:
     if (magic := file.read(len(MAGIC))) != MAGIC:
         raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
     offset = len(MAGIC)
-    while len(head := _head_at(file, offset)) == HEAD.size:
-        opcode, length = HEAD.unpack(head)
+    while file.seek(offset) + HEAD.size <= size:
+        opcode, length = HEAD.unpack(file.read(HEAD.size))
         if opcode == Opcode.FOOTER:
             return
         if offset + HEAD.size + length > size:
@@ -121,11 +121,6 @@ def _offsets(path: Path, file: BinaryIO, walk: Walk) -> Iterator[int]:
             yield offset
         offset += HEAD.size + length
     walk.losses.append(f"cut at byte {size}: everything after it is lost")
-
-
-def _head_at(file: BinaryIO, offset: int) -> bytes:
-    file.seek(offset)
-    return file.read(HEAD.size)
 
 
 @lru_cache(maxsize=2)
@@ -185,9 +180,8 @@ class McapContainer:
         for number, path in enumerate(self.files):
             walk = Walk()
             for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
-                if (
-                    channel := walk.channels.get(message.channel_id)
-                ) is not None:  # else it was in a chunk that is lost
+                channel = walk.channels.get(message.channel_id)
+                if channel is not None:  # else it was in a chunk that is lost
                     topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
                     topics.add(topic, message.log_time, message.data, (number, offset, place))
             topics.losses += [f"{path.name}: {loss}" for loss in walk.losses]
@@ -200,8 +194,8 @@ class McapContainer:
             status = path.stat()
             return _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place].data
         except Exception as error:
-            said = f"the record at byte {place.offset} can no longer be read: {first_line(error)}"
-            raise VfoaError(f"{path}: {said}") from None
+            reason = f"the record at byte {place.offset} can no longer be read: {first_line(error)}"
+            raise VfoaError(f"{path}: {reason}") from None
 
 
 def files_in(folder: Path) -> tuple[Path, ...]:

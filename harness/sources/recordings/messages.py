@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -174,13 +174,16 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
         If the message is not of its type, or an image's stamp was not set.
     """
     with reading(kind, where):
-        stamp = _stamp_ns(kind, fields_of(kind, data, where))
-    if stamp == 0 and kind.kind in IMAGES:  # a calibration that is sent once may be valid for all times
+        field = fields_of(kind, data, where)
+        stamp = field("timestamp") if _is_flat(kind) else field("header").stamp
+        seconds, fraction_ns = (stamp.sec, stamp.nanosec) if kind.is_ros else (stamp.seconds, stamp.nanos)
+        time_ns = int(seconds) * 10**9 + int(fraction_ns)
+    if time_ns == 0 and kind.kind in IMAGES:  # a calibration that is sent once may be valid for all times
         raise VfoaError(
             f"{where}: a {kind.name} without time stamp; expected one, images are joined by it "
             '(stamps = "log" in [source] joins them by the time of recording)'
         )
-    return stamp
+    return time_ns
 
 
 def picture(kind: MessageType, data: bytes, where: str) -> Picture:
@@ -194,20 +197,15 @@ def picture(kind: MessageType, data: bytes, where: str) -> Picture:
     with reading(kind, where):
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
-        is_ffmpeg = kind.name.startswith("ffmpeg_image_transport_msgs/")
-        sent = Picture(
-            form=str(field("encoding" if kind.kind == "raw" or is_ffmpeg else "format")),
+        is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")
+        return Picture(
+            form=str(field("encoding" if is_raw or is_ffmpeg else "format")),
             frame_id=frame_id.removeprefix("/"),  # tf's old names began with a slash
             data=bytes(field("data")),
+            size_px=(int(field("width")), int(field("height"))) if is_raw else None,
+            step=int(field("step")) if is_raw else 0,
+            is_bigendian=is_raw and not _is_flat(kind) and bool(field("is_bigendian")),
             is_key=bool(int(field("flags")) & 1) if is_ffmpeg else None,  # FFmpeg's AV_PKT_FLAG_KEY
-        )
-        if kind.kind != "raw":
-            return sent
-        return replace(
-            sent,
-            size_px=(int(field("width")), int(field("height"))),
-            step=int(field("step")),
-            is_bigendian=not _is_flat(kind) and bool(field("is_bigendian")),
         )
 
 
@@ -241,11 +239,3 @@ def _check_full_size(field: Callable[[str], Any], where: str) -> None:
 def _is_flat(kind: MessageType) -> bool:
     """Whether stamp and frame are fields of the message itself, as in Foxglove's types, and not of a header."""
     return not kind.is_ros or kind.name.startswith("foxglove_msgs/")
-
-
-def _stamp_ns(kind: MessageType, field: Callable[[str], Any]) -> int:
-    """The stamp in nanoseconds; 0 if it was not set."""
-    stamp = field("timestamp") if _is_flat(kind) else field("header").stamp
-    if kind.is_ros:
-        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-    return int(stamp.seconds) * 10**9 + int(stamp.nanos)

@@ -87,20 +87,16 @@ _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transpor
 _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
-def may_be_depth(name: str, said: Picture | None) -> bool:
-    """Whether a topic's name, and the description of its first image, fit a depth image."""
-    lower = name.lower()
-    if said is None or any(word in lower for word in _NO_DEPTH):
+def may_be_depth(name: str, header: Picture | None) -> bool:
+    """Whether a topic's name, and the header of its first image, fit a depth image."""
+    name = name.lower()
+    if header is None or any(word in name for word in _NO_DEPTH):
         return False
-    is_named = "depth" in lower
-    return (
-        said.form in ("16UC1", "32FC1") or (said.form == "mono16" and is_named) or _is_compressed(said.form, is_named)
-    )
-
-
-def _is_compressed(form: str, is_named: bool) -> bool:
-    # A "png" image whose topic is named after depth is depth; a "jpeg" can only be a picture of depth.
-    return "compressedDepth" in form or (is_named and "png" in form.lower() and "8" not in form)
+    form = header.form
+    if form in ("16UC1", "32FC1") or "compressedDepth" in form:
+        return True
+    # Under a name of depth, "png" images are depth, too; a "jpeg" can only be a picture of depth.
+    return "depth" in name and (form == "mono16" or ("png" in form.lower() and "8" not in form))
 
 
 def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where: str) -> Map:
@@ -126,21 +122,19 @@ def _raw_depth(raw: Picture, where: str) -> NDArray[Any]:
 
 
 def _compressed_depth(content: Picture, where: str) -> NDArray[Any]:
-    encoding, _, transport = (part.strip() for part in content.form.partition(";"))
     if "compressedDepth" not in content.form:
         return _png(content.data, where)
+    encoding, _, transport = (part.strip() for part in content.form.partition(";"))
     if len(content.data) < _HEADER.size:
         raise VfoaError(f"{where}: compressedDepth of {len(content.data)} bytes; expected a header of {_HEADER.size}")
-    _, a, b = _HEADER.unpack_from(content.data)
-    body = content.data[_HEADER.size :]
     if "rvl" in transport.lower():
         raise VfoaError(f"{where}: compressedDepth in RVL; expected PNG (format: png in the driver's compressedDepth)")
-    counts = _png(body, where)
+    _, a, b = _HEADER.unpack_from(content.data)
+    counts = _png(content.data[_HEADER.size :], where)
     if encoding != "32FC1":
         return counts
-    with np.errstate(
-        divide="ignore", over="ignore", invalid="ignore"
-    ):  # quantised inverse depth: z = A / (v - B), 0 is unknown
+    # quantised inverse depth: z = A / (v - B), 0 is unknown
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         return np.where(counts > 0, np.float32(a) / (counts.astype(np.float32) - np.float32(b)), np.float32(0))
 
 

@@ -122,11 +122,10 @@ def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:
     VfoaError
         If it is not among them; ``role`` names its purpose.
     """
-    candidates = list(topics)
-    for topic in candidates:
-        if topic.name == name:
-            return topic
-    raise VfoaError(f"{where}: no {role} topic {name!r}; found {listed(candidates)}")
+    by_name = {topic.name: topic for topic in topics}
+    if name not in by_name:
+        raise VfoaError(f"{where}: no {role} topic {name!r}; found {listed(by_name.values())}")
+    return by_name[name]
 
 
 def listed(topics: Iterable[Topic]) -> str:
@@ -196,8 +195,8 @@ _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|vi
 
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
     """Return all topics that may be depth, by name."""
-    images = [topic for topic in topics if topic.is_image and topic.places]
-    return sorted((image for image in images if may_be_depth(image.name, image.header)), key=lambda topic: topic.name)
+    depths = (topic for topic in topics if topic.places and topic.is_image and may_be_depth(topic.name, topic.header))
+    return sorted(depths, key=lambda topic: topic.name)
 
 
 def is_aligned(depth: Topic, colour: Topic) -> bool:
@@ -256,9 +255,11 @@ def find_colour_and_depth(
 def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
     """Images in colour by name; if none has such a name, images of any other name."""
     others = [
-        image for image in images if image.places and image not in depths and not may_be_depth(image.name, image.header)
+        topic
+        for topic in images
+        if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
+        if not any(word in topic.name.lower() for word in _NO_COLOUR)
     ]
-    others = [topic for topic in others if not any(word in topic.name.lower() for word in _NO_COLOUR)]
     by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
     return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])
 
@@ -320,11 +321,10 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
             raise
         left, depth = find_colour_and_depth(topics, settings.left, None, where)
         return Streams(left=left, right=None, depth=depth)
-    images = [topic for topic in topics if topic.is_image]
-    own = [] if settings.depth is None else [named(images, settings.depth, "depth", where)]
-    own = own or [
-        topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""
-    ]
+    if settings.depth is not None:
+        images = (topic for topic in topics if topic.is_image)
+        return Streams(left=left, right=right, depth=named(images, settings.depth, "depth", where))
+    own = [topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
     return Streams(left=left, right=right, depth=own[0] if len(own) == 1 else None)
 
 
