@@ -103,8 +103,8 @@ class TableColumns:
         values: list[int] = []
         for row, cell in enumerate(self.cells[column]):
             if not INTEGER.fullmatch(cell) or abs(int(cell)) >= 2**63:
-                said = repr(cell) if cell else "nothing"
-                raise VfoaError(f"{self.where(row)}: {column}: expected a whole number, found {said}")
+                content = repr(cell) if cell else "nothing"
+                raise VfoaError(f"{self.where(row)}: {column}: expected a whole number, found {content}")
             values.append(int(cell))
         return np.array(values, dtype=np.int64)
 
@@ -137,8 +137,8 @@ class TableColumns:
         blank = np.isnan(values)
         for row in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1))[:1]:
             missing = columns[int(blank[row].argmax())]
-            said = f"{missing}: found nothing; expected all of {', '.join(columns)}, or none"
-            raise VfoaError(f"{self.where(int(row))}: {said}")
+            expected = f"expected all of {', '.join(columns)}, or none"
+            raise VfoaError(f"{self.where(int(row))}: {missing}: found nothing; {expected}")
         return values
 
 
@@ -176,19 +176,16 @@ def read_columns(path: Path, columns: Sequence[str], required: Sequence[str]) ->
     """Read the columns of a table; parameters and errors are those of :func:`read_rows`."""
     rows = _checked_rows(path, columns, required)
     _, header = next(rows)
-    lines: list[int] = []
-    cells: list[list[str]] = []
-    for line, row in rows:
-        lines.append(line)
-        cells.append(row)
-    by_column = zip(*cells, strict=True) if cells else ((),) * len(header)
-    return TableColumns(path=path, lines=tuple(lines), cells=dict(zip(header, by_column, strict=True)))
+    numbered = list(rows)
+    by_column = zip(*(cells for _, cells in numbered), strict=True) if numbered else ((),) * len(header)
+    lines = tuple(line for line, _ in numbered)
+    return TableColumns(path=path, lines=lines, cells=dict(zip(header, by_column, strict=True)))
 
 
 def read_header(path: Path) -> tuple[str, ...]:
     """The first row of a table; empty if the file cannot be read as one."""
     try:
-        return tuple(next(_csv_rows(path))[1])
+        return tuple(cell.strip() for cell in next(csv_rows(path))[1])
     except (VfoaError, StopIteration):
         return ()
 
@@ -211,15 +208,14 @@ def _checked_rows(
     path: Path, columns: Sequence[str], required: Sequence[str], version: str | None = None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
-    rows = _csv_rows(path, version)
+    rows = ((line, [cell.strip() for cell in cells]) for line, cells in csv_rows(path, version))
     line, header = next(rows, (1, None))
     if header is None:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
     yield line, _checked_header(header, columns, required, f"{path}:{line}")
     for line, cells in rows:
         if len(cells) != len(header):
-            found = f"found {len(cells)} cells; expected {len(header)}, as in the header"
-            raise VfoaError(f"{path}:{line}: {found}")
+            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
         yield line, cells
 
 
@@ -231,8 +227,14 @@ def _finite_number(cell: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every line that is not blank, the header first, below the line of the format's version."""
+def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every line that is not blank, the header first, below the line of the format's version.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, is not CSV (with the line), or has another version.
+    """
     text, above = read_text(path), 0
     if version is not None:
         first, _, text = text.partition("\n")
@@ -243,7 +245,7 @@ def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, lis
     try:
         for cells in reader:
             if cells:
-                yield reader.line_num + above, [cell.strip() for cell in cells]
+                yield reader.line_num + above, cells
     except csv.Error as error:
         raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
 

@@ -9,8 +9,8 @@ frame,name,kind,u0_px,v0_px,u1_px,v1_px,outside
 1,anna,head,120,64,171,130,
 
 A track holds the key frames of one name and one kind. Between two key frames each coordinate changes linearly with the
-frame number; after the last one it stays. From a key frame that is ``outside`` until the next one, and before the
-first, there is nothing. Coordinates are pixels of the left image, whole numbers at pixels' centres.
+frame number; after the last one it stays. The shape is absent before its first key frame, and from a key frame that is
+``outside`` until the next one. Coordinates are pixels of the left image, whole numbers at pixels' centres.
 ``annotations/README.md`` explains the file to people who draw.
 """
 
@@ -112,10 +112,8 @@ class Drawn:
 
     def at(self, frame: int) -> tuple[Shape, ...]:
         """Return all shapes that are visible in a frame."""
-        places = ((track, track.at(frame)) for track in self.tracks)
-        return tuple(
-            Shape(name=track.name, kind=track.kind, place=place) for track, place in places if place is not None
-        )
+        visible = ((track, place) for track in self.tracks if (place := track.at(frame)) is not None)
+        return tuple(Shape(name=track.name, kind=track.kind, place=place) for track, place in visible)
 
     def of(self, name: str, kind: Kind) -> Track | None:
         """Return one track; None if there is none."""

@@ -10,16 +10,15 @@ place a row holds for the frames whose time lies in [start, end). ``annotations/
 
 from __future__ import annotations
 
-import csv
-import io
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from harness.files.folders import came_with_program, folders
-from harness.files.io import atomic_write, is_file_or_link, read_text
-from harness.labels.labels import LabelRange, Labels, Timeline, format_seconds
+from harness.files.io import atomic_write, is_file_or_link
+from harness.files.tables import csv_rows, format_rows
+from harness.labels.labels import Labels, Timeline, format_seconds
 from harness.labels.rows import (
     FRAME_COLUMNS,
     POINT_COLUMNS,
@@ -68,7 +67,15 @@ def read_annotations(
         frame outside the clip, a range that ends before it begins or holds no frame, an overlap, or a gap between
         the first and the last label of a subject.
     """
-    rows = list(_rows(path, timeline, set(subjects), targets))
+    lines = csv_rows(path, VERSION_LINE)
+    line, header = next(lines, (2, None))
+    if header is None:
+        raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
+    _check_header(header, f"{path}:{line}")
+    reader = RowReader(header, timeline, set(subjects), targets)
+    if reader.in_time and not (timeline and timeline.times_ns):
+        raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
+    rows = [(line, row) for line, cells in lines if (row := reader.read(cells, path, line)) is not None]
     check_sequence(path, rows, timeline, allow_gaps=allow_gaps)
     return Labels(row for _, row in rows)
 
@@ -76,12 +83,10 @@ def read_annotations(
 def target_names(path: Path) -> tuple[str, ...]:
     """Every name in the column of targets, whether or not the manifest has it; none for a damaged file."""
     try:
-        _, header, *rows = [
-            cells for cells in csv.reader(io.StringIO(read_text(path), newline=""), strict=True) if cells
-        ]
+        _, header, *rows = [cells for _, cells in csv_rows(path)]
         place = header.index("target")
         return tuple(dict.fromkeys(cells[place] for cells in rows))
-    except (VfoaError, csv.Error, ValueError, IndexError):
+    except (VfoaError, ValueError, IndexError):
         return ()
 
 
@@ -104,10 +109,7 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
     in_time = bool(labels.ranges) and all(row.span_ns is not None for row in labels.ranges)
     with_points = any(row.label.point_px is not None for row in labels.ranges)
     with_states = any(row.label.is_suggested for row in labels.ranges)
-    text = io.StringIO()
-    text.write(f"{VERSION_LINE}\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_columns(in_time=in_time, with_points=with_points, with_states=with_states))
+    rows = list[Sequence[object]]()
     for row in labels.ranges:
         cells = [row.subject, row.label.target, row.label.note]
         check_text(cells, where)
@@ -115,36 +117,10 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
             cells += [_number(coordinate) for coordinate in row.label.point_px or ()] or ["", ""]
         if with_states:
             cells.append(SUGGESTED if row.label.is_suggested else "")
-        ends = (
-            [format_seconds(time_ns) for time_ns in row.span_ns or ()] if in_time else [row.first_frame, row.last_frame]
-        )
-        writer.writerow([*ends, *cells])
-    return text.getvalue()
-
-
-def _rows(
-    path: Path, timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
-) -> Iterator[tuple[int, LabelRange]]:
-    """Yield line number and content of every row below the header, without blank lines."""
-    version, _, rest = read_text(path).partition("\n")
-    if version.rstrip("\r") != VERSION_LINE:
-        raise VfoaError(f"{path}:1: found {version.rstrip()[:80]!r}; expected {VERSION_LINE!r}")
-    lines = csv.reader(io.StringIO(rest, newline=""), strict=True)
-    reader: RowReader | None = None
-    try:
-        for cells in lines:
-            line = lines.line_num + 1
-            if reader is None:
-                _check_header(cells, f"{path}:{line}")
-                reader = RowReader(cells, timeline, subjects, targets)
-                if reader.in_time and not (timeline and timeline.times_ns):
-                    raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
-            elif cells and (row := reader.read(cells, path, line)) is not None:
-                yield line, row
-    except csv.Error as error:
-        raise VfoaError(f"{path}:{lines.line_num + 1}: not CSV: {error}") from None
-    if reader is None:
-        raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
+        ends = map(format_seconds, row.span_ns or ()) if in_time else (row.first_frame, row.last_frame)
+        rows.append([*ends, *cells])
+    columns = _columns(in_time=in_time, with_points=with_points, with_states=with_states)
+    return f"{VERSION_LINE}\n{format_rows(columns, rows)}"
 
 
 def _columns(*, in_time: bool, with_points: bool, with_states: bool) -> tuple[str, ...]:
@@ -186,11 +162,11 @@ class AnnotationFiles:
         VfoaError
             If the path of the labels among the clip's files needs a variable that is not set.
         """
-        found = self._find(f"{self._stem(annotator)}.csv")
-        if found is not None or annotator is not None or self.with_clip is None:
-            return found
-        path = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
-        return path if is_file_or_link(path) else None
+        path = self._find(f"{self._stem(annotator)}.csv")
+        if path is not None or annotator is not None or self.with_clip is None:
+            return path
+        with_clip = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
+        return with_clip if is_file_or_link(with_clip) else None
 
     def find_drawn(self) -> Path | None:
         """Return the file of drawn shapes, the same for all annotators; None if there is none."""

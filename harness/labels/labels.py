@@ -9,7 +9,8 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -24,7 +25,7 @@ RESERVED = (NOWHERE, IGNORED)
 UNLABELLED = "not labelled yet"
 """The note of an ``ignore`` for frames that nobody has labelled yet."""
 BLOCKED = "blocked"
-"""Beginning of a label's note if something stands between the eyes and the target."""
+"""First word of a label's note if an object is between the eyes and the target."""
 TO_DECIDE = "to decide: "
 """Beginning of the note of an ``ignore`` on which annotators differ, for a person to decide; their answers follow."""
 
@@ -53,7 +54,7 @@ class Label:
 
     @property
     def is_blocked(self) -> bool:
-        """Whether the note's first word says that something stands in the line of sight."""
+        """Whether the note says that an object blocks the line of sight."""
         return self.note.split(maxsplit=1)[:1] == [BLOCKED]
 
 
@@ -113,17 +114,19 @@ class Labels:
         return row.label if frame <= row.last_frame else None
 
     def is_given(self, frame: int, subject: str) -> bool:
-        """Whether a subject has a label in a frame; the note that nobody has labelled it yet is none."""
+        """Whether a subject has a label in a frame; a placeholder ("not labelled yet") does not count."""
         label = self.at(frame, subject)
         return label is not None and not label.is_placeholder
 
     def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
         """Every (frame, subject, label) among these frames, in their order, subjects sorted."""
         subjects = self.subjects
-        for frame in frames:
-            for subject in subjects:
-                if (label := self.at(frame, subject)) is not None:
-                    yield frame, subject, label
+        return (
+            (frame, subject, label)
+            for frame in frames
+            for subject in subjects
+            if (label := self.at(frame, subject)) is not None
+        )
 
     def confirmed(self) -> Labels:
         """Return the labels to score: suggestions become ``ignore``, so that no run is scored by a run."""
@@ -160,16 +163,10 @@ def fill_gaps(labels: Labels, frames: Sequence[int], label: Label) -> Labels:
 
 def ranges_of(subject: str, labels: Iterable[tuple[int, Label | None]]) -> Iterator[LabelRange]:
     """One subject's ranges from its (frame, label) in order: one for each run of equal labels; None ends a run."""
-    first = last = 0
-    current: Label | None = None
-    for frame, label in labels:
-        if label != current:
-            if current is not None:
-                yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=current)
-            first, current = frame, label
-        last = frame
-    if current is not None:
-        yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=current)
+    for label, run in groupby(labels, key=itemgetter(1)):
+        frames = [frame for frame, _ in run]
+        if label is not None:
+            yield LabelRange(first_frame=frames[0], last_frame=frames[-1], subject=subject, label=label)
 
 
 def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: MergeRule) -> Labels:
@@ -188,7 +185,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Merg
     merged = Labels(
         row
         for subject in subjects
-        for row in ranges_of(subject, ((frame, _merged(_said(labels, frame, subject), rule)) for frame in frames))
+        for row in ranges_of(subject, ((frame, _merged(_answers(labels, frame, subject), rule)) for frame in frames))
     )
     return fill_gaps(merged, frames, Label(target=IGNORED, note=UNLABELLED))
 
@@ -198,24 +195,25 @@ def to_decide(labels: Labels) -> list[LabelRange]:
     return [row for row in labels.ranges if is_undecided(row.label.target, row.label.note)]
 
 
-def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:
-    given = {name: annotated.at(frame, subject) for name, annotated in labels.items()}
+def _answers(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:
+    """Each annotator's label of a frame; None: nothing, an unconfirmed suggestion, or the note of no label yet."""
+    given = {name: of_annotator.at(frame, subject) for name, of_annotator in labels.items()}
     return {
         name: None if label is None or label.is_suggested or label.is_placeholder else label
         for name, label in given.items()
     }
 
 
-def _merged(said: Mapping[str, Label | None], rule: MergeRule) -> Label | None:
-    given = [label for label in said.values() if label is not None]
+def _merged(answers: Mapping[str, Label | None], rule: MergeRule) -> Label | None:
+    given = [label for label in answers.values() if label is not None]
     if not given:
         return None
-    if rule == "first" or (len(given) == len(said) and len({label.target for label in given}) == 1):
+    if rule == "first" or (len(given) == len(answers) and len({label.target for label in given}) == 1):
         return given[0]
     if rule == "agree":
         return Label(target=IGNORED, note=DIFFER)
-    words = ", ".join(f"{name} {label.target if label else '-'}" for name, label in said.items())
-    return Label(target=IGNORED, note=f"{TO_DECIDE}{words}")
+    listed = ", ".join(f"{name} {label.target if label else '-'}" for name, label in answers.items())
+    return Label(target=IGNORED, note=f"{TO_DECIDE}{listed}")
 
 
 _SECONDS = re.compile(r"(-?)([0-9]{1,10})(?:\.([0-9]{1,9}))?")

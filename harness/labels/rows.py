@@ -8,6 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from harness.files.tables import INTEGER
 from harness.labels.labels import IGNORED, RESERVED, Label, LabelRange, Timeline, format_seconds, parse_seconds
 from vfoa.errors import VfoaError, did_you_mean
 
@@ -20,7 +21,6 @@ SUGGESTED = "suggested"
 """The state of a label that no person has confirmed; confirmed ones have an empty cell."""
 
 _CONTROL = re.compile(r"[\x00-\x1f]")
-_FRAME = re.compile(r"-?[0-9]{1,19}")
 _LARGEST = 2**63 - 1
 
 
@@ -75,7 +75,7 @@ class RowReader:
 
     def _frames(self, cells: list[str], path: Path, line: int) -> tuple[int, int, None]:
         for name, cell in zip(FRAME_COLUMNS, cells, strict=False):
-            if not _FRAME.fullmatch(cell) or abs(int(cell)) > _LARGEST:
+            if not INTEGER.fullmatch(cell) or abs(int(cell)) > _LARGEST:
                 raise VfoaError(f"{path}:{line}: {name}: found {cell[:40]!r}; expected a frame number")
         first, last = int(cells[0]), int(cells[1])
         if first > last:

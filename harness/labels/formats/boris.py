@@ -44,12 +44,11 @@ class Boris(ReadOnly):
             if isinstance(behaviour, dict)
         }
         states = [event for event in events if not kinds.get(event[2], "").lower().startswith("point")]
-        said = []
-        if len(states) < len(events):
-            said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")
-        offset_ms, note = _offset(observation, exchange, path)
+        offset_ms, notes = _offset(observation, exchange, path)
+        if n_points := len(events) - len(states):
+            notes = [f"{path}: {n_points} point events have no length and are left out.", *notes]
         imported = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
-        return Imported(labels=imported.labels, notes=(*imported.notes, *said, *note))
+        return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 
 def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:

@@ -44,12 +44,12 @@ class Elan:
                 f"{path}: no tier is named after a subject; found {present}; "
                 f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
             )
-        origin_ms, said = _media_offset(document, exchange, path)
+        origin_ms, notes = _media_offset(document, exchange, path)
         spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
-        said += [f"{path}: tier {tier!r} is no subject's and is left out." for tier in others]
-        return Imported(labels=imported.labels, notes=(*imported.notes, *said))
+        notes += [f"{path}: tier {tier!r} is no subject's and is left out." for tier in others]
+        return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write a document without media; nothing is lost."""
@@ -124,9 +124,7 @@ def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]
     annotations = _annotations(document, tier, path)
     if any(start is None or end is None for start, end, _ in annotations):
         raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
-    if far := next(
-        (annotation for annotation in annotations if max(abs(annotation[0]), abs(annotation[1])) > _FARTHEST_MS), None
-    ):
+    if far := next((times for *times, _ in annotations if max(map(abs, times)) > _FARTHEST_MS), None):
         raise VfoaError(
             f"{path}: tier {tier!r} has an annotation at {far[0]} to {far[1]} ms; expected a time in a film"
         )

@@ -75,7 +75,7 @@ class NameLog:
         """
         if self._unknown:
             where, _ = next(iter(self._unknown.values()))
-            listed = " | ".join(f"{kind} {said}" for (kind, _), (_, said) in [*self._unknown.items()][:_SHOWN])
+            listed = " | ".join(f"{kind} {problem}" for (kind, _), (_, problem) in [*self._unknown.items()][:_SHOWN])
             raise VfoaError(f"{where}: unknown {listed} (--rename THEIRS=OURS)")
         return tuple(
             f"{path}: --rename {name}: no such name in it; {did_you_mean(name, self._seen)}"
@@ -226,8 +226,8 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
     imported = exchange.labels(rows, path)
     if not outside:
         return imported
-    said = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
-    return Imported(labels=imported.labels, notes=(*imported.notes, said))
+    note = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
+    return Imported(labels=imported.labels, notes=(*imported.notes, note))
 
 
 def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, LabelRange]]:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +15,11 @@ import numpy as np
 from harness.files.io import read_bytes
 from harness.files.parsing import check_archive
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.labels import NOWHERE, Label, ranges_of
+from harness.labels.labels import NOWHERE, Label, LabelRange, ranges_of
 from vfoa.errors import VfoaError
 
 MEANINGS = ("unfocused", "robot", "other person")
 """Meaning of the codes, in their order."""
-
-_Found = tuple[int, str, str]
-"""A frame, the upstream name of a person, and the target of that person."""
 
 
 class IdiapGroundTruth(ReadOnly):
@@ -30,16 +27,25 @@ class IdiapGroundTruth(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels; the manifest must have the people, and the robot by this name."""
-        tracks: dict[str, list[tuple[int, Label]]] = {}
-        for frame, person, meaning in _codes(path, exchange):
-            subject = exchange.subject(person, str(path))
-            target = exchange.target(_target(meaning, subject, exchange, path), subject, str(path))
-            tracks.setdefault(subject, []).append((frame, Label(target=target)))
-        for subject, labels in tracks.items():
-            if len(labels) != len(exchange.frames):
-                raise VfoaError(f"{path}: {subject!r} has {len(labels)} labels; expected {len(exchange.frames)}")
-        rows = [row for subject, labels in tracks.items() for row in ranges_of(subject, labels)]
-        return exchange.labels(rows, path)
+        frames, rows = exchange.frames, dict[str, list[LabelRange]]()
+        for name, codes in _arrays(path).items():
+            subject = exchange.subject(name.removeprefix("Person "), str(path))
+            if subject in rows:
+                raise VfoaError(f"{path}: {name}: a second array of {subject!r}; expected one")
+            if len(codes) != len(frames):
+                raise VfoaError(
+                    f"{path}: {name}: found {len(codes)} labels; expected {len(frames)}, one for each frame"
+                )
+            for frame, code in zip(frames, codes, strict=True):
+                if code not in range(len(MEANINGS)):
+                    raise VfoaError(f"{path}: {name}: frame {frame}: found the code {code}; expected 0, 1 or 2")
+            targets = {
+                code: exchange.target(_target(MEANINGS[code], subject, exchange, path), subject, str(path))
+                for code in dict.fromkeys(codes)
+            }
+            labels = ((frame, Label(target=targets[code])) for frame, code in zip(frames, codes, strict=True))
+            rows[subject] = list(ranges_of(subject, labels))
+        return exchange.labels((row for of_subject in rows.values() for row in of_subject), path)
 
 
 def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
@@ -53,17 +59,6 @@ def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
     return others[0]
 
 
-def _codes(path: Path, exchange: Exchange) -> Iterator[_Found]:
-    frames = exchange.frames
-    for name, codes in _arrays(path).items():
-        if len(codes) != len(frames):
-            raise VfoaError(f"{path}: {name}: found {len(codes)} labels; expected {len(frames)}, one for each frame")
-        for frame, code in zip(frames, codes, strict=True):
-            if code not in range(len(MEANINGS)):
-                raise VfoaError(f"{path}: {name}: frame {frame}: found the code {code}; expected 0, 1 or 2")
-            yield frame, name.removeprefix("Person "), MEANINGS[code]
-
-
 def _arrays(path: Path) -> dict[str, Sequence[int]]:
     data = read_bytes(path)
     check_archive(data, path)
@@ -71,7 +66,7 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except Exception as error:  # errors of the archive, and of each array's header, which is Python
-        raise VfoaError(f"{path}: not a file of arrays: {error}") from None
+        raise VfoaError(f"{path}: not a .npz file: {error}") from None
     for name, array in arrays.items():
         is_column = array.ndim == 1 or array.shape[1:] == (1,)
         if not is_column or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):

@@ -12,11 +12,9 @@ numbered from 0.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ import numpy as np
 from pydantic import Field
 
 from harness.files.digests import file_digest
-from harness.files.io import read_text
+from harness.files.tables import csv_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
 from vfoa.errors import VfoaError
@@ -51,10 +49,10 @@ class IdiapClip(FramesOfMeasurements):
     def __init__(self, settings: IdiapSettings, root: Path | None) -> None:
         path = (root if root is not None else Path.cwd()) / settings.file
         people: dict[int, dict[str, MeasuredPerson]] = {}
-        for where, cells in _lines(path):
-            time_ns, person = _person(where, cells)
+        for line, cells in csv_rows(path):
+            time_ns, person = _person(f"{path}:{line}", [cell.strip() for cell in cells])
             if person.name in people.setdefault(time_ns, {}):
-                raise VfoaError(f"{where}: person {person.name!r}: occurs twice at this time")
+                raise VfoaError(f"{path}:{line}: person {person.name!r}: occurs twice at this time")
             people[time_ns][person.name] = person
         frames = {
             number: MeasuredFrame(time_ns=time_ns, people=tuple(people[time_ns].values()))
@@ -93,13 +91,6 @@ def _is_tracker_output(path: Path) -> bool:
     except (OSError, UnicodeDecodeError):
         return False
     return len(cells) >= len(COLUMNS) and len(cells) % 2 == len(COLUMNS) % 2 and bool(_STAMP.fullmatch(cells[0]))
-
-
-def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
-    reader = csv.reader(io.StringIO(read_text(path), newline=""))
-    for cells in reader:
-        if cells:
-            yield f"{path}:{reader.line_num}", [cell.strip() for cell in cells]
 
 
 def _person(where: str, cells: list[str]) -> tuple[int, MeasuredPerson]:

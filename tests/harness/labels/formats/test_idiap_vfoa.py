@@ -79,5 +79,5 @@ def test_the_other_person_has_to_be_one(tmp_path: Path) -> None:
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a_gt.npz").write_bytes(b"PK\x03\x04 cut")
-    with pytest.raises(VfoaError, match=r"a_gt.npz: not a file of arrays"):
+    with pytest.raises(VfoaError, match=r"a_gt.npz: not a \.npz file"):
         IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path))
