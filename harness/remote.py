@@ -14,8 +14,8 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -70,6 +70,8 @@ def local_copy(address: str, where: str) -> Path:
         return _copied(address)
     except VfoaError as error:
         raise VfoaError(f"{where}: {error}") from None
+    except Exception as error:  # every storage has errors of its own
+        raise VfoaError(f"{where}: {address}: cannot be read: {type(error).__name__}: {error}") from None
 
 
 def forget_copies() -> None:
@@ -112,15 +114,14 @@ def _copied(address: str) -> Path:
         if not Path(root).exists():
             raise VfoaError(f"{address}: nothing there")
         return Path(root)
-    with _in_one_line(address):
-        files = _files(storage, root, address)
-        if not files:
-            raise VfoaError(f"{address}: nothing there")
-        place = cache_root() / "remote" / hashlib.sha256(address.encode()).hexdigest()[:16]
-        place.mkdir(parents=True, exist_ok=True)
-        place.chmod(0o700)
-        _update(storage, files, place)
-        is_file = list(files) == [address.rpartition("/")[2]] and storage.isfile(root)
+    files = _files(storage, root, address)
+    if not files:
+        raise VfoaError(f"{address}: nothing there")
+    place = cache_root() / "remote" / hashlib.sha256(address.encode()).hexdigest()[:16]
+    place.mkdir(parents=True, exist_ok=True)
+    place.chmod(0o700)
+    _update(storage, files, place)
+    is_file = list(files) == [address.rpartition("/")[2]] and storage.isfile(root)
     return place / "files" / next(iter(files)) if is_file else place / "files"
 
 
@@ -180,15 +181,3 @@ def _storage(address: str) -> tuple[Any, str]:
         raise VfoaError(f"{address}: no such storage: {error}") from None
     except FileNotFoundError:
         raise VfoaError(f"{address}: nothing there") from None
-    except Exception as error:  # every storage has errors of its own
-        raise VfoaError(f"{address}: cannot be opened: {type(error).__name__}: {error}") from None
-
-
-@contextmanager
-def _in_one_line(address: str) -> Iterator[None]:
-    try:
-        yield
-    except VfoaError:
-        raise
-    except Exception as error:  # every storage has errors of its own
-        raise VfoaError(f"{address}: cannot be read: {type(error).__name__}: {error}") from None
