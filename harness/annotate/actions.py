@@ -54,11 +54,10 @@ def edited(
         case "move":
             return move_change(track, at, action.last)
         case "accept":
-            enough = (
-                suggestion[0] if suggestion and suggestion[1] >= action.attention else None
-                for suggestion in suggested or ()
-            )
-            return accept(track, list(enough), seen) if suggested else []
+            if not suggested:
+                return []
+            accepted = [answer[0] if answer and answer[1] >= action.attention else None for answer in suggested]
+            return accept(track, accepted, seen)
         case "confirm":
             return confirm(track, at)
         case "note":
@@ -77,7 +76,7 @@ def look(
     _, last = stretch_at(track, at, same_target=True)
     here = Mark(target=target, point_px=point_px)
     carried = replace(here, carried=True)
-    new = [here if position == at or _is_said(track[position]) else carried for position in range(last + 1)]
+    new = [here if position == at or _is_given(track[position]) else carried for position in range(last + 1)]
     return list(stretches(new, at, last))
 
 
@@ -134,7 +133,8 @@ def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
     return list(stretches(new, first, last)) if track[at] is not None else []
 
 
-def _is_said(mark: Mark | None) -> bool:
+def _is_given(mark: Mark | None) -> bool:
+    """Whether a person has labelled the frame itself."""
     return mark is not None and not mark.suggested and not mark.carried
 
 

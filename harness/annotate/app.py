@@ -150,11 +150,11 @@ def create_app(session: Session) -> Starlette:
         return Response(coded, media_type="image/jpeg")
 
     def change(body: bytes) -> Response:
-        asked = Changes.model_validate_json(body)
+        actions = Changes.model_validate_json(body)
         with session.changing:
             names = session.manifest
             try:
-                session.make_all(asked.changes, asked.revision, asked.drawn)
+                session.make_all(actions.changes, actions.revision, actions.drawn)
             except StaleRevisionError:
                 return JSONResponse({"error": "labels or drawing were changed elsewhere", **states()}, 409)
             except (VfoaError, OSError) as error:
@@ -165,9 +165,9 @@ def create_app(session: Session) -> Starlette:
     def states() -> dict[str, Any]:
         return {"state": session.state(), "drawn": session.drawn()}
 
-    def change_targets(asked: type[Settings], make: Callable[..., None]) -> Callable[[Request], Any]:
+    def change_targets(kind: type[Settings], make: Callable[..., None]) -> Callable[[Request], Any]:
         def answer(body: bytes) -> Response:
-            make(**dict(asked.model_validate_json(body)))
+            make(**dict(kind.model_validate_json(body)))
             return JSONResponse({"about": session.about(), **states()})
 
         return _posted(answer)
@@ -206,10 +206,10 @@ def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
 
 def _refused(error: Exception, **more: Any) -> Response:
     """The answer to an error: of a request, of a position, or of a full or read-only disk."""
-    said, status = str(error), 404 if isinstance(error, OutsideClipError) else 400
+    problem, status = str(error), 404 if isinstance(error, OutsideClipError) else 400
     if isinstance(error, OSError):
-        said, status = f"{error.filename or 'the disk'}: {error.strerror or error}", 507
-    return JSONResponse({"error": said, **more}, status)
+        problem, status = f"{error.filename or 'the disk'}: {error.strerror or error}", 507
+    return JSONResponse({"error": problem, **more}, status)
 
 
 def _malformed(request: Request, error: Exception) -> Response:

@@ -82,9 +82,9 @@ def import_labels(
     present = read_for_store(manifest, place, timeline)
     given = {subject: sum(present.is_given(frame, subject) for frame in frames) for subject in present.subjects}
     taken = {subject: count for subject, count in given.items() if count and subject in new.subjects}
-    told = ", ".join(f"{subject} ({count} frames)" for subject, count in taken.items())
+    labelled = ", ".join(f"{subject} ({count} frames)" for subject, count in taken.items())
     if taken and not replace:
-        raise VfoaError(f"{place}: has labels of {told} already; expected --replace, or another --annotator")
+        raise VfoaError(f"{place}: has labels of {labelled} already; expected --replace, or another --annotator")
     if any(given.values()):
         with closing(open_store(manifest, annotator, timeline)) as store:
             for subject in new.subjects:
@@ -93,7 +93,7 @@ def import_labels(
     else:
         write_annotations(place, new)
     if taken:
-        notes.append(f"{place}: replaced the labels of {told}; undo in vfoa annotate brings them back.")
+        notes.append(f"{place}: replaced the labels of {labelled}; undo in vfoa annotate brings them back.")
     return Imported(labels=new, notes=tuple(notes))
 
 
@@ -150,19 +150,17 @@ def export_predictions(
         raise VfoaError(f"{run}: has the clips {', '.join(chosen)}; expected --clip CLIP with a file of your own")
     written: AnnotationFormat = FORMATS.load(name)()
     for clip_name in chosen:
-        records = read_clip_records(run, clip_name, configuration)
-        names = clips[clip_name]["names"]
-        subjects, targets = tuple(names["subjects"]), tuple(names["targets"])
+        records, entry = read_clip_records(run, clip_name, configuration), clips[clip_name]
+        subjects, targets = (tuple(entry["names"][kind]) for kind in ("subjects", "targets"))
         predicted = predicted_labels(records, {*subjects, *targets})
         if not predicted.labels.ranges:
-            raise VfoaError(
-                f"{run}: {clip_name}: nothing was predicted; {' '.join(predicted.notes) or 'no person was found'}"
-            )
+            reason = " ".join(predicted.notes) or "no person was found"
+            raise VfoaError(f"{run}: {clip_name}: nothing was predicted; {reason}")
         place = to or run / "labels" / f"{clip_name}__{records.configuration}{SUFFIXES.get(name, '')}"
         check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
         exchange = Exchange(
-            timeline=Timeline(frames=clips[clip_name]["frames"], times_ns=clips[clip_name]["times_ns"]),
-            rate_hz=clips[clip_name]["rate_hz"],
+            timeline=Timeline(frames=entry["frames"], times_ns=entry["times_ns"]),
+            rate_hz=entry["rate_hz"],
             subjects=predicted.labels.subjects,
             targets=targets,
             **options,
@@ -176,8 +174,8 @@ def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
     Parameters
     ----------
     found
-        The results of one clip and configuration. With probabilities, the note of a range holds their mean over its
-        frames. No focus is the answer ``none`` of a method that can say so; of another, nothing was hit, which is no
+        The results of one clip and configuration. With probabilities, the note of a range has their mean over its
+        frames. For a method that can answer ``none``, a frame without a focus is that answer; for others, it has no
         prediction.
     names
         The manifest's names of subjects and targets. A predicted object without one is ``ignore``; the note names

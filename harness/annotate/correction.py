@@ -34,7 +34,7 @@ _STYLE = (
 )
 
 
-class Asked(Settings):
+class LabelQuery(Settings):
     """The label that the form is about."""
 
     clip: str
@@ -113,8 +113,8 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
     one_at_a_time = threading.Lock()
 
     def show(request: Request) -> Response:
-        asked = parse(Asked, {**request.query_params}, "label")
-        return _page(_form(asked, choices(directory, asked.clip, asked.subject)))
+        query = parse(LabelQuery, {**request.query_params}, "label")
+        return _page(_form(query, choices(directory, query.clip, query.subject)))
 
     def change(body: str) -> Response:
         correction = parse(Correction, dict(parse_qsl(body, max_num_fields=20)), "label")
@@ -135,9 +135,9 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
     return [Route(PATH, answer, methods=["GET", "POST"])]
 
 
-def _form(asked: Asked, targets: tuple[str, ...]) -> str:
+def _form(query: LabelQuery, targets: tuple[str, ...]) -> str:
     options = "".join(f"<option>{escape(name)}</option>" for name in targets)
-    clip, subject, frame = escape(asked.clip), escape(asked.subject), asked.frame
+    clip, subject, frame = escape(query.clip), escape(query.subject), query.frame
     return (
         f"<p>{clip}, frame {frame}: what does {subject} look at?</p>"
         f'<form method="post" action="{PATH}"><input type="hidden" name="clip" value="{clip}">'

@@ -8,7 +8,6 @@ that was changed by another program wins.
 
 from __future__ import annotations
 
-import fcntl
 import functools
 import json
 import operator
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
 from harness.files.digests import file_digest
+from harness.files.io import take_lock
 from harness.files.parsing import parse_json
 from vfoa.errors import VfoaError
 
@@ -62,11 +62,9 @@ class Journal:
                 os.fchmod(self._file.fileno(), mode)
         except OSError as error:
             raise VfoaError(f"{path}: cannot be written: {error.strerror}") from None
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not take_lock(self._file):
             self._file.close()
-            raise VfoaError(f"{of} is being labelled by another vfoa annotate; close that one first") from None
+            raise VfoaError(f"{of} is being labelled by another vfoa annotate; close that one first")
 
     def read(self) -> list[Entry]:
         """Every entry; :class:`VfoaError` if a line is not JSON.
@@ -118,7 +116,7 @@ class Journal:
 
 
 class Undo(Generic[Step]):
-    """Steps that were made and undone, with the times, seconds since 1970: by these, two stores are undone as one."""
+    """Steps that were made and undone, each with its time, seconds since 1970, which orders the steps of two stores."""
 
     def __init__(self) -> None:
         self._done: list[tuple[Step, float]] = []
@@ -224,7 +222,7 @@ class JournaledStore(ABC, Generic[Content, Step]):
         """The entry that begins anew with the content of the file."""
 
     def fits(self, base: Entry) -> bool:
-        """Whether a base is of this clip; one of another clip also shows when its result is compared with the file."""
+        """Whether a base belongs to this clip. If not, comparing its result with the file shows it, too."""
         return True
 
     @abstractmethod
@@ -237,7 +235,7 @@ class JournaledStore(ABC, Generic[Content, Step]):
 
     @contextmanager
     def once(self, request: str) -> Iterator[bool]:
-        """Whether no change was made under this id; changes of the block are recorded under it. "": always true."""
+        """Yield whether no change has this request's id yet; changes in the block get it. An empty id is always new."""
         self._request = request
         try:
             yield request not in self._requests

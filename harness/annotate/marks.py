@@ -67,13 +67,8 @@ class Stretch:
 
 def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stretch, ...]:
     """The part of a track between two positions, both included, as maximal stretches."""
-    parts = []
-    start = first
-    for mark, run in groupby(track[first : last + 1]):
-        end = start + len(list(run))
-        parts.append(Stretch(first=start, last=end - 1, mark=mark))
-        start = end
-    return tuple(parts)
+    runs = (list(run) for _, run in groupby(range(first, last + 1), key=track.__getitem__))
+    return tuple(Stretch(first=run[0], last=run[-1], mark=track[run[0]]) for run in runs)
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:

@@ -91,15 +91,15 @@ class Session:
     @property
     def notice(self) -> str | None:
         """Notes on a read-only clip that came with the program, and on labels of unknown targets; None: no notes."""
-        said = []
+        notes = []
         if came_with_program(self.manifest.path):
-            said.append(f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}.")
+            notes.append(f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}.")
         if self._left_over:
-            said.append(
+            notes.append(
                 f"{self.path.name} has labels of {', '.join(self._left_over)}, which {self.manifest.path.name} does "
                 "not have: runs are not scored until they are of another target, or the manifest has it again."
             )
-        return " ".join(said) or None
+        return " ".join(notes) or None
 
     @property
     def advice(self) -> str | None:
@@ -153,9 +153,8 @@ class Session:
         """
         stores = (self._store, self._drawing)
         with self.changing:
-            made = [
-                at for at, action in enumerate(actions) if action.id and any(store.knows(action.id) for store in stores)
-            ]
+            known = [any(store.knows(action.id) for store in stores) if action.id else False for action in actions]
+            made = [at for at, is_known in enumerate(known) if is_known]
             rest = actions[made[-1] + 1 if made else 0 :]
             if not made:  # else, the first of them had the right revision
                 for store in stores:
@@ -199,7 +198,7 @@ class Session:
     def step_back(self, kind: Literal["undo", "redo"]) -> None:
         """Take back the last change of labels, targets or drawing, whichever is newest, or make it again.
 
-        Nothing that was undone before a newer change comes back.
+        A change that was undone before a newer one was made cannot be made again.
         """
         with self.changing:
             store = self._next(kind)
@@ -242,11 +241,8 @@ class Session:
                 return
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 labels = {store.path.name: store.reassigned(name, new_name) for store in stores}
-            drawn = [
-                [new_name if drawn_name == name else drawn_name, kind, keys]
-                for drawn_name, kind, keys in self._drawing.tracks()
-            ]
-            self._change(to, labels, drawn)
+            tracks = self._drawing.tracks()
+            self._change(to, labels, [[new_name if track[0] == name else track[0], *track[1:]] for track in tracks])
 
     def delete_target(self, name: str, to: str | None) -> None:
         """Delete a target from the manifest; labels of all annotators that have it become ``to``."""
@@ -255,13 +251,11 @@ class Session:
                 if to is not None:
                     for store in stores:
                         store.check_reassignment(name, to)
-                elif uses := sum(label_store.uses(name) for label_store in stores):
+                    labels = {store.path.name: store.reassigned(name, to) for store in stores}
+                elif uses := sum(store.uses(name) for store in stores):
                     raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
-                labels = (
-                    {label_store.path.name: label_store.reassigned(name, to) for label_store in stores}
-                    if to is not None
-                    else {}
-                )
+                else:
+                    labels = {}
             drawn = [track for track in self._drawing.tracks() if track[0] != name]
             self._change(targets.without_target(self.manifest.path, name), labels, drawn)
 

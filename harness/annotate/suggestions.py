@@ -61,45 +61,45 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     edges = [bisect_left(times_s, start_s) for start_s in starts_s]
     most = max(b - a for a, b in pairwise(edges))
     left = [Block(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
-    said = {block: _Said.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
-    left = [block for block in left if said[block].share]
+    content = {block: _Answers.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
+    left = [block for block in left if content[block].share]
     chosen, seen = list[Block](), dict[str, float]()
     while left:
         missing = set(subjects) - {block.subject for block in chosen}
         best = max(
             (block for block in left if not missing or block.subject in missing),
-            key=lambda block: said[block].gain(seen),
+            key=lambda block: content[block].gain(seen),
         )
         if not missing and (len(chosen) + 0.5) * whole_s / parts > WANTED_S:
             break
         left.remove(best)
         chosen.append(best)
-        seen |= {name: seen.get(name, 0.0) + share for name, share in said[best].share.items()}
+        seen |= {name: seen.get(name, 0.0) + share for name, share in content[best].share.items()}
     return sorted(chosen, key=lambda block: (subjects.index(block.subject), block.first))
 
 
 def advice(blocks: Sequence[Block], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
     """A line with the frames and times of the blocks to label first; None without any."""
-    said = [
+    listed = [
         f"{block.subject} {frames[a]}-{frames[b]} ({times_s[a]:.1f}-{times_s[b]:.1f} s)"
         for block in blocks
         for a, b in [(block.first, block.last)]
     ]
-    return f"Label first, where configurations differ (key q), frames: {', '.join(said)}" if said else None
+    return f"Label first, where configurations differ (key q), frames: {', '.join(listed)}" if listed else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Said:
-    """How much configurations disagree in a block, in [0, 1), and the share of frames in which a name is said.
+class _Answers:
+    """The disagreement of configurations in a block, in [0, 1), and the share of frames in which a name is predicted.
 
-    Both are shares of the ``most`` frames of a block: one with few frames says less.
+    Both are shares of the ``most`` frames of a block: a block of few frames counts less.
     """
 
     disagreement: float
     share: Mapping[str, float]
 
     @classmethod
-    def of(cls, answers: Sequence[Sequence[str]], most: int) -> _Said:
+    def of(cls, answers: Sequence[Sequence[str]], most: int) -> _Answers:
         share, against = defaultdict[str, float](float), 0.0
         for counted in (Counter(answer) for answer in answers if answer):
             against += 1 - max(counted.values()) / counted.total()
@@ -141,13 +141,10 @@ class Predictions:
 
     def predict(self, frame: int, subject: str) -> Prediction | None:
         """The prediction; None if the run has no such frame or subject, could compute nothing, or hit nothing."""
-        record = self.records.get(frame)
-        person = (
-            next((subject_record for subject_record in record.subjects if subject_record.name == subject), None)
-            if record
-            else None
-        )
-        if record is None or person is None or person.missing or (person.focus is None and not self._says_nowhere):
+        if (record := self.records.get(frame)) is None:
+            return None
+        person = next((person for person in record.subjects if person.name == subject), None)
+        if person is None or person.missing or (person.focus is None and not self._says_nowhere):
             return None
         return _prediction(record, person)
 

@@ -164,14 +164,12 @@ def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]
     }
 
 
-def _by_rules(
-    number: int, instances: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest
-) -> Mapping[int, str]:
+def _by_rules(number: int, boxed: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest) -> Mapping[int, str]:
     """Names by instance id."""
     empty = np.zeros((0, 3), np.float32)
     targets = tuple(
         Target(instance=instance, box_px=None if box is None else np.array(box), points_left=empty, box=None)
-        for instance, box in instances
+        for instance, box in boxed
     )
     result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
     return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
@@ -192,7 +190,7 @@ def _box(array: np.ndarray[Any, np.dtype[np.float64]]) -> BoxPx:
 
 
 def _rectangle(box_px: BoxPx) -> Outline:
-    u0, v0, u1, v1 = (round(edge) for edge in box_px)
+    u0, v0, u1, v1 = map(round, box_px)
     return [[[u0, v0], [u1, v0], [u1, v1], [u0, v1]]]
 
 

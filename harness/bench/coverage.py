@@ -78,24 +78,24 @@ def _row(case: _Case, experiments: int) -> tuple[str, ...]:
     )
 
 
-def _measure(one: Simulated, world: World, rng: np.random.Generator) -> tuple[float, ...]:
-    units, differences = one.units(), one.differences()
+def _measure(sample: Simulated, world: World, rng: np.random.Generator) -> tuple[float, ...]:
+    units, differences = sample.units(), sample.differences()
     interval, between = rate_interval(units), difference_interval(differences)
-    truth = world.rate() if interval.unit == "clip" else one.rate_here
-    frames = one.right[1].astype(int) - one.right[0]
+    truth = world.rate() if interval.unit == "clip" else sample.rate_here
+    frames = sample.right[1].astype(int) - sample.right[0]
     return (
         sign_flip_p(frames) < SIGNIFICANCE,
         sign_flip_p(differences.merged().values) < SIGNIFICANCE,
-        _holds(wilson_interval(int(one.right[0].sum()), one.right.shape[1]), world.rate()),
-        _holds(_plain(one, rng), world.rate()),
+        _holds(wilson_interval(int(sample.right[0].sum()), sample.right.shape[1]), world.rate()),
+        _holds(_plain(sample, rng), world.rate()),
         _holds(interval, truth),
         not (between.low > 0 or between.high < 0),  # no interval says nothing wrong
         interval.high - interval.low,
     )
 
 
-def _plain(one: Simulated, rng: np.random.Generator) -> Interval:
-    right, frames = np.bincount(one.clips, one.right[0]), np.bincount(one.clips)
+def _plain(sample: Simulated, rng: np.random.Generator) -> Interval:
+    right, frames = np.bincount(sample.clips, sample.right[0]), np.bincount(sample.clips)
     drawn = rng.integers(0, len(frames), (1000, len(frames)))
     low, high = np.quantile(right[drawn].sum(axis=1) / frames[drawn].sum(axis=1), [0.025, 0.975])
     return Interval(low=float(low), high=float(high), unit="clip")

@@ -75,7 +75,7 @@ def main() -> None:
     given = parser.parse_args()
     demo = load_experiment("demo")
     configurations = (
-        configuration for one in demo.configurations for configuration in repeated(one, given.seeds, demo.name)
+        configuration for base in demo.configurations for configuration in repeated(base, given.seeds, demo.name)
     )
     plan = prepare(replace(demo, configurations=tuple(configurations)))
     with TemporaryDirectory() as folder:

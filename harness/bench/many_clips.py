@@ -157,7 +157,7 @@ def model_tables(model: RunModel, workers: Sequence[int] = (1, 2, 4, 8, 16, 32))
         ),
         words=1,
     )
-    one = model.seconds(1)
+    one_worker_s = model.seconds(1)
     return [
         where,
         Table(
@@ -167,8 +167,8 @@ def model_tables(model: RunModel, workers: Sequence[int] = (1, 2, 4, 8, 16, 32))
                 (
                     str(number),
                     f"{model.seconds(number):.1f}",
-                    f"{one / model.seconds(number):.1f}",
-                    f"{100 * one / model.seconds(number) / number:.0f}%",
+                    f"{one_worker_s / model.seconds(number):.1f}",
+                    f"{100 * one_worker_s / model.seconds(number) / number:.0f}%",
                     *(f"{seconds:.1f}" for seconds in model.measured.get(number, ())),
                     *([] if number in model.measured else [UNKNOWN, UNKNOWN]),
                 )

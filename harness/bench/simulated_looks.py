@@ -94,7 +94,7 @@ def simulate(world: World, clips: int, look_s: float, rng: np.random.Generator) 
             frames_of[clip] += n
     places = [np.arange(len(looks)) for _, looks, _ in of_clip]
     alike_s = correlation_time_s(
-        (one, place, HZ) for (_, _, right), place in zip(of_clip, places, strict=True) for one in right
+        (is_right, place, HZ) for (_, _, right), place in zip(of_clip, places, strict=True) for is_right in right
     )
     numbers, total = [], 0
     for (_, looks, _), place in zip(of_clip, places, strict=True):

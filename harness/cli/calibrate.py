@@ -11,7 +11,6 @@ from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.sources.calibrate.solve import StereoCalibration
-    from harness.sources.stereo_views import Views
 
 LAYOUT = "Layout of the views in the files, as in a manifest of stereo_folder: images, images_side_by_side, video ..."
 
@@ -48,8 +47,12 @@ def calibrate(
         solve,
     )
     from harness.sources.calibrate.views import charuco_board, chessboard, find_views
+    from harness.sources.stereo_views import ViewFiles
+    from vfoa.errors import VfoaError
+    from vfoa.validation import parse
 
-    _check_name(out)
+    if out.suffix.lower() not in (".yml", ".yaml"):  # calibrations are recognised by their suffix
+        raise VfoaError(f"--out {out}: found the suffix {out.suffix!r}; expected .yml or .yaml")
     check_new(out, replace=replace, hint=", or another --out")
     if marker_mm is None:
         board = chessboard(columns, rows, square_mm / 1000)
@@ -60,7 +63,8 @@ def calibrate(
     check_new(preview, replace=replace, hint=", or another --out", inputs=of_user)
     if left is right is both is None:
         left, right = _sides(folder)
-    views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
+    files = {"layout": layout, "left": left, "right": right, "both": both}
+    views = parse(ViewFiles, files, "calibrate").views(folder)
     for note in views.notes:
         say(note)
     seen, unseen, size_px = find_views(views.frames[::every], views.read, board)
@@ -93,24 +97,9 @@ def _print_result(out: Path, preview: Path, shown: int, calibration: StereoCalib
     say(f"next: vfoa clips add PATH --calibration {out}")
 
 
-def _check_name(out: Path) -> None:
-    """Check the suffix: the file is YAML, and calibrations are recognised by their suffix."""
-    from vfoa.errors import VfoaError
-
-    if out.suffix.lower() not in (".yml", ".yaml"):
-        raise VfoaError(f"--out {out}: found the suffix {out.suffix!r}; expected .yml or .yaml")
-
-
 def _sides(folder: Path) -> tuple[str, str]:
     """The only two sides of pictures in the folder, by their names; else ``left*`` and ``right*``."""
     from harness.sources.stereo_layouts import find_layouts
 
-    found = [found_layout.source for found_layout in find_layouts(folder) if found_layout.source["layout"] == "images"]
-    return (found[0]["left"], found[0]["right"]) if len(found) == 1 else ("left*", "right*")
-
-
-def _views(folder: Path, files: dict[str, str | None]) -> Views:
-    from harness.sources.stereo_views import ViewFiles
-    from vfoa.validation import parse
-
-    return parse(ViewFiles, files, "calibrate").views(folder)
+    sources = [layout.source for layout in find_layouts(folder) if layout.source["layout"] == "images"]
+    return (sources[0]["left"], sources[0]["right"]) if len(sources) == 1 else ("left*", "right*")

@@ -120,14 +120,14 @@ def _print(added: Added) -> None:
 
 
 def _next_steps(added: Added) -> Iterator[str]:
-    """What is missing for a table, and the commands that bring it, in order: each works when the ones before it ran."""
+    """What is missing for a table, and the commands that add it, in the order in which they must run."""
     if not added.subjects:
         yield "missing for a table: people who look, things looked at, labels of who looks at what"
         yield "next: the same command with names: people from left to right, things by the segmenter's category"
         yield f"      {shlex.join(['vfoa', *sys.argv[1:]])} --subject anna --target mug=cup"
         return
-    things = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
-    yield f"missing for a table: {things}labels of who looks at what"
+    objects = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
+    yield f"missing for a table: {objects}labels of who looks at what"
     yield f"next: vfoa clips check {added.name}"
     if added.rig is None:  # there is nothing to see on the labelling page
         yield f"next: write {added.annotations} (annotations/README.md), or vfoa labels import FILE --clip {added.name}"
@@ -140,7 +140,7 @@ def _next_steps(added: Added) -> Iterator[str]:
 
 
 def _run_options(added: Added) -> tuple[str, str | None]:
-    """Options that a run of this clip needs here, and the command that fetches weights that nothing replaces."""
+    """Options that a run of this clip needs on this machine, and the command that fetches missing weights."""
     from harness.pipeline.weights import missing_weights
     from harness.run.experiment import load_experiment
 
@@ -149,7 +149,7 @@ def _run_options(added: Added) -> tuple[str, str | None]:
     sensor = "" if added.has_right else " --set stereo.matcher=sensor"
     (default,) = load_experiment("default", clips=(added.name,)).configurations
     missing = [weights for choice in default.choices.values() if choice and (weights := missing_weights([choice]))]
-    options = [option.partition(" (")[0] for weights in missing for option in weights.instead[:1]]
+    options = [weights.instead[0].partition(" (")[0] for weights in missing if weights.instead]
     models = [name for weights in missing if not weights.instead for name in weights.models]
     return " ".join([sensor, *options]), f"vfoa models fetch {' '.join(models)}" if models else None
 
@@ -312,11 +312,11 @@ def _print_checks(checks: list[ClipCheck]) -> None:
             for check in checks
         ],
     )
-    said: dict[str, list[str]] = {}
+    clips_of_line: dict[str, list[str]] = {}
     for check in checks:
         for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
-            said.setdefault(line, []).append(check.name)
-    for line, clips in said.items():
+            clips_of_line.setdefault(line, []).append(check.name)
+    for line, clips in clips_of_line.items():
         say(f"{', '.join(clips)}: {line}")
 
 

@@ -34,7 +34,8 @@ def fit(
         str | None,
         typer.Option(
             metavar="SECONDS",
-            help="Use only the first labelled seconds of each clip, such as 20s; score each clip's on all the rest.",
+            help="Use only the first labelled seconds of each clip, such as 20s. A clip's fit is scored on the other "
+            "clips, or on the rest of the only clip.",
         ),
     ] = None,
     even_if_worse: Annotated[

@@ -103,7 +103,7 @@ def run(
     store = None if no_cache else open_store(cache)
     workers = workers or os.cpu_count() or 1
     notices: list[str] = []
-    wanted = out_folder(out or Path("runs") / experiment.name)
+    folder = out_folder(out or Path("runs") / experiment.name)
     if oracle:
         from harness.score.oracle_ablation import with_oracle_ablation
 
@@ -111,7 +111,7 @@ def run(
     if any(configuration.unfitted for configuration in experiment.configurations):
         from harness.score.fit_logit import with_left_out_weights
 
-        beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
+        beside = partial(run_plainly, out=Path(f"{folder}-fit"), limit=limit, workers=workers)
         experiment = with_left_out_weights(experiment, beside)
     recorded = recording or Recording(experiment.recording)
     plan = prepare(
@@ -120,7 +120,7 @@ def run(
     with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,
-            wanted,
+            folder,
             workers=workers,
             threads=threads or os.cpu_count() or 1,
             scheduler=scheduler,
@@ -145,7 +145,9 @@ def _advice(plan: Plan) -> str | None:
 
     used = [configuration.attend.attention for configuration in plan.experiment.configurations]
     is_default = any(isinstance(settings, LogitSettings) and settings.weights == shipped_weights() for settings in used)
-    clip = next((one.manifest.name for one in plan.clips if one.labels is None or not one.labels.ranges), None)
+    clip = next(
+        (planned.manifest.name for planned in plan.clips if planned.labels is None or not planned.labels.ranges), None
+    )
     if clip is None or not is_default:
         return None
     return (
@@ -160,8 +162,8 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
     from harness.processes import interrupt
 
     signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    heeded = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores SIGHUP
-    before = {number: signal.signal(number, interrupt) for number in heeded}
+    handled = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores SIGHUP
+    before = {number: signal.signal(number, interrupt) for number in handled}
     try:
         yield
     except KeyboardInterrupt:

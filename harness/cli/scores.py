@@ -127,12 +127,9 @@ def compare(
     comparisons = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
     failing = [] if check is None else _failing(comparisons, *check)
     if as_json:
-        plain = [
-            {**asdict(with_values(comparison, units=None)), "verdict": comparison.verdict} for comparison in comparisons
-        ]
-        print_json(
-            [{**row, "sentence": comparison.sentence} for row, comparison in zip(plain, comparisons, strict=True)]
-        )
+        values = [asdict(with_values(comparison, units=None)) for comparison in comparisons]
+        verdicts = [{"verdict": comparison.verdict, "sentence": comparison.sentence} for comparison in comparisons]
+        print_json([row | verdict for row, verdict in zip(values, verdicts, strict=True)])
     else:
         print_reports([terminal_comparisons(comparisons)])
         if page is not None:
@@ -200,7 +197,6 @@ def plan(
     """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
     from dataclasses import asdict
 
-    from harness.cli.terminal import print_json, print_reports
     from harness.report.comparisons import plan_table, plans
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores

@@ -51,7 +51,7 @@ _LIBRARIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One line: the state of one thing, whether running stops without it, and what mends it (None: nothing to do)."""
+    """One line: what was checked, its state, how to mend it (None: nothing to do), and whether a run needs it."""
 
     what: str
     state: str
@@ -108,7 +108,7 @@ def _folders() -> Iterator[Finding]:
 
 
 def _weights() -> Iterator[Finding]:
-    """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
+    """For each slot, the stages that can run, and how to get the weights of the default stage."""
     from harness.pipeline.configuration import STAGES
     from harness.pipeline.weights import missing_weights, ready_stages
     from harness.run.experiment import load_experiment
@@ -149,9 +149,6 @@ def settings(
     as_json: Json = False,
 ) -> None:
     """Print every setting: key (for --set and for experiments), type, unit, default and meaning."""
-    from dataclasses import asdict
-
-    from harness.cli.terminal import print_json, print_table
     from harness.pipeline.settings_reference import settings_tables
 
     tables = settings_tables(stage)
@@ -179,16 +176,14 @@ cache_app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=
 @cache_app.command(short_help="Show where the cache is and what it holds.")
 def info(cache: Cache = None, as_json: Json = False) -> None:
     """Show where the cache is, its limit, and the size of each stage and clip."""
-    from dataclasses import asdict
-
     from harness.pipeline.cache_store import open_store
 
     store = open_store(cache)
     usage = store.usage()
     total = sum(entry.bytes for entry in usage)
     if as_json:
-        where = {"path": str(store.stages), "limit_bytes": store.limit_bytes, "bytes": total}
-        print_json({**where, "stages": [asdict(entry) for entry in usage]})
+        summary = {"path": str(store.stages), "limit_bytes": store.limit_bytes, "bytes": total}
+        print_json({**summary, "stages": [asdict(entry) for entry in usage]})
         return
     if usage:
         print_table(

@@ -104,7 +104,7 @@ def _without_nan(value: object) -> object:
 
 
 def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
-    """Print what a run came to: a row for each configuration, what fails, the verdict and the next commands.
+    """Print the result of a run: a row for each configuration, what fails, the verdict and the next commands.
 
     ``verbose``: first the tables by clip and of the stages, with all notes.
     """
@@ -128,15 +128,14 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
             console.print(note, markup=False)
     if ablation.rows and not verbose:
         print_reports([ablation])
-    asked = without_oracles(scores.configurations)
+    own_configurations = without_oracles(scores.configurations)
     scored = {row.clip for row in scores.rows}
     unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
-    steps = next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)
-    said = [*unscored[:_MOST_CLIPS], *steps[: len(steps) if verbose else 1]]
-    if len(unscored) > _MOST_CLIPS:
-        said.insert(_MOST_CLIPS, f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report.")
-    for words in said:
-        console.print(f"- {words}", markup=False)
+    steps = next_steps(verdict for verdict in scores.verdicts if verdict.configuration in own_configurations)
+    more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
+    remaining = more if len(unscored) > _MOST_CLIPS else []
+    for line in (*unscored[:_MOST_CLIPS], *remaining, *steps[: len(steps) if verbose else 1]):
+        console.print(f"- {line}", markup=False)
     if head := headline(scores):
         console.print(f"\n{head}", markup=False, style="bold")
     console.print(verdict_sentence(scores), markup=False)

@@ -170,10 +170,10 @@ def _correct(run: Path, wrong: Verdict) -> bool:
     directory = RunDirectory(run)
     try:
         say(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
-        said = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
-        if not said:
+        answer = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
+        if not answer:
             return False
-        target, first, last = _told(said, wrong.frame)
+        target, first, last = _target_and_frames(answer, wrong.frame)
         correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
         say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
     except (VfoaError, typer.Abort) as error:
@@ -182,11 +182,11 @@ def _correct(run: Path, wrong: Verdict) -> bool:
     return True
 
 
-def _told(said: str, frame: int) -> tuple[str, int, int]:
+def _target_and_frames(answer: str, frame: int) -> tuple[str, int, int]:
     """Parse a target and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
-    if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
+    if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", answer):
         return match[1], int(match[2]), int(match[3])
-    return said, frame, frame
+    return answer, frame, frame
 
 
 def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:
@@ -220,13 +220,10 @@ def _wrong_frames(
 def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
     wrong = (verdict for verdict in scores.verdicts if verdict.outcome == "wrong")
+    of_clip = (verdict for verdict in wrong if clip in (None, verdict.clip))
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(
-        (
-            verdict
-            for verdict in wrong
-            if clip in (None, verdict.clip) and configuration in (None, verdict.configuration)
-        ),
+        (verdict for verdict in of_clip if configuration in (None, verdict.configuration)),
         key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
     )
 
@@ -275,17 +272,15 @@ def export_failure(
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
 
-    recorded = find_clips(run_folder(run), clip, config)
+    first, *others = find_clips(run_folder(run), clip, config)
     pairs = [
-        f"{recorded_clip.files.clip}, {layers.configuration}"
-        for recorded_clip in recorded
-        for layers in recorded_clip.layers
+        f"{recorded.files.clip}, {layers.configuration}" for recorded in (first, *others) for layers in recorded.layers
     ]
     if len(pairs) > 1:
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
-    recorded[0].expect_subject(subject)
-    recording = changed(recorded[0].compose(), subject=subject)
+    first.expect_subject(subject)
+    recording = changed(first.compose(), subject=subject)
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
-    write_excerpt(recording, recorded[0].rate_hz, frame, margin, excerpt)
+    write_excerpt(recording, first.rate_hz, frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

@@ -25,7 +25,7 @@ class Reading(NamedTuple):
     """A way to read a path, and its adapter."""
 
     adapter: str
-    found: Recognised
+    recognised: Recognised
 
 
 def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Reading:
@@ -39,13 +39,13 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
         If no or several ways remain, or the calibration is missing.
     """
     readings = _readings(path, adapter, given)
-    complete = [reading for reading in readings if reading.found.calibration] or readings
-    fitting = [reading for reading in complete if len(complete) == 1 or _agrees(reading.found, given)]
-    filled = [Reading(reading.adapter, _filled(reading.found, given)) for reading in fitting]
+    complete = [reading for reading in readings if reading.recognised.calibration] or readings
+    fitting = [reading for reading in complete if len(complete) == 1 or _agrees(reading.recognised, given)]
+    filled = [Reading(reading.adapter, _filled(reading.recognised, given)) for reading in fitting]
     distinct = [reading for place, reading in enumerate(filled) if reading not in filled[:place]]
     if len(distinct) != 1:
         raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
-    recognised = distinct[0].found
+    recognised = distinct[0].recognised
     if recognised.calibration is None:
         missing = "; ".join(recognised.incomplete) or (
             "no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the manifest: "
@@ -61,10 +61,10 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
     names = [adapter] if adapter else ADAPTERS.names()
-    asked = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
+    recognisers = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
     readings: list[Reading] = []
     failures: list[VfoaError] = []
-    for name, cls in asked.items():
+    for name, cls in recognisers.items():
         try:
             readings += [Reading(name, recognised) for recognised in cls.recognise(path, given)]
         except VfoaError as error:
@@ -73,9 +73,8 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
         return readings
     if failures:
         raise failures[0]
-    raise VfoaError(
-        f"{path}: not recognised by {', '.join(asked or names)}; expected one of the sources in datasets/README.md"
-    )
+    tried = ", ".join(recognisers or names)
+    raise VfoaError(f"{path}: not recognised by {tried}; expected one of the sources in datasets/README.md")
 
 
 def _agrees(recognised: Recognised, given: Mapping[str, Any]) -> bool:
@@ -104,8 +103,8 @@ def _alternatives(readings: Sequence[Reading]) -> str:
     if len({reading.adapter for reading in readings}) > 1:
         layouts = ", ".join(f"--adapter {adapter} ({recognised.layout})" for adapter, recognised in readings)
         return f"several adapters can read it; expected one of: {layouts}"
-    keys = dict.fromkeys(key for reading in readings for key in reading.found.source)
-    values = {key: [str(reading.found.source.get(key)) for reading in readings] for key in keys}
+    keys = dict.fromkeys(key for reading in readings for key in reading.recognised.source)
+    values = {key: [str(reading.recognised.source.get(key)) for reading in readings] for key in keys}
     # One key that distinguishes all of them is enough: the left folder implies the right one.
     deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
     choices = [
@@ -197,10 +196,7 @@ def add_clip(
         if subjects or targets:
             raise VfoaError(f"{path}: --subject, --target: expected none: the measurements name all people and objects")
         rules = [
-            {
-                object_name: {"category": clip.categories[object_name], "instance": number}
-                for object_name, number in ids.items()
-            }
+            {measured: {"category": clip.categories[measured], "instance": number} for measured, number in ids.items()}
             for ids in (clip.people, clip.objects)
         ]
     text = _manifest_text(name, chosen, recognised, *rules)

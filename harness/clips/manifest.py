@@ -100,10 +100,10 @@ class ClipManifest(Settings):
         )
 
     def names_now(self, then: Mapping[str, Any]) -> dict[str, str]:
-        """The present names of targets that were renamed since their rules were ``then``, by their names then.
+        """Return the present name of each target that was renamed since a run, by its name in the run.
 
-        An earlier name that another target has by now belongs to the target whose rule is still the same.
-        If ``then`` is empty, the rules are not known.
+        ``then`` are the targets' rules in the run, by name; empty if they are not known. If another target has the
+        earlier name by now, the name belongs to the target whose rule is unchanged.
         """
         now: dict[str, Any] = self.naming()["targets"]
         return {
@@ -121,7 +121,7 @@ class ClipManifest(Settings):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The manifest, the clip's annotation files, and its recording or video: what no output may replace."""
+        """The manifest, the clip's annotation files, and its recording or video. No output may replace them."""
         root = self.resolve_root()
         return (self._path, *self.annotations.present(), *([root] if root is not None and is_file(root) else []))
 
@@ -332,9 +332,10 @@ _COCO = frozenset({*THINGS.values(), *STUFF.values()})
 
 def manifest_problems(manifest: ClipManifest) -> list[str]:
     """Names that the program gives to unnamed objects."""
-    automatic = [name for name in (*manifest.subjects, *manifest.targets) if _AUTOMATIC.fullmatch(name)]
     return [
-        f"{name!r} is reserved for an object without a name (label#id); expected another name" for name in automatic
+        f"{name!r} is reserved for an object without a name (label#id); expected another name"
+        for name in (*manifest.subjects, *manifest.targets)
+        if _AUTOMATIC.fullmatch(name)
     ]
 
 
@@ -355,10 +356,11 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
 def unknown_categories(manifest: ClipManifest) -> list[str]:
     """One note about all targets whose category is not in COCO."""
     unknown = [f"{name} ({rule.category})" for name, rule in manifest.targets.items() if rule.category not in _COCO]
-    if not unknown:
-        return []
-    said = f"no model of COCO's categories knows {', '.join(unknown)}"
-    return [f"{said}: take other masks, or draw: vfoa annotate {manifest.name}, key p"]
+    note = (
+        f"no model of COCO's categories knows {', '.join(unknown)}: take other masks, or draw: "
+        f"vfoa annotate {manifest.name}, key p"
+    )
+    return [note] if unknown else []
 
 
 def known_categories(clip: Clip | MeasuredClip) -> frozenset[str]:

@@ -62,7 +62,8 @@ _DEFAULT_M: float = BlockMatchingSettings().min_depth_m
 def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -> list[str]:
     """A note if a limit (by default the matchers' own) excludes objects in these frames.
 
-    It proposes a limit that 99 % of the matches are beyond. None if matches are too few, or without right images.
+    The note proposes a limit that 99 % of the matches are beyond. There is no note if matches are too few, or without
+    right images.
     """
     depths_m = np.concatenate([np.empty(0), *(_matched_depths_m(frame) for frame in frames if frame.right is not None)])
     if not depths_m.size or (share := float((depths_m < min_depth_m).mean())) < LEAST_SHARE:

@@ -95,9 +95,9 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     by its rule. People whose instance is not known (or not of the category) get none.
     """
     people = _people(result)
-    told = {person.own_name: person.key for person in people if person.own_name in rules}
-    by_track = {track: name for track, name in memory.by_track.items() if name not in told}
-    by_track |= {track: name for name, track in told.items() if name is not None}
+    by_source = {person.own_name: person.key for person in people if person.own_name in rules}
+    by_track = {track: name for track, name in memory.by_track.items() if name not in by_source}
+    by_track |= {track: name for name, track in by_source.items() if name is not None}
     taken = {by_track[person.key] for person in people if person.key in by_track}
     free = {name: rule for name, rule in rules.items() if name not in taken}
     unnamed = [person for person in people if person.key not in by_track]
@@ -117,10 +117,8 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
 def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
     """Name every instance of a frame: by the subject it belongs to, its own name, the rules, or as ``label#id``."""
     things = [
-        _Candidate(
-            key=target.instance.id, instance_id=target.instance.id, label=target.instance.label, box_px=target.box_px
-        )
-        for target in result.scene.targets
+        _Candidate(key=instance.id, instance_id=instance.id, label=instance.label, box_px=box_px)
+        for instance, box_px in ((target.instance, target.box_px) for target in result.scene.targets)
     ]
     names = {}
     for person in _people(result):

@@ -1,10 +1,10 @@
-"""Digests of files that need not be read again, because the files have the stamp that they had when they were read.
+"""Digests of files, kept by the files' stamps: a file with the same stamp is not read again.
 
 The stamp of a set of files is the path, size, times, inode and device of each. A change of content sets the time of the
-last change (ctime), which no program can set back, so the same stamp means the same content. Only a file that changes
-again within one tick of its file system's clock keeps its stamp; therefore, as in git's index, a digest is only kept if
-the files had been left alone for some time before they were read. Memory-mapped writes may show late, and a file
-server whose clock is behind by more than that time is not noticed.
+last change (ctime), which no program can set back, so the same stamp means the same content. There is one exception: a
+file that changes twice within one tick of its file system's clock keeps its stamp. Therefore, as in git's index, a
+digest is kept only if the files had not changed for some time before they were read. Two cases are not noticed: a
+memory-mapped write that shows late, and a file server whose clock is behind by more than that time.
 
 A result also depends on code: on a module and everything that it imports, directly or not (:func:`code_digest`).
 Imports are read from the source, wherever they are in it. No module is imported for that.
@@ -29,12 +29,12 @@ from pathlib import Path
 from harness.files.io import LARGE_BYTES, check_readable, note_stamp, unreadable
 
 SETTLED_NS = 3 * 10**9
-"""Age of the last change, ns, from which on a file counts as left alone: the coarsest clock (FAT) ticks every 2 s."""
+"""Least age of the last change, ns, of a file whose digest is kept: the coarsest clock (FAT) ticks every 2 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """The stamp of a set of files, as a digest, and whether they had been left alone before it was taken."""
+    """The stamp of a set of files, as a digest. ``is_settled``: the files had not changed for :data:`SETTLED_NS`."""
 
     digest: str
     is_settled: bool

@@ -1,8 +1,9 @@
-"""The cache folder, with values in files of their own: a checksum, then MessagePack. They can be removed at any time.
+"""The cache folder and the data folders.
 
-A missing file, a damaged one, and one of another version give None: the value is then computed again.
+Each value in the cache is a file: a checksum, then MessagePack. Cached files can be removed at any time: if a file is
+missing, damaged or of another version, the value is computed again.
 
-The data folders: those of the working directory first, then those of the package.
+Data folders of the working directory come before those of the package.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def write_value(path: Path, value: object) -> None:
 
 
 def settled_stamp(path: Path) -> str | None:
-    """The stamp of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
+    """The stamp of a file before it is read; None if it is missing, or changed too recently (``SETTLED_NS``)."""
     stamp = stamp_of([("file", str(path))])
     return stamp.digest if stamp and stamp.is_settled else None
 

@@ -30,7 +30,8 @@ def read_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             content = file.read()
-            check_unchanged(os.fspath(path), os.fstat(file.fileno()))
+            if _active is not None:
+                _active.check(os.fspath(path), os.fstat(file.fileno()))
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
     return content
@@ -84,9 +85,9 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
 
 def write_together(contents: Mapping[Path, str | bytes]) -> None:
-    """Write several files, each as :func:`atomic_write` does, but put none in place before all are on the disk.
+    """Write several files as :func:`atomic_write` does; replace none before all new ones are on the disk.
 
-    So a full disk leaves all of them as they were. The first one is put in place last.
+    So a full disk leaves all files as they were. The first one is replaced last.
     """
     with ExitStack() as drafts:
         for path, content in contents.items():
@@ -224,8 +225,8 @@ class ChangedError(VfoaError):
 class UnchangedFiles:
     """The files of a clip, which is read as it was when it was digested: outputs are cached under that digest.
 
-    While the object is active, every file that is read is compared with its stamp: files that are exchanged and put
-    back, or behind a link that is switched and switched back, differ in nothing at the end.
+    While the object is active, every file that is read is compared with its stamp. A comparison at the end would miss
+    files that were exchanged and put back, and links that were switched and switched back.
 
     Parameters
     ----------
@@ -269,10 +270,9 @@ class UnchangedFiles:
         for _ in range(_ATTEMPTS):
             try:
                 value = frame(number)
-                for path in (
-                    tuple(self._large) if len(self._large) <= _FEW else ()
-                ):  # a video stays open while it is read
-                    self.check(path, os.stat(path))
+                if len(self._large) <= _FEW:  # a video stays open while it is read
+                    for path in tuple(self._large):
+                        self.check(path, os.stat(path))
             except (ChangedError, FileNotFoundError):
                 self._renew()
             else:
@@ -306,12 +306,6 @@ def changed_during_run(clip: str) -> str:
         f"{clip}: its images or calibration changed during the run; expected the same content to the end: "
         "remove the run's directory and run again"
     )
-
-
-def check_unchanged(path: str, status: os.stat_result) -> None:
-    """Check a file that was just read, if it belongs to the clip of an active :class:`UnchangedFiles`."""
-    if _active is not None:
-        _active.check(path, status)
 
 
 def note_stamp(path: str, status: os.stat_result) -> None:

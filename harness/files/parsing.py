@@ -123,8 +123,8 @@ def parse_json_as(kind: type[Kind], data: bytes, where: object) -> Kind:
     try:
         return msgspec.json.decode(data.removeprefix(codecs.BOM_UTF8), type=kind, strict=False)
     except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$")
-        raise VfoaError(f"{where}: {place.strip('.`') or 'the document'}: {said}") from None
+        problem, _, key = str(error).partition(" - at `$")
+        raise VfoaError(f"{where}: {key.strip('.`') or 'the document'}: {problem}") from None
     except RecursionError:
         raise _too_deep(where) from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
@@ -291,7 +291,7 @@ def _check(document: Any, where: object) -> None:
 def _nodes_below(node: yaml.Node) -> Iterable[yaml.Node]:
     """The nodes of a list; keys and values of a table."""
     below = node.value if isinstance(node.value, list) else ()
-    return [each for item in below for each in (item if isinstance(item, tuple) else (item,))]
+    return [child for item in below for child in (item if isinstance(item, tuple) else (item,))]
 
 
 def _check_levels(level: list[Any], below: Any, where: object, *, most: int = MOST_VALUES) -> None:

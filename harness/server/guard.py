@@ -1,7 +1,8 @@
 """Access to a server of this program: only for a browser or program on this machine that knows the token.
 
-Another site that is open in the same browser can send requests to this machine, under any host name it owns. So the
-host must be a loopback name, the origin the server's own, and the token must be sent, by cookie or header.
+Another site that is open in the same browser can send requests to this machine, under any host name that it owns.
+Therefore a request must have a loopback name as host, no other origin than this server, and the token in a cookie or a
+header.
 """
 
 from __future__ import annotations
@@ -151,8 +152,8 @@ def _cookie(request: Request) -> str:
 class Connections:
     """The open connections of a server, and the application, which is called when a request is complete.
 
-    The connection that has been incomplete for longest is closed if others need its place; one that is being answered
-    stays. If all are being answered, the new one is closed.
+    If there are too many, the connection that has waited longest for the rest of its request is closed. A connection
+    that is being answered stays open; if all are being answered, the new one is closed.
     """
 
     def __init__(self, app: ASGIApp) -> None:

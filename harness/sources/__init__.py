@@ -32,7 +32,7 @@ class PersonTruth:
 class Truth:
     """Ground truth of one frame. None: not known to the source.
 
-    ``boxes`` are keyed by instance id. ``missing`` says, for a field that is None, which file is missing, if the source
+    ``boxes`` are keyed by instance id. ``missing`` names, for a field that is None, the missing file, if the source
     knows it; errors about that field quote it.
     """
 
@@ -131,9 +131,9 @@ class LeftClip(Protocol):
 class Recognised:
     """One way to read a path as a clip: the values that ``vfoa clips add`` writes into a manifest.
 
-    ``root`` and ``source`` are the manifest's, ``layout`` says in words what was found, ``name`` is the proposed name
-    of the clip. ``calibration`` says where the calibration is from; None: there is none, and the user must give one.
-    ``incomplete`` says what calibrations beside the images lack.
+    ``root`` and ``source`` are the manifest's, ``layout`` describes the files, ``name`` is the proposed name of the
+    clip. ``calibration`` names where the calibration is from; None: the user must give one. ``incomplete`` has a note
+    for each calibration beside the images that cannot be used alone.
     """
 
     root: Path
@@ -156,8 +156,8 @@ class Recogniser(Protocol):
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Return every way to read an existing absolute path; none if it is not of this kind.
 
-        Several ways differ in their ``source``: the user chooses by the setting that differs. Only names and the heads
-        of files are read, and nothing is guessed: settings that cannot be determined are left out.
+        If there are several, they differ in ``source``, and the user chooses by the setting that differs. Only names
+        and the first bytes of files are read. Settings that cannot be determined are left out, not guessed.
 
         Parameters
         ----------

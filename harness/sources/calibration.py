@@ -11,15 +11,15 @@ from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
 SIDE_PX = (4, 16_383)
-"""Least and greatest side of a clip's images: WebP, in which recordings and thumbnails are, has no larger ones."""
+"""Smallest and largest side of a clip's images: recordings and thumbnails are WebP, which has no larger ones."""
 FOCAL_PX = (0.1, 1e6)
 PLACE_PX = 1e6
 BASELINE_M = (1e-6, 1e4)
-"""Bounds of a camera's numbers, far beyond real ones: further products of them stay finite."""
+"""Bounds of a camera's numbers, far beyond those of real cameras: products of them stay finite."""
 
 
 def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_px: tuple[float, ...]) -> None:
-    """Reject sizes and numbers that no camera has; further steps could not compute with them.
+    """Reject sizes and numbers that no camera has: later steps cannot compute with them.
 
     Raises
     ------

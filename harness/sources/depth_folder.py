@@ -31,8 +31,8 @@ class DepthFolderSettings(Settings):
     (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
     ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
     numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
-    ``rectified`` images have no lens distortion any more. Without ``rate_hz``, times are the lists'; images without
-    times are a second apart.
+    ``rectified``: the images have no lens distortion. Without ``rate_hz``, times are those of the lists; images without
+    times are one second apart.
     """
 
     colour: str

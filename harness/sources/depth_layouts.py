@@ -83,7 +83,7 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
         words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
         colours, depths = map(read_stamped_list, (folder / colour, folder / depth), words)
         times, others = list(colours), list(depths)
-        pairs = [(times[one], others[other]) for one, other in join_times(times, others, round(tolerance_ms * 1e6))]
+        pairs = [(times[i], others[j]) for i, j in join_times(times, others, round(tolerance_ms * 1e6))]
         rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
     else:
         colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
@@ -93,8 +93,8 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
     numbered = dict(enumerate(pairs, start=1)) if has_times else {pair[0]: pair for pair in pairs}
     return DepthFrames(
-        {number: colours[one] for number, (one, _) in numbered.items()},
-        {number: depths[other] for number, (_, other) in numbered.items()},
+        {number: colours[key] for number, (key, _) in numbered.items()},
+        {number: depths[key] for number, (_, key) in numbered.items()},
         {number: time for number, (time, _) in numbered.items()} if has_times else None,
         tuple(
             f"{name}: {len(files) - len(pairs)} of {len(files)} images have no partner {rule}"
@@ -122,7 +122,7 @@ _TUM_CAMERAS = {
     "freiburg2": (520.9, 521.0, 325.1, 249.7),
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
 }
-"""fx, fy, cx, cy as TUM publishes them with the data set; the small lens distortion of the first two is left out."""
+"""fx, fy, cx, cy as TUM publishes them; the small lens distortion of the first two cameras is left out."""
 
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
@@ -140,7 +140,7 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
 
 
 def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
-    """Files of colour and depth, with the calibration of one camera beside them or, of TUM's cameras, published."""
+    """The reading of these files, with a calibration beside them or, for TUM's cameras, the published one."""
     colours = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).colours
     calibration = None
     files = {entry.name.lower(): entry for entry in path.iterdir() if entry.is_file()}

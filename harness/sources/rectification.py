@@ -103,7 +103,7 @@ ImageSize = Callable[[], tuple[int, int]]
 class Rectifier:
     """Rectifies the pairs of one calibration, or leaves them as they are if that is of rectified images.
 
-    Pixels that no camera saw are black. ``calibration`` is that of the images that :meth:`rectify` returns.
+    Pixels that no camera saw are black. ``calibration`` belongs to the images that :meth:`rectify` returns.
     """
 
     def __init__(self, cameras: Cameras) -> None:

@@ -135,7 +135,7 @@ class SintelClip:
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair and its camera."""
-        self._check_number(number)
+        time_ns = self.time_ns(number)
         paths = self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number)
         left, right = map(read_rgb, paths)
         check_sizes(left, right, *paths)
@@ -143,7 +143,7 @@ class SintelClip:
         fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
         calibration = Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=BASELINE_M)
         rig = calibration.rig(left.shape[1], left.shape[0])
-        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
+        return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
         """Disparity and instances, each if its file exists."""
@@ -153,13 +153,11 @@ class SintelClip:
             for name, kind in (("disparity", "disparities"), ("instances", "segmentation"))
             if not (path := self._path(kind, number)).is_file()
         }
-        disparity = None
-        if "disparity" not in missing:
-            path = self._path("disparities", number)
-            disparity = Disparity(disparity_px=read_disparity(path))
-            self._check_size(path, disparity.disparity_px, number)
-        instances = None if "instances" in missing else self._instances(number)
-        return Truth(disparity=disparity, instances=instances, missing=missing)
+        return Truth(
+            disparity=None if "disparity" in missing else self._disparity(number),
+            instances=None if "instances" in missing else self._instances(number),
+            missing=missing,
+        )
 
     def digest(self) -> str:
         """Digest of the images' and cameras' bytes and the frames' numbers."""
@@ -190,6 +188,12 @@ class SintelClip:
             raise VfoaError(
                 f"{path}: found {pixels.shape[1]} x {pixels.shape[0]} pixels, {left} has {width} x {height}"
             )
+
+    def _disparity(self, number: int) -> Disparity:
+        path = self._path("disparities", number)
+        disparity_px = read_disparity(path)
+        self._check_size(path, disparity_px, number)
+        return Disparity(disparity_px=disparity_px)
 
     def _instances(self, number: int) -> Instances:
         path = self._path("segmentation", number)

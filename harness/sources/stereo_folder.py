@@ -22,11 +22,11 @@ from vfoa.types import Image, StereoFrame
 class StereoFolderSettings(ViewFiles):
     """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Properties
-    that such files do not contain: the two ``calibration_cameras`` to use (by default KITTI (2, 3), Kalibr (0, 1)), the
-    ``calibration_unit`` of their translation, the ``baseline_m`` (replaces the file's), that they are for ``fisheye``
-    lenses, that the images are ``rectified`` already. Without ``rate_hz`` times are the video's, or those in the names;
-    images without either are a second apart.
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Other
+    settings say what such files do not contain: ``calibration_cameras``, the two cameras to use (default: KITTI (2, 3),
+    Kalibr (0, 1)); ``calibration_unit``, the unit of their translation; ``baseline_m``, which replaces the file's;
+    ``fisheye``: the lenses are fisheye lenses; ``rectified``: the images are rectified already. Without ``rate_hz``,
+    times are those of the video or in the names; images without either are one second apart.
     """
 
     calibration: str | tuple[str, str] | None = None

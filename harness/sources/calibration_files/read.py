@@ -29,8 +29,8 @@ LARGEST_BYTES = 1_000_000
 class Options:
     """Properties of a calibration that its file does not contain.
 
-    ``cameras``: the left and the right one of the file's cameras; by default (2, 3) for KITTI, (0, 1) for Kalibr.
-    ``unit``: of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are
+    ``cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr. ``unit`` is
+    that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are
     rectified already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras,
     which replaces the file's or completes a file without one.
     """

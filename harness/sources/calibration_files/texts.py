@@ -136,15 +136,13 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
         If there are not nine numbers, and at most one after them, they are no camera matrix, or no baseline is known
         (:class:`IncompleteCalibrationError`).
     """
-    numbers = [number for line in _bare_lines(text) for number in floats(_BASELINE.sub("", line)) or [math.nan]]
-    if len(numbers) not in (9, 10) or not np.isfinite(numbers).all():
-        raise VfoaError(
-            f"{path}: found {len(numbers)} values; expected a camera matrix of 3 x 3 numbers and a baseline"
-        )
-    k = np.array(numbers[:9]).reshape(3, 3)
+    values = [value for line in _bare_lines(text) for value in floats(_BASELINE.sub("", line)) or [math.nan]]
+    if len(values) not in (9, 10) or not np.isfinite(values).all():
+        raise VfoaError(f"{path}: found {len(values)} values; expected a camera matrix of 3 x 3 numbers and a baseline")
+    k = np.array(values[:9]).reshape(3, 3)
     if not (k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
         raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
-    baseline = numbers[9] if len(numbers) == 10 else baseline_m
+    baseline = values[9] if len(values) == 10 else baseline_m
     if baseline is None:
         raise IncompleteCalibrationError(
             f"{path}: a camera matrix without a baseline; expected a line with the distance of the two cameras in "

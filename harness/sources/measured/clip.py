@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from harness.files.tables import LARGEST
@@ -64,15 +65,12 @@ class MeasuredSettings(Settings):
             MeasuredObject(
                 name=name,
                 category=fixed_object.category or name,
-                box=self.box(
-                    np.array(fixed_object.center_m),
-                    None if fixed_object.size_m is None else np.array(fixed_object.size_m),
-                ),
+                box=self.box(fixed_object.center_m, fixed_object.size_m),
             )
             for name, fixed_object in self.objects.items()
         )
 
-    def box(self, center_m: Float, size_m: Float | None, left_from_box: Float | None = None) -> Box3D:
+    def box(self, center_m: ArrayLike, size_m: ArrayLike | None, left_from_box: Float | None = None) -> Box3D:
         """Return the box with this middle (3,), extent (3,) and rotation (3, 3); without an extent, a point's box.
 
         Raises
@@ -80,12 +78,9 @@ class MeasuredSettings(Settings):
         ValueError
             If the extent is not positive.
         """
-        half = np.full(3, self.point_size_m / 2) if size_m is None else size_m / 2
-        return Box3D(
-            center_m=center_m,
-            half_size_m=half,
-            left_from_box=np.eye(3) if left_from_box is None else left_from_box,
-        )
+        size = np.full(3, self.point_size_m) if size_m is None else np.array(size_m)
+        rotation = np.eye(3) if left_from_box is None else left_from_box
+        return Box3D(center_m=np.array(center_m), half_size_m=size / 2, left_from_box=rotation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,15 +152,13 @@ class FramesOfMeasurements:
         self.people = {name: number for number, name in enumerate(names, start=1)}
         self.categories = dict.fromkeys(self.people, PERSON)
         moving = itertools.chain.from_iterable(frame.objects for frame in self.measurements.values())
-        for thing in (*self._fixed, *moving):
-            known = self.categories.setdefault(thing.name, thing.category)
-            if known != thing.category and thing.name not in self.people:
-                raise VfoaError(
-                    f"{where}: object {thing.name!r}: found categories {known!r} and {thing.category!r}; expected one"
-                )
-        things = [name for name in self.categories if name not in self.people]
-        things.sort(key=lambda name: name in settings.objects)
-        self.objects = {name: number for number, name in enumerate(things, start=len(self.people) + 1)}
+        for name, category in ((target.name, target.category) for target in (*self._fixed, *moving)):
+            known = self.categories.setdefault(name, category)
+            if known != category and name not in self.people:
+                raise VfoaError(f"{where}: object {name!r}: found categories {known!r} and {category!r}; expected one")
+        object_names = [name for name in self.categories if name not in self.people]
+        object_names.sort(key=lambda name: name in settings.objects)
+        self.objects = {name: number for number, name in enumerate(object_names, start=len(self.people) + 1)}
 
     @cached_property
     def rate_hz(self) -> float | None:
@@ -181,10 +174,10 @@ class FramesOfMeasurements:
         """Return the measurements of one frame as a scene."""
         frame = self._frame(number)
         boxes = {measured_object.name: measured_object.box for measured_object in (*self._fixed, *frame.objects)}
-        head_m = np.array(self._settings.head_size_m)
         for person in frame.people:  # others look at the person's own box if the source has one, else at the head
             if person.name not in boxes:
-                boxes[person.name] = None if person.eyes_m is None else self._settings.box(person.eyes_m, head_m)
+                head = None if person.eyes_m is None else self._settings.box(person.eyes_m, self._settings.head_size_m)
+                boxes[person.name] = head
         ids, kinds = {**self.people, **self.objects}, list(dict.fromkeys([PERSON, *self.categories.values()]))
         targets = [
             _target(ids[name], category := self.categories[name], kinds.index(category), box)

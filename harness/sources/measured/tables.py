@@ -77,8 +77,6 @@ class MeasuredTables(FramesOfMeasurements):
         people = folder / settings.people_file
         objects = None if settings.objects_file is None else folder / settings.objects_file
         rows = read_rows(people, PEOPLE_COLUMNS, ("frame", "person", *POSITION))
-        if not rows:
-            raise VfoaError(f"{people}: no frames; expected at least one row")
         times = _times(rows, people)
         everyone = {name for row in rows if (name := row.cells.get("person"))}
         fixed, moving = _objects(objects, settings, times, everyone)
@@ -221,14 +219,12 @@ def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
     A true gaze is written in place of a measured one: it is read with ``gaze = "truth"``.
     """
     numbered = sorted(frames.items())
-    write_rows(
-        folder / "people.csv", _PEOPLE, [row for numbered_frame in numbered for row in _people_cells(*numbered_frame)]
-    )
-    write_rows(
-        folder / "objects.csv",
-        _OBJECTS,
-        [_object_cells(number, measured_object) for number, frame in numbered for measured_object in frame.objects],
-    )
+    people = [row for number, frame in numbered for row in _people_cells(number, frame)]
+    objects = [
+        _object_cells(number, measured_object) for number, frame in numbered for measured_object in frame.objects
+    ]
+    write_rows(folder / "people.csv", _PEOPLE, people)
+    write_rows(folder / "objects.csv", _OBJECTS, objects)
 
 
 def _people_cells(number: int, frame: MeasuredFrame) -> Iterator[Cells]:
@@ -246,22 +242,15 @@ def _direction_cells(cue: HeadPose | Gaze | None, truth: Float | None = None) ->
 
 
 def _object_cells(number: int, measured_object: MeasuredObject) -> Cells:
-    box = measured_object.box
+    box, named = measured_object.box, [number, measured_object.name, measured_object.category]
     if box is None:
-        return [number, measured_object.name, measured_object.category, *[None] * 10]
+        return [*named, *[None] * 10]
     quaternion: Cells = [None] * 4
     if not np.array_equal(box.left_from_box, np.eye(3)):
         from scipy.spatial.transform import Rotation  # not above: see tables.py
 
         quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
-    return [
-        number,
-        measured_object.name,
-        measured_object.category,
-        *_vector_cells(box.center_m),
-        *_vector_cells(2 * box.half_size_m),
-        *quaternion,
-    ]
+    return [*named, *_vector_cells(box.center_m), *_vector_cells(2 * box.half_size_m), *quaternion]
 
 
 def _vector_cells(vector: Float | None) -> Cells:

@@ -93,9 +93,9 @@ class VrObjectsClip(FramesOfMeasurements):
         columns = _table(results, ("ppid", "trial_num", "target", "target_label", *itertools.chain(*_PHASES), *_BOX))
         things = _things(columns, settings)
         numbers = {row: int(text) for row, text in enumerate(columns.cells["trial_num"]) if text.isdigit()}
-        wanted = {row: number for row, number in numbers.items() if number <= settings.trials}
-        here = [row for row, number in wanted.items() if all(path.is_file() for path in _trackers(folder, number))]
-        absent = [number for row, number in wanted.items() if row not in here]
+        chosen = {row: number for row, number in numbers.items() if number <= settings.trials}
+        here = [row for row, number in chosen.items() if all(path.is_file() for path in _trackers(folder, number))]
+        absent = [number for row, number in chosen.items() if row not in here]
         if not here:
             raise VfoaError(
                 f"{folder / 'trackers'}: no trial from 1 to {settings.trials}; expected VR_move_T001.csv ..."

@@ -237,8 +237,8 @@ def numbered_views(names: Iterable[str]) -> tuple[tuple[str, str], ...]:
     return tuple(
         (files[left], files[right])
         for (word, _), files in by_word.items()
-        for wanted, (left, right), last in _NUMBERED_VIEWS
-        if word == wanted and {left, right} <= files.keys() and max(files) <= last
+        for listed_word, (left, right), last in _NUMBERED_VIEWS
+        if word == listed_word and {left, right} <= files.keys() and max(files) <= last
     )
 
 

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files.io import check_readable, read_bytes, unreadable
+from harness.files.io import read_bytes
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
 _CORNER_PX = 4
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_HEAD = struct.Struct(">16sII")  # up to the size, the first fields of the chunk IHDR
+_PNG_SIZE = slice(16, 24)  # the first fields of the chunk IHDR
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 _PROGRESSIVE = b"\xff\xc2"
@@ -66,16 +66,11 @@ def read_raw(path: Path) -> NDArray[Any]:
 
 
 def png_size_px(path: Path) -> tuple[int, int]:
-    """(width, height) of a PNG, from its first bytes; raises a :class:`VfoaError` for another file."""
-    check_readable(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(_PNG_HEAD.size)
-    except OSError as error:
-        raise unreadable(path, error) from None
-    if len(head) < _PNG_HEAD.size or not head.startswith(_PNG):
-        raise VfoaError(f"{path}: not a PNG: it starts with {head[:8]!r}")
-    width, height = _PNG_HEAD.unpack(head)[1:]
+    """(width, height) of a PNG, without decoding it; raises a :class:`VfoaError` for another file."""
+    data = read_bytes(path)
+    if len(data) < _PNG_SIZE.stop or not data.startswith(_PNG):
+        raise VfoaError(f"{path}: not a PNG: it starts with {data[:8]!r}")
+    width, height = struct.unpack(">II", data[_PNG_SIZE])
     return width, height
 
 
@@ -143,7 +138,7 @@ def too_many_pixels(width_px: int, height_px: int) -> str:
 def _size_px(data: bytes) -> tuple[int, int] | None:
     """(width, height) in the head of a PNG, JPEG, TIFF, BMP or WebP; None for others, and if it cannot be read."""
     if data.startswith(_PNG):
-        width, height = struct.unpack_from(">II", data, 16)
+        width, height = struct.unpack(">II", data[_PNG_SIZE])
         return width, height
     if data.startswith(b"RIFF"):  # of WebP, Pillow would allocate the image
         head = int.from_bytes(data[20:30].ljust(10, b"\0"), "little")

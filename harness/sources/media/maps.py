@@ -199,12 +199,12 @@ def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
     VfoaError
         If there are more than 65,535 ids.
     """
-    wanted = sorted(set(ids) - {0})
-    if len(wanted) > _LARGEST:
-        raise VfoaError(f"{where}: {len(wanted)} different segment ids; expected at most {_LARGEST}")
-    kept = {number for number in wanted if number <= _LARGEST}
+    distinct = sorted(set(ids) - {0})
+    if len(distinct) > _LARGEST:
+        raise VfoaError(f"{where}: {len(distinct)} different segment ids; expected at most {_LARGEST}")
+    kept = {number for number in distinct if number <= _LARGEST}
     free = (number for number in range(1, _LARGEST + 1) if number not in kept)
-    return {number: number if number in kept else next(free) for number in wanted}
+    return {number: number if number in kept else next(free) for number in distinct}
 
 
 def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:

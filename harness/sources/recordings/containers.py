@@ -116,8 +116,8 @@ class TopicIndex:
     files
         For error messages.
     window
-        Only images of these log times are indexed. All calibrations, transforms and video packets are, because
-        images within the window may need them.
+        Only images of these log times are indexed. Calibrations, transforms and video packets of all times are indexed,
+        because images within the window may need them.
     by_log_time
         Use the times at which messages were recorded, not those in their headers.
     """

@@ -75,9 +75,9 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
     sides = [(name, name.replace("left", "right")) for name in by_name if "left" in name]
     for ways in (sides, pair_names(by_name, numbered=False)):
         pairs = [
-            (by_name[one], by_name[other])
-            for one, other in ways
-            if other in by_name and left in (None, one) and right in (None, other)
+            (by_name[left_name], by_name[right_name])
+            for left_name, right_name in ways
+            if right_name in by_name and left in (None, left_name) and right in (None, right_name)
         ]
         if pairs:
             break
@@ -239,7 +239,7 @@ def find_colour_and_depth(
         raise VfoaError(
             f"{where}: no colour topic beside {listed(depths)}; say left = in [source]: found {listed(images)}"
         )
-    pairs = [(one, other) for other in depths for one in colours]
+    pairs = [(colour_topic, depth_topic) for depth_topic in depths for colour_topic in colours]
     for fitting in ([pair for pair in pairs if is_aligned(pair[1], pair[0])], pairs):
         best = _nearest(fitting)
         if len(best) == 1:
@@ -278,7 +278,7 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
     def rank(pair: tuple[Topic, Topic]) -> tuple[bool, int, bool, bool, bool]:
         colour, depth = pair
         parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
-        common = next((place for place, (one, other) in enumerate(parts) if one != other), 0)
+        common = next((place for place, (part, other) in enumerate(parts) if part != other), 0)
         is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
         is_gray = "gray" in colour.name or (colour.header is not None and colour.header.form in ("mono8", "8UC1"))
         is_of_side = any(side in colour.name for side in ("left", "right"))
@@ -329,7 +329,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
 
 
 def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
-    """A note if depth was recorded and is in no frame."""
+    """A note if the recording has depth that no frame has."""
     if streams.depth is not None or not (others := depth_topics(topics)):
         return ()
     names = ", ".join(topic.name for topic in others)
