@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import Distribution, distributions, version
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
@@ -165,7 +165,7 @@ def import_closure(modules: Iterable[str]) -> tuple[dict[str, Path], set[str]]:
             outside.add(name.partition(".")[0])
         elif name not in sources and (path := _source(name)):
             sources[name] = path
-            pending += _imports(name, path)
+            pending += _imports(name, path, file_digest(path))
     return sources, outside
 
 
@@ -193,17 +193,22 @@ def _spec(module: str) -> ModuleSpec | None:
     return PathFinder.find_spec(module, above.submodule_search_locations)
 
 
-def _imports(module: str, path: Path) -> Iterator[str]:
-    """Every name that a module imports, anywhere in its code; a name imported from a package may be a module."""
+@cache
+def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
+    """Every name that a module imports, anywhere in its code; a name imported from a package may be a module.
+
+    Kept while the file has this digest: most code imports the same modules.
+    """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    names: list[str] = []
     for node in _statements(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             start = "." * node.level + (node.module or "")
             name = resolve_name(start, package) if node.level else start
-            yield name
-            yield from (f"{name}.{alias.name}" for alias in node.names)
+            names += (name, *(f"{name}.{alias.name}" for alias in node.names))
+    return tuple(names)
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:
@@ -218,11 +223,19 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 def _versions(packages: set[str]) -> dict[str, str]:
     """Versions of the distributions of these packages, of Python, and the kind of machine."""
-    distributions = {distribution for package in packages for distribution in _distributions().get(package, ())}
-    versions = {name: version(name) for name in sorted(distributions)}
+    names = {distribution.name for distribution, provided in _installed() if provided & packages}
+    versions = {name: version(name) for name in sorted(names)}
     return {**versions, "python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
 
 
 @cache
-def _distributions() -> Mapping[str, list[str]]:
-    return packages_distributions()
+def _installed() -> list[tuple[Distribution, set[str]]]:
+    """Every distribution with its packages, in a tenth of the time of ``packages_distributions``."""
+    return [(distribution, _packages(distribution)) for distribution in distributions()]
+
+
+def _packages(distribution: Distribution) -> set[str]:
+    if declared := distribution.read_text("top_level.txt"):
+        return {*declared.split()}
+    files = (line.partition(",")[0] for line in (distribution.read_text("RECORD") or "").splitlines())
+    return {file.partition("/")[0].removesuffix(".py") for file in files if file.endswith(".py")}
