@@ -90,5 +90,5 @@ def _journal_of(path: Path) -> Path:
 
 
 def _origin(manifest: ClipManifest, path: Path, present: Path | None) -> Path | None:
-    """The file that came with the program or the clip, from which one that is to be written at ``path`` begins."""
+    """The file that came with the program or the clip, if the new file at ``path`` begins with its content."""
     return present if present != path and (came_with_program(manifest.path) or manifest.labels_file) else None

@@ -54,7 +54,7 @@ def import_labels(
 ) -> Imported:
     """Read another program's file in the format called ``name`` into an annotator's labels of the clip.
 
-    Labels of subjects that the file does not have are kept. The journal of the labelling page holds what is replaced.
+    Labels of subjects that the file does not have are kept. Replaced labels stay in the journal of the labelling page.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def export_predictions(
     replace: bool = False,
     **options: Any,
 ) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """Write a run's predictions in the format called ``name``; yield each clip's file, and notes on what it lacks.
+    """Write a run's predictions in the format called ``name``; yield each clip's file, and notes on what is lost.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ class DrawingStore(JournaledStore[Drawn, dict[str, Any]]):
         return _plain_tracks(self.content())
 
     def set_tracks(self, tracks: list[list[Any]]) -> None:
-        """Replace the drawing after a change of targets; it is no step to undo.
+        """Replace the drawing after a change of targets; this cannot be undone as a step.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class DrawingStore(JournaledStore[Drawn, dict[str, Any]]):
             self.commit({"set": tracks})
 
     def undo_state(self) -> dict[str, Any]:
-        """What can be undone and redone, as JSON: nothing of a name that the manifest no longer has."""
+        """Whether undo and redo are possible, as JSON; steps of a name that the manifest no longer has do not count."""
         known = {*self.targets, *self._subjects}
         steps = {"can_undo": self.steps.next("undo"), "can_redo": self.steps.next("redo")}
         return self.steps.plain() | {key: step is not None and step["name"] in known for key, step in steps.items()}

@@ -250,7 +250,7 @@ class LabelStore(JournaledStore[Labels, Step]):
         self.commit(entry if seen is None else {**entry, "seen": [subject, seen]})
 
     def see(self, subject: str, at: int) -> None:
-        """Note that the person has seen a subject's frames up to a position. It is no revision and disturbs no tab."""
+        """Note that the person has seen a subject's frames up to a position. The revision does not change."""
         self._check_subject(subject)
         self.check_position(at)
         self.refresh()

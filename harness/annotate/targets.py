@@ -204,7 +204,7 @@ def _text(path: Path, document: tomlkit.TOMLDocument) -> str:
 
 
 def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
-    """Reject a text that is no manifest, or that does not express the intended change."""
+    """Reject a text that is not a manifest, or that does not express the intended change."""
     plain = parse_toml(tomlkit.dumps(document), path)
     parse(ClipManifest, plain, str(path))
     if plain != document.unwrap():

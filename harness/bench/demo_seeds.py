@@ -56,14 +56,12 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
 def _row(name: str, comparisons: list[Comparison]) -> tuple[str, ...]:
     points = np.array([100 * comparison.difference for comparison in comparisons])
     verdicts = [comparison.verdict for comparison in comparisons]
-    paper = PAPER[name]
+    paper, seeds = PAPER[name], len(comparisons)
+    n_ruled_out = sum(comparison.interval.high < paper for comparison in comparisons)
     return (
         *(name, f"{points.mean():+.1f}", f"{points.min():+.1f}", f"{points.max():+.1f}"),
-        *(f"{verdicts.count('better')} of {len(comparisons)}", f"{verdicts.count('worse')} of {len(comparisons)}"),
-        *(
-            f"{100 * paper:+.0f}",
-            f"{sum(comparison.interval.high < paper for comparison in comparisons)} of {len(comparisons)}",
-        ),
+        *(f"{verdicts.count('better')} of {seeds}", f"{verdicts.count('worse')} of {seeds}"),
+        *(f"{100 * paper:+.0f}", f"{n_ruled_out} of {seeds}"),
     )
 
 

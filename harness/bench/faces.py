@@ -113,8 +113,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("pictures", nargs="+", type=Path, help="picture files")
     read = [cv2.imread(str(path), cv2.IMREAD_COLOR) for path in parser.parse_args().pictures]
-    sys.stdout.write(
-        to_markdown(
-            measure_faces([np.ascontiguousarray(picture[..., ::-1]) for picture in read if picture is not None])
-        )
-    )
+    pictures = [np.ascontiguousarray(picture[..., ::-1]) for picture in read if picture is not None]
+    sys.stdout.write(to_markdown(measure_faces(pictures)))

@@ -132,13 +132,8 @@ def measure_speed(
     compute_with(threads)
     configurations = [configuration_of(experiment, manifest.name, row, overrides).on(provider) for row in rows]
     held = _hold(manifest, configurations[0], frames)
-    by_round = [
-        [
-            _measure(row, manifest, configuration, held, threads)
-            for row, configuration in zip(rows, configurations, strict=True)
-        ]
-        for _ in range(rounds)
-    ]
+    pairs = list(zip(rows, configurations, strict=True))
+    by_round = [[_measure(row, manifest, chosen, held, threads) for row, chosen in pairs] for _ in range(rounds)]
     return [max(same, key=lambda speed: speed.fps) for same in zip(*by_round, strict=True)]
 
 

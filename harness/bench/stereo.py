@@ -55,13 +55,9 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
 
 
 def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
-    """Quality of disparities given as pairs (found, truth)."""
-    errors = np.concatenate(
-        [
-            np.abs(disparity.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)]
-            for disparity, truth in pairs
-        ]
-    )
+    """Quality of disparities given as pairs (disparity, truth)."""
+    maps = [(disparity.disparity_px, truth.disparity_px) for disparity, truth in pairs]
+    errors = np.concatenate([np.abs(found_px - true_px)[np.isfinite(true_px)] for found_px, true_px in maps])
     known = errors[np.isfinite(errors)]
     return StereoQuality(
         configuration=name,

@@ -38,7 +38,7 @@ MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
 _OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per metre"
 
 DARK = 16
-"""Greatest brightness of 12-bit values in 16-bit files, of which only the upper 8 bits are read: 15."""
+"""Images no brighter than this are reported: of 12-bit values in 16-bit files, the upper 8 bits reach 15."""
 
 
 def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> Iterator[str]:

@@ -182,7 +182,7 @@ class ClipManifest(Settings):
         return self.read(path, timeline).confirmed()
 
     def drawn(self, frames: Sequence[int] | None) -> Drawn | None:
-        """Read the shapes drawn on the clip, checked against its names and, if they are known, its frames; None: none.
+        """Read the shapes drawn on the clip, checked against its names and, if they are known, its frames.
 
         Raises
         ------

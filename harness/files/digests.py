@@ -177,7 +177,7 @@ def _digest(sources: Mapping[str, Path]) -> str:
 
 
 def _source(module: str) -> Path | None:
-    """A module's file; None if the name is no module but a name in one."""
+    """A module's file; None if the name is not a module but a name in one."""
     spec = _spec(module)
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 

@@ -46,7 +46,7 @@ def download(
     partial = target.with_name(f"{target.name}.partial")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if partial.is_symlink():  # what it leads to is no part of this file
+        if partial.is_symlink():  # its target is not a part of this file
             partial.unlink()
         with _alone(partial):
             if sha256 is None and not resume:

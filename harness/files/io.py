@@ -43,7 +43,7 @@ def read_text(path: Path) -> str:
     Raises
     ------
     VfoaError
-        If it cannot be read, or is no such text: with the line.
+        If it cannot be read, or is not UTF-8 (with the line).
     """
     try:
         return read_bytes(path).decode("utf-8-sig")
@@ -133,7 +133,7 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
     Raises
     ------
     VfoaError
-        If a file exists and may not be replaced, is an input, or the path is no plain file.
+        If a file exists and may not be replaced, is an input, or the path is not a plain file.
     """
     _check_plain(path, "write", folders=False)
     if is_file(path) and any(is_file(file) and path.samefile(file) for file in inputs):
@@ -143,7 +143,7 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
 
 
 def check_readable(path: Path) -> None:
-    """Reject a pipe, a socket or a device, of which reading may never end; other errors show on reading.
+    """Reject a pipe, a socket or a device, whose reading may never end. Other errors show on reading.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises
     ------
     VfoaError
-        If ``path`` exists and is no plain file (a device, a pipe, a folder): it would be lost.
+        If ``path`` exists and is not a plain file (a device, a pipe, a folder), which would be lost.
     """
     _check_plain(path, "write", folders=False)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -301,7 +301,7 @@ class UnchangedFiles:
 
 
 def changed_during_run(clip: str) -> str:
-    """The error of a clip that is not what a run began with."""
+    """The error of a clip whose files changed since the run began."""
     return (
         f"{clip}: its images or calibration changed during the run; expected the same content to the end: "
         "remove the run's directory and run again"
@@ -315,7 +315,7 @@ def note_stamp(path: str, status: os.stat_result) -> None:
 
 
 def read_unchanged(frame: Callable[[int], Frame], number: int) -> Frame:
-    """Return ``frame(number)`` as :meth:`UnchangedFiles.read`; without an active one, as it is."""
+    """Return ``frame(number)``, by :meth:`UnchangedFiles.read` of the active object, if there is one."""
     return frame(number) if _active is None else _active.read(frame, number)
 
 

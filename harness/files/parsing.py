@@ -168,7 +168,7 @@ def parse_xml(data: bytes, path: Path) -> Element:
     Raises
     ------
     VfoaError
-        If it is no XML (with the line), too deep or too large, or names an unknown encoding.
+        If it is not XML (with the line), too deep or too large, or names an unknown encoding.
     """
     if data.count(b"<") > MOST_TAGS:
         raise VfoaError(f"{path}: has more than {MOST_TAGS} tags; expected a smaller document")

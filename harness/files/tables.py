@@ -38,7 +38,7 @@ class TableRow:
         Raises
         ------
         VfoaError
-            If it is no whole number.
+            If it is not a whole number.
         """
         cell = self.cells.get(column)
         if cell is not None and not INTEGER.fullmatch(cell):
@@ -51,7 +51,7 @@ class TableRow:
         Raises
         ------
         VfoaError
-            If it is no finite number.
+            If it is not a finite number.
         """
         cell = self.cells.get(column)
         if cell is None:
@@ -66,7 +66,7 @@ class TableRow:
         Raises
         ------
         VfoaError
-            If some are blank, or one is no number within :data:`LARGEST`.
+            If some are blank, or one is not a number within :data:`LARGEST`.
         """
         values = [self.number(column) for column in columns]
         if all(value is None for value in values):
@@ -114,7 +114,7 @@ class TableColumns:
         Raises
         ------
         VfoaError
-            For the first cell that is no finite number.
+            For the first cell that is not a finite number.
         """
         cells = self.cells.get(column, ())
         if not any(cells):
@@ -220,7 +220,7 @@ def _checked_rows(
 
 
 def _finite_number(cell: str) -> float | None:
-    """The finite number in a cell; None if it is none."""
+    """The number in a cell; None if the cell is not a finite number."""
     if not _NUMBER.fullmatch(cell):
         return None
     number = float(cell)

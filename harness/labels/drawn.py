@@ -50,7 +50,7 @@ class KeyFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """The key frames of one name and kind, by ascending frame; ``ValueError`` if they are not, or there are none."""
+    """The key frames of one name and kind. ``ValueError`` if there are none, or their frames do not ascend."""
 
     name: str
     kind: Kind
@@ -150,7 +150,7 @@ def read_drawn(
     Raises
     ------
     VfoaError
-        For the first error, with file and line: another version or column, a cell that is no number, an unknown name
+        For the first error, with file and line: another version or column, a cell that is not a number, an unknown name
         or kind, a kind that the name cannot have, a frame that the clip does not have, a repeated key frame, or
         a box without an inside.
     """
@@ -195,7 +195,7 @@ def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
 
 
 def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collection[Kind], where: str) -> None:
-    """Reject a head of a name that is no subject, and a name that is drawn both as a box and as a point."""
+    """Reject a head of a name that is not a subject, and a name that is drawn both as a box and as a point."""
     if kind == "head" and name not in subjects:
         raise VfoaError(f"{where}: {name!r} is no subject; expected box or point for a target")
     if other := next((drawn_kind for drawn_kind in others if {drawn_kind, kind} == {"box", "point"}), None):

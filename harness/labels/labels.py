@@ -179,7 +179,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Merg
         first annotator who has one. ``adjudicate``: as ``agree``, but the note lists the annotators' answers, for a
         person to decide. Note and image point are the first annotator's.
 
-    Unconfirmed suggestions, and frames noted as not labelled yet, are no labels. Gaps between labels become ``ignore``.
+    Unconfirmed suggestions and placeholders ("not labelled yet") do not count. Gaps between labels become ``ignore``.
     """
     subjects = sorted({subject for label in labels.values() for subject in label.subjects})
     merged = Labels(
@@ -224,8 +224,8 @@ _NS = 1_000_000_000
 class Timeline:
     """A clip's frame numbers and their times in ns, both ascending.
 
-    If there are no times, they are not known. ``is_whole`` is False if only some of the clip's frames are known, such
-    as those of a run with a limit.
+    ``times_ns`` is empty if the times are not known. ``is_whole`` is False if only some of the clip's frames are known,
+    such as those of a run with a limit.
     """
 
     frames: Sequence[int]

@@ -97,12 +97,11 @@ class RowReader:
         if start_ns >= end_ns:
             raise VfoaError(f"{path}:{line}: start_s {cells[0]} does not come before end_s {cells[1]}")
         timeline = self._timeline
-        frames = timeline.between(start_ns, end_ns) if timeline else None
-        if timeline and frames is None and timeline.is_whole:
-            clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1)) if timeline.times_ns else ""
-            raise VfoaError(
-                f"{path}:{line}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip or 'none'} s"
-            )
+        assert timeline is not None
+        frames = timeline.between(start_ns, end_ns)
+        if frames is None and timeline.is_whole:
+            clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1))
+            raise VfoaError(f"{path}:{line}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip} s")
         return (*frames, (start_ns, end_ns)) if frames else None
 
 

@@ -73,7 +73,7 @@ class AnyClip(Protocol):
 
 
 class Clip(AnyClip, Protocol):
-    """A sequence of rectified stereo frames, none of which is held in memory."""
+    """A sequence of rectified stereo frames, each read on demand."""
 
     def frame(self, number: int) -> StereoFrame:
         """Read one stereo pair.

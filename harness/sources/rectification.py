@@ -151,7 +151,7 @@ def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
 
 
 def check_rotation(r: Float, where: str) -> None:
-    """Reject a matrix that is no rotation (3, 3)."""
+    """Reject a matrix that is not a rotation (3, 3)."""
     _check_shape("R", r, (3, 3), where)
     is_bounded = bool((np.abs(r) < 2).all())  # or its square overflows
     if not is_bounded or not np.allclose(r @ r.T, np.eye(3), atol=1e-4) or np.linalg.det(r) < 0:

@@ -120,7 +120,7 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
             left, right = f"{left}/{_KITTI_2015}", f"{right}/{_KITTI_2015}"
             lefts, rights = find_sides(root, left, right)
     except VfoaError:
-        return  # names that say a side but share no numbering are no pair
+        return  # names with a side but without a common numbering
     stamps = _stamps((*lefts, *rights))
     if stamps is None and not lefts.keys() & rights.keys():
         return
@@ -190,7 +190,7 @@ def _small(view: Image) -> NDArray[np.float32]:
     height = max(1, round(view.shape[0] * _WIDTH / view.shape[1]))
     gray = cv2.resize(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), (_WIDTH, height), interpolation=cv2.INTER_AREA)
     small = gray.astype(np.float32)
-    # A bright sky over dark ground makes any two halves alike: remove what is the same along rows and columns.
+    # A bright sky over dark ground makes any two halves alike: remove the means of rows and columns.
     return small - small.mean(axis=1, keepdims=True) - small.mean(axis=0, keepdims=True)
 
 

@@ -231,7 +231,7 @@ def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
     Raises
     ------
     VfoaError
-        If a line is no time, times do not ascend, or there are not as many as images.
+        If a line is not a time, times do not ascend, or their number is not that of the images.
     """
     times_ns: list[int] = []
     lines = [line for line in read_text(path).splitlines() if line.strip()]

@@ -45,7 +45,7 @@ class NameLog:
     renamed: Mapping[str, str]
     _seen: set[str] = field(default_factory=set)
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
-    """By kind and name: the first place, and what is suggested."""
+    """By kind and name: the first place, and the suggestion."""
 
     def translate(self, name: str, subject: str | None = None) -> str:
         """Our name for theirs, of a target of ``subject`` (ours) if one is given; unchanged without a rename."""

@@ -46,7 +46,7 @@ def read_document(path: Path) -> dict[str, Any]:
     Raises
     ------
     VfoaError
-        If it cannot be read or parsed, or is no table of names.
+        If it cannot be read or parsed, or its top level is not a table.
     """
     if path.suffix.lower() == ".xml":
         return _read_xml(path)
@@ -63,7 +63,7 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
     Raises
     ------
     VfoaError
-        If their number differs, or a value is no finite number.
+        If their number differs, or a value is not a finite number.
     """
     given = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
@@ -151,7 +151,7 @@ def ros_camera(document: Document, where: str) -> RawCamera:
 
 
 def ros_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:
-    """Return two cameras, of which ``where`` are the files; raises the errors of :func:`ros_camera`."""
+    """Return the cameras of two files (``where``); raises the errors of :func:`ros_camera`."""
     first, second = map(ros_camera, (left, right), where)
     return RawCalibration(left=first, right=second, where=" and ".join(where))
 
@@ -194,7 +194,7 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
     Raises
     ------
     VfoaError
-        If a key is missing or wrong, the sizes differ, or a camera is no pinhole with a known distortion.
+        If a key is missing or wrong, the sizes differ, or a camera is not a pinhole with a known distortion.
     """
     pairs = tuple(zip((left, right), where, strict=True))
     lenses = [_pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs]

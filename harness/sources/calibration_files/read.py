@@ -22,7 +22,7 @@ Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 LARGEST_BYTES = 1_000_000
-"""A longer text is no calibration."""
+"""Longer files are not tried as calibrations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,9 +18,9 @@ from vfoa.types import Float
 
 
 class IncompleteCalibrationError(VfoaError):
-    """The file is of a known kind and cannot be used alone; the message says what is missing and how to give it.
+    """The file is of a known kind and lacks a value; the message says which, and how to give it.
 
-    A search for calibrations ignores files of other kinds; it reports these.
+    A search for calibrations reports these files, and ignores files of other kinds.
     """
 
 
@@ -49,7 +49,7 @@ def read_kitti(path: Path, text: str, cameras: tuple[int, int]) -> Calibration:
     Raises
     ------
     VfoaError
-        If a line is missing or has a wrong form, or the two are no rectified pair.
+        If a line is missing or has a wrong form, or the two cameras are not a rectified pair.
     """
     parts = [(number, *line.partition(":")) for number, line in enumerate(text.splitlines(), start=1)]
     lines = {key.strip(): (number, rest) for number, key, colon, rest in parts if colon}
@@ -93,7 +93,7 @@ def read_middlebury(path: Path, text: str) -> Calibration:
     Raises
     ------
     VfoaError
-        If a key is missing, a value is no number or matrix, or the two cameras are no rectified pair.
+        If a key is missing, a value is not a number or matrix, or the two cameras are not a rectified pair.
     """
     texts = {match[1]: match[2] for match in _LINE.finditer(text)}
 
@@ -181,7 +181,7 @@ def read_zed(path: Path, size: ImageSize) -> RawCalibration:
     Raises
     ------
     VfoaError
-        If the file is no such file, or has nothing for this resolution.
+        If it is not such a file, or has no section for this resolution.
     """
     sections, size_px = _sections(path), size()
     if size_px not in _ZED_SIZES:

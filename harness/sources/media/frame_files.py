@@ -62,8 +62,8 @@ class FolderFiles(Mapping[int, Path]):
 def walk_files(root: Path, suffixes: frozenset[str]) -> Iterator[tuple[Path, list[str]]]:
     """Yield each folder at most three levels below ``root``, relative to it, and the names of its files, sorted.
 
-    Hidden ones are left out, and those that are no frame: Middlebury's pictures under other lights (``ambient``), and
-    the preview that ``vfoa calibrate`` writes beside its ``stereo.yml``.
+    Hidden files are left out, and two kinds that are no frames: Middlebury's pictures under other lights (``ambient``),
+    and the preview that ``vfoa calibrate`` writes beside its ``stereo.yml``.
     """
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)

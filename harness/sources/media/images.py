@@ -91,7 +91,7 @@ def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
 
 
 def _damage(data: bytes) -> str | None:
-    """The damage in the bytes of an image file, in words; None if none is visible."""
+    """A description of the damage in the bytes of an image file; None if none is visible."""
     if not data:
         return "the file is empty; expected an image"
     if data.startswith(_POINTER):
@@ -120,7 +120,7 @@ def _ends_early(data: bytes, image: NDArray[Any]) -> bool:
 
 
 def _decodes(data: bytes, **options: str) -> bool:
-    import av  # takes as long to import as a hundred files to check, of which most commands have none
+    import av  # slow to import, and few commands need it
 
     decoder = av.CodecContext.create("mjpeg", "r")
     decoder.options = options

@@ -29,7 +29,7 @@ def read_npy(path: Path) -> NDArray[Any]:
     Raises
     ------
     VfoaError
-        If it cannot be read, or is no such file.
+        If it cannot be read, or is not an .npy file.
     """
     try:
         data = io.BytesIO(read_bytes(path))
@@ -45,7 +45,7 @@ MILLIMETRES = 1000.0
 
 def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
     """Depth (H, W) float32 in metres; NaN where the sensor has 0, NaN, infinity or a negative number."""
-    with np.errstate(all="ignore"):  # values that are no numbers, as in a damaged file
+    with np.errstate(all="ignore"):  # NaN and infinity, as in a damaged file
         values = counts.astype(np.float32) / np.float32(counts_per_m)
     return np.where((values > 0) & np.isfinite(values), values, np.float32(np.nan))
 

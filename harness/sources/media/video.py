@@ -37,7 +37,7 @@ class Video:
     Raises
     ------
     VfoaError
-        If the file is missing, is no video, or holds no frame.
+        If the file is missing, is not a video, or has no frame.
     """
 
     def __init__(self, path: Path) -> None:

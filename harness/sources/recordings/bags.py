@@ -124,9 +124,9 @@ def _check_connections(reader: Any) -> None:
 
 
 def bag_parts(path: Path) -> tuple[Path, ...]:
-    """The parts of a bag to read one after the other: files, or a folder with ``metadata.yaml``; none if it is no bag.
+    """The parts of a bag, in the order of reading: files, or a folder with ``metadata.yaml``; none if it is not a bag.
 
-    A bag is a ROS 1 bag, a SQLite file, or a folder of these that is no folder of plain MCAP.
+    A bag is a ROS 1 bag, a SQLite file, or a folder of these; a folder of uncompressed MCAP is not a bag.
     """
     if path.is_file():
         return (path,) if starts_with(path, _ROS1) or starts_with(path, _SQLITE) else ()

@@ -51,7 +51,7 @@ class PairCameras:
     Parameters
     ----------
     topics, recording
-        All topics of the recording, and what is read of it.
+        All topics of the recording, and the ones that the clip reads.
     folder
         The folder of the settings' ``calibration``.
     size
@@ -197,7 +197,7 @@ class DepthCamera:
     Parameters
     ----------
     topics, recording
-        All topics of the recording, and what is read of it: colour is its left topic.
+        All topics of the recording, and the ones that the clip reads; the left one is colour.
 
     Raises
     ------

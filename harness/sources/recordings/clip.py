@@ -30,7 +30,7 @@ from harness.sources.recordings.video import VideoDecoder
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
 
-_TOLD_NS = 1e6
+_NOTED_NS = 1e6
 """Offset of colour and depth above which a note reports it."""
 
 
@@ -76,7 +76,7 @@ def join_streams(
     rights, depths = (partners[topic.name] if topic else {} for topic in (streams.right, streams.depth))
     if streams.right is None:
         offset_ns = float(np.median([abs(left.stamp_ns - depths[left].stamp_ns) for left in lefts]))
-        if offset_ns >= _TOLD_NS:
+        if offset_ns >= _NOTED_NS:
             notes.append(f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)")
     return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in lefts), tuple(notes)
 

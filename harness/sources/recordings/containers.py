@@ -26,7 +26,7 @@ def unpack(data: bytes, compression: str, size: int) -> bytes:
     Raises
     ------
     ValueError
-        If the size is too large or wrong, or the compression is none of lz4, zstd, bz2, none and "".
+        If the size is too large or wrong, or the compression is not lz4, zstd, bz2, none or "".
     Exception
         If the data are damaged: the libraries have errors of their own.
     """

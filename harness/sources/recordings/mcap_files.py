@@ -136,7 +136,7 @@ def read_summary(path: Path) -> Summary | None:
         check_readable(path)
         with path.open("rb") as file:
             return SeekingReader(file).get_summary()
-    except Exception:  # of the library, struct or the file: the records themselves tell what is wrong
+    except Exception:  # of the library, struct or the file; reading the records reports the damage
         return None
 
 

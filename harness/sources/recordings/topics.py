@@ -56,7 +56,7 @@ class Topic:
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
-    """Return the image topics: the two that are named, or the only two whose names differ only in the side.
+    """Return two image topics: the named ones, or the only two whose names differ in nothing but the side.
 
     The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.media.frame_files`).
 
@@ -107,10 +107,9 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
         beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
         if len(beside) == 1:
             return beside[0]
-    given = "or a calibration: --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"
     raise VfoaError(
-        f"{where}: no single calibration topic belongs to {image.name}; found {listed(cameras)}; expected "
-        f"{f'left_info = and right_info = in [source], {given}' if cameras else given.removeprefix('or ')}"
+        f"{where}: no single calibration topic belongs to {image.name}; found {listed(cameras)}; expected left_info = "
+        "and right_info = in [source], or --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"
     )
 
 
