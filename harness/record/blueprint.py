@@ -48,7 +48,7 @@ def clip_layout(
     parts = [_by_subject(subjects, first, partial(_wide, layer, shown)) for layer in layers]
     if len(parts) == 1:
         return _blueprint(parts[0], shown)
-    named = [rrb.Vertical(part, name=each.configuration) for part, each in zip(parts, layers, strict=True)]
+    named = [rrb.Vertical(part, name=layer.configuration) for part, layer in zip(parts, layers, strict=True)]
     return _blueprint(rrb.Tabs(*named, active_tab=0), shown)
 
 

@@ -31,7 +31,7 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
     if margin < 0:
         raise VfoaError(f"--margin: expected at least 0 frames, found {margin}")
     recording.expect_frame(frame)
-    inside = [each for each in recording.frames if abs(each - frame) <= margin]
+    inside = [number for number in recording.frames if abs(number - frame) <= margin]
     every = key_frame_every(rate_hz)
     key = recording.frames[recording.frames.index(inside[0]) // every * every]
     name = f"{id_of(recording.files[0])}-{frame}"

@@ -131,13 +131,13 @@ def _log_curves(
         values, of = attention_by_name(record, subject), names[subject.track_id]
         others = [name for name in dict.fromkeys(known) if name != of]
         for what in ("total", *CUES):
-            found = {name: number for name, value in values.items() if (number := getattr(value, what)) is not None}
-            numbers = np.array([found.pop(name, np.nan) for name in others])
+            by_name = {name: number for name, value in values.items() if (number := getattr(value, what)) is not None}
+            numbers = np.array([by_name.pop(name, np.nan) for name in others])
             if not np.isnan(numbers).all():
                 path = entities.curves(configuration, of, what)
                 log.keep(path, partial(_lines, others, colours), key="style")
                 log.row(path, rr.Scalars, scalars=numbers)
-            for name, number in found.items():
+            for name, number in by_name.items():
                 path = entities.curve(configuration, of, what, name)
                 log.keep(path, partial(_lines, [name], colours), key="style")
                 log.number(path, number)

@@ -68,7 +68,7 @@ class FrameLog:
     def state(self) -> dict[str, Any]:
         """Send the waiting rows, and return the state from which another log can continue with the next frame."""
         self.send()
-        return {"logged_to": self._logged_to, "before": [list(each) for each in self.shown]}
+        return {"logged_to": self._logged_to, "before": [list(entity) for entity in self.shown]}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue from the state of another log."""
@@ -141,7 +141,7 @@ def _entities(shown: Iterable[Sequence[Any]]) -> dict[str, Columns]:
 def _bytes(batch: Batch) -> int:
     if isinstance(batch, np.ndarray):
         return batch.nbytes
-    return sum(len(each) for each in batch if isinstance(each, bytes | str))
+    return sum(len(item) for item in batch if isinstance(item, bytes | str))
 
 
 def _columns(archetype: Any, name: str, batches: Sequence[Batch]) -> Iterable[rr.ComponentColumn]:
@@ -150,7 +150,7 @@ def _columns(archetype: Any, name: str, batches: Sequence[Batch]) -> Iterable[rr
     is_array = bool(filled) and isinstance(filled[0], np.ndarray)
     joined = np.concatenate(filled) if is_array else [*chain.from_iterable(filled)]
     columns: rr.ComponentColumnList = archetype.columns(**{name: joined})
-    return columns.partition([len(each) for each in batches])
+    return columns.partition([len(batch) for batch in batches])
 
 
 def _time_columns(times: Sequence[Time]) -> list[rr.TimeColumn]:

@@ -117,7 +117,7 @@ def log_masks(log: FrameLog, segmentation: str, percepts: Percepts, record: Fram
     """
     names = {target.instance_id: target.name for target in record.targets}
     instances = percepts.instances
-    class_of_id = np.zeros(max((each.id for each in instances.instances), default=0) + 1, dtype=np.uint16)
+    class_of_id = np.zeros(max((instance.id for instance in instances.instances), default=0) + 1, dtype=np.uint16)
     for instance in instances.instances:
         if instance.is_thing or instance.id in names:
             class_of_id[instance.id] = colours.class_of(names.get(instance.id, instance.label))

@@ -41,27 +41,27 @@ def id_of(recording: Path) -> str:
 
 def properties(recording: Path) -> dict[str, object]:
     """Return the properties of a recording that are single values, by name."""
-    found: dict[str, object] = {}
+    by_name: dict[str, object] = {}
     with reading(recording):
         for chunk in RrdReader(recording).stream().filter(content="/__properties/**"):
             for name, values in chunk.to_record_batch().to_pydict().items():
                 if values and isinstance(values[-1], list) and len(values[-1]) == 1:
-                    found[name] = values[-1][0]
-    return found
+                    by_name[name] = values[-1][0]
+    return by_name
 
 
 def first_points(recording: Path) -> list[Float]:
     """Return the points (N, 3) of each instance at its first frame, camera frame, metres, for the first instances."""
-    found: dict[str, Float] = {}
+    first_clouds: dict[str, Float] = {}
     with reading(recording):
         clouds = RrdReader(recording).stream().filter(content=f"{entities.RECONSTRUCTION}/**", components=_POSITIONS)
         for chunk in clouds:
-            if chunk.entity_path in found:  # the time of a cloud repeats: all first clouds have been read
+            if chunk.entity_path in first_clouds:  # the time of a cloud repeats: all first clouds have been read
                 break
-            values = [each for each in chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist() if each]
-            if values:
-                found[chunk.entity_path] = np.array(values[0], dtype=np.float64).reshape(-1, 3)
-    return list(found.values())
+            clouds_of = [cloud for cloud in chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist() if cloud]
+            if clouds_of:
+                first_clouds[chunk.entity_path] = np.array(clouds_of[0], dtype=np.float64).reshape(-1, 3)
+    return list(first_clouds.values())
 
 
 _POSITIONS = "Points3D:positions"

@@ -40,10 +40,10 @@ class SharedLayers:
         """Return the state of a configuration's shared layers for another run; None if it cannot continue here."""
         if not self._image_log.pause():
             return None
-        found = {"images": self._images.state()}
+        states = {"images": self._images.state()}
         if layers.reconstruction in self._reconstructions:
-            found[layers.reconstruction] = self._reconstructions[layers.reconstruction].state()
-        return {"layers": found, "colours": list(self.colours.known)}
+            states[layers.reconstruction] = self._reconstructions[layers.reconstruction].state()
+        return {"layers": states, "colours": list(self.colours.known)}
 
     def resume(self, layers: LayerNames, state: Mapping[str, Any]) -> None:
         """Continue from the state of one of the configurations; the most advanced one counts."""
@@ -143,7 +143,7 @@ class Recorder:
         if shared is None:
             return None
         own = self._layer.state()
-        files = {name: size for each in (own, *shared["layers"].values()) for name, size in each["files"].items()}
+        files = {name: size for state in (own, *shared["layers"].values()) for name, size in state["files"].items()}
         return SinkState(files=files, values={"own": own, "shared": shared})
 
     def __exit__(

@@ -142,16 +142,9 @@ class _Layer:
         """The digest of all inputs of a stretch."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
-            (
-                max(first, label_range.first_frame),
-                min(last, label_range.last_frame),
-                label_range.subject,
-                label.target,
-                label.point_px,
-            )
-            for label_range in (self._labels.ranges if self._labels else ())
-            for label in [label_range.label]
-            if label_range.first_frame <= last and label_range.last_frame >= first
+            (max(first, row.first_frame), min(last, row.last_frame), row.subject, row.label.target, row.label.point_px)
+            for row in (self._labels.ranges if self._labels else ())
+            if row.first_frame <= last and row.last_frame >= first
         ]
         names = self._subjects, self._targets, self._labels is None
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown

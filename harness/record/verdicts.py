@@ -123,9 +123,9 @@ _LABEL_HEIGHT = 1.6
 
 def _target(record: FrameRecord, name: str | None, subject: SubjectRecord | None) -> TargetRecord | None:
     """The target of that name with a box; of several, the one in focus, else the first."""
-    found = [target for target in record.targets if target.name == name and target.box is not None]
+    boxed = [target for target in record.targets if target.name == name and target.box is not None]
     focus = subject.focus if subject is not None else None
-    return next((each for each in found if each.instance_id == focus), found[0] if found else None)
+    return next((target for target in boxed if target.instance_id == focus), boxed[0] if boxed else None)
 
 
 def _sentence(verdict: Verdict) -> str:

@@ -108,12 +108,12 @@ def _bring_to_front(client: ViewerClient, tabs: Sequence[str]) -> None:
     """Select the tab of the first name, within it that of the second, and so on; names without a tab are skipped."""
     layout = client.get_blueprint().blueprint
     containers = {
-        path.lstrip("/"): each["ContainerBlueprint"] for path, each in layout.items() if "ContainerBlueprint" in each
+        path.lstrip("/"): entry["ContainerBlueprint"] for path, entry in layout.items() if "ContainerBlueprint" in entry
     }
     within = set(containers)
     for tab in tabs:
-        found = [path for path in within if containers[path].get("display_name") == tab]
-        for path in found[:1]:
+        paths = [path for path in within if containers[path].get("display_name") == tab]
+        for path in paths[:1]:
             for parent in containers.values():
                 if path in _contents(parent) and parent.get("container_kind") == "Tabs":
                     parent["active_tab"] = path
@@ -127,8 +127,8 @@ def _contents(container: Mapping[str, Any]) -> list[str]:
 
 
 def _below(containers: Mapping[str, Mapping[str, Any]], path: str) -> set[str]:
-    inside = {each for each in _contents(containers[path]) if each in containers}
-    return inside.union(*(_below(containers, each) for each in inside))
+    inside = {child for child in _contents(containers[path]) if child in containers}
+    return inside.union(*(_below(containers, child) for child in inside))
 
 
 def _settled_picture(client: ViewerClient) -> bytes:

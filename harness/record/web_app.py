@@ -116,11 +116,11 @@ def site(
             return Response((Path(scratch) / "layout.rbl").read_bytes(), media_type=_BINARY)
 
     def viewer_file(request: Request) -> Response:
-        found = viewer.get(request.path_params.get("name", "viewer.html"))
-        if found is None:
+        file = viewer.get(request.path_params.get("name", "viewer.html"))
+        if file is None:
             raise HTTPException(404, "The viewer has no such file.")
         headers = {"Content-Security-Policy": VIEWER_POLICY}
-        return Response(found.content, media_type=found.media_type, headers=headers)
+        return Response(file.content, media_type=file.media_type, headers=headers)
 
     return Starlette(
         routes=[

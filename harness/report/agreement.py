@@ -16,24 +16,24 @@ _NOTE = (
 
 
 def agreement_tables(
-    clip: str, labels: Mapping[str, Labels], found: Sequence[Agreement], frames: Sequence[int]
+    clip: str, labels: Mapping[str, Labels], agreements: Sequence[Agreement], frames: Sequence[int]
 ) -> dict[str, Table]:
     """Return all tables of the agreement of annotators on a clip, by the name of their file.
 
     Kappa of every pair of annotators, pooled and by subject; agreement by target; the confusion of each pair (the first
     in rows, the second in columns); and every range in which two of them differ.
     """
-    pooled = [each for each in found if each.subject is None]
+    pooled = [agreement for agreement in agreements if agreement.subject is None]
     kappas = Table.of(
         f"{clip}: agreement of annotators",
         "First | Second | Subject | n | Not compared | Same % | Kappa | 95 %",
         (
             (
-                *(each.first, each.second, each.subject or "(all)", each.n, each.skipped),
-                *(percent(each.agreed / each.n if each.n else None), number(each.kappa, 2)),
-                interval_range(each.interval, ".2f"),
+                *(agreement.first, agreement.second, agreement.subject or "(all)", agreement.n, agreement.skipped),
+                *(percent(agreement.agreed / agreement.n if agreement.n else None), number(agreement.kappa, 2)),
+                interval_range(agreement.interval, ".2f"),
             )
-            for each in found
+            for agreement in agreements
         ),
         words=3,
         notes=(_NOTE,),
@@ -43,11 +43,11 @@ def agreement_tables(
         "First | Second | Target | n first | n second | n both | Specific % | Kappa",
         (
             (
-                *(pair.first, pair.second, each.target, each.first, each.second, each.both),
-                *(percent(each.share), number(each.kappa, 2)),
+                *(pair.first, pair.second, target.target, target.first, target.second, target.both),
+                *(percent(target.share), number(target.kappa, 2)),
             )
             for pair in pooled
-            for each in pair.by_target()
+            for target in pair.by_target()
         ),
         words=3,
     )
@@ -67,11 +67,11 @@ def agreement_tables(
         "First | Second | Subject | First says | Second says | From frame | To frame | Frames",
         (
             (
-                *(pair.first, pair.second, each.subject, each.first, each.second),
-                *(each.first_frame, each.last_frame, each.frames),
+                *(pair.first, pair.second, difference.subject, difference.first, difference.second),
+                *(difference.first_frame, difference.last_frame, difference.frames),
             )
             for pair in pooled
-            for each in differences(labels[pair.first], labels[pair.second], frames)
+            for difference in differences(labels[pair.first], labels[pair.second], frames)
         ),
         words=5,
     )

@@ -53,19 +53,19 @@ def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
 
 def comparison_table(comparisons: Sequence[Comparison]) -> Table:
     """Pairs of configurations on their common frames, for people."""
-    shared = _shared_folder([name for each in comparisons for name in (each.configuration, each.reference)])
+    shared = _shared_folder([name for comparison in comparisons for name in comparison.names])
     return Table.of(
         _TITLE,
         "Configuration | Against | Verdict | Points | 95 % | Units | p | Corrected | Detectable | n | Better | Worse",
         (
             (
-                *(each.configuration.removeprefix(shared), each.reference.removeprefix(shared)),
-                each.verdict if each.is_significant else "not told apart",
-                *(points(each.difference), points_range(each.interval), _units(each)),
-                *(p_value(each.p), p_value(each.p_holm), _detectable(each.detectable)),
-                *(each.n, each.better, each.worse),
+                *(comparison.configuration.removeprefix(shared), comparison.reference.removeprefix(shared)),
+                comparison.verdict if comparison.is_significant else "not told apart",
+                *(points(comparison.difference), points_range(comparison.interval), _units(comparison)),
+                *(p_value(comparison.p), p_value(comparison.p_holm), _detectable(comparison.detectable)),
+                *(comparison.n, comparison.better, comparison.worse),
             )
-            for each in comparisons
+            for comparison in comparisons
         ),
         words=3,
         notes=_NOTES,
@@ -79,18 +79,20 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
         "|".join(COMPARISON_COLUMNS),
         (
             (
-                *(each.reference, each.configuration, each.n, each.looks, each.clips, each.better, each.worse),
-                *map(csv_share, (each.difference, each.interval.low, each.interval.high)),
-                *(each.unit, f"{each.p:.6g}", f"{each.p_holm:.6g}", csv_share(each.detectable), each.sentence),
+                *(*comparison.names, comparison.n, comparison.looks, comparison.clips),
+                *(comparison.better, comparison.worse),
+                *map(csv_share, (comparison.difference, comparison.interval.low, comparison.interval.high)),
+                *(comparison.unit, f"{comparison.p:.6g}", f"{comparison.p_holm:.6g}"),
+                *(csv_share(comparison.detectable), comparison.sentence),
             )
-            for each in comparisons
+            for comparison in comparisons
         ),
         words=2,
     )
 
 
-def _units(each: Comparison) -> str:
-    return f"{each.clips} clips" if each.unit == "clip" else f"{each.looks} looks"
+def _units(comparison: Comparison) -> str:
+    return f"{comparison.clips} clips" if comparison.unit == "clip" else f"{comparison.looks} looks"
 
 
 def _detectable(share: float) -> str:
@@ -180,8 +182,7 @@ class Plan:
 def plans(scores: Scores, difference: float, power: float = POWER) -> list[Plan]:
     """Plan for every two configurations how to detect a difference of so many points of FRR."""
     compared = combinations(without_oracles(scores.scored_configurations), 2)
-    pairs = [(one, two, pair(scores.frames_of(one), scores.frames_of(two)).units) for one, two in compared]
-    known = [(one, two, units) for one, two, units in pairs if units is not None]
+    known = [(names, units) for names in compared if (units := pair(*map(scores.frames_of, names)).units)]
     family, share = len(known), difference / 100
     return [
         Plan(
@@ -194,26 +195,26 @@ def plans(scores: Scores, difference: float, power: float = POWER) -> list[Plan]
             clips=clips_needed(spread, share, power=power, family=family),
             clips_longer=clips_needed(spread, share, looks=2 * spread.looks, power=power, family=family),
         )
-        for reference, configuration, units in known
+        for (reference, configuration), units in known
         for spread in [Spread.of(units)]
     ]
 
 
-def plan_table(found: list[Plan], difference: float, power: float = POWER) -> Table:
+def plan_table(planned: list[Plan], difference: float, power: float = POWER) -> Table:
     """The clips and looks that every two configurations need to see a difference in points."""
-    family = found[0].family if found else 1
+    family = planned[0].family if planned else 1
     return Table.of(
         f"Clips needed to see a difference of {difference:g} points",
         "Configuration | Against | Points now | Detectable now | Spread of clips | Spread of looks | Clips | Range | "
         "Power % | Twice the looks",
         (
             (
-                *(each.configuration, each.reference, points(each.difference), _detectable(each.detectable)),
-                *(percent(math.sqrt(each.spread.between)), percent(math.sqrt(each.spread.within))),
-                *_clips(each.clips),
-                UNKNOWN if each.clips_longer is None else each.clips_longer.needed,
+                *(plan.configuration, plan.reference, points(plan.difference), _detectable(plan.detectable)),
+                *(percent(math.sqrt(plan.spread.between)), percent(math.sqrt(plan.spread.within))),
+                *_clips(plan.clips),
+                UNKNOWN if plan.clips_longer is None else plan.clips_longer.needed,
             )
-            for each in found
+            for plan in planned
         ),
         words=2,
         notes=(

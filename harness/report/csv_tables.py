@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from operator import attrgetter
 
 from harness.report.formats import Table, csv_cell, csv_share
 from harness.run.records import FrameRecord, PartLog, SubjectRecord
@@ -132,11 +133,7 @@ def scores_table(scores: Scores) -> Table:
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
     events, said, nowhere = row.events, row.nowhere, [""] * 5
     if said:
-        nowhere[:] = (
-            *map(str, (said.true, said.predicted, said.matched)),
-            csv_share(said.precision),
-            csv_share(said.recall),
-        )
+        nowhere = [*map(str, said.counts), csv_share(said.precision), csv_share(said.recall)]
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
         *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),
@@ -145,7 +142,7 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
         *map(csv_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
         *(str(row.visible), csv_share(row.frr_visible)),
         *nowhere,
-        *map(str, (events.true, events.predicted, events.matched)),
+        *map(str, events.counts),
         *map(csv_share, events.rates),
         *(csv_share(row.baselines[name]) for name in BASELINES),
         row.beats,
@@ -160,6 +157,7 @@ def _unknown_names(row: ScoreRow, scores: Scores) -> str:
 
 
 _cell = lru_cache(maxsize=None)(csv_cell)
+_JUDGED = attrgetter("clip", "configuration", "frame", "subject")
 FrameLines = tuple[int, str | None, list[str]]
 """A frame, a subject in it, and the beginnings of their rows."""
 
@@ -187,7 +185,7 @@ class FrameRows(PartLog[list[FrameLines]]):
         blank if attention is no probability. Attention has four decimals, time three. A person that the manifest does
         not know has a track and no name.
         """
-        judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
+        judged = {_JUDGED(verdict): verdict for verdict in verdicts}
         text = [",".join(FRAMES_COLUMNS) + "\n"]
         for pair, rows in self.parts.items():
             for frame, subject, lines in rows:

@@ -13,23 +13,23 @@ from vfoa.logit import shipped_fit
 
 def fit_tables(fitted: FittedWeights) -> list[Table]:
     """The scores of every method on what was left out, and those of the fit with fewer labels."""
-    found = fitted.fit
+    record = fitted.fit
     tables = []
-    if found.held_out:
+    if record.held_out:
         notes = [
             "Every row has the same frames: of clips, or parts of the clip, that the fit and the limit did not see.",
             "Log loss: mean of -ln of the probability of the true answer; lower is better. ECE: expected calibration "
             "error. Balanced: mean of the rates on targets and on nowhere. forward: with earlier frames; both: with "
             "later ones, too.",
         ]
-        if seen := sorted(set(found.clips) & set(shipped_fit().get("clips", ()))):
+        if seen := sorted(set(record.clips) & set(shipped_fit().get("clips", ()))):
             notes.append(f"The default weights were fitted on {', '.join(seen)}, too: their rows are not held out.")
         tables.append(
-            _table(f"{found.labelled_s:g} s of {found.people} people, left out in turn", found.held_out, notes)
+            _table(f"{record.labelled_s:g} s of {record.people} people, left out in turn", record.held_out, notes)
         )
-    if found.curve:
+    if record.curve:
         notes = ["The forward fit with so many labelled seconds, spread over the people; all of them: the table above."]
-        tables.append(_table("What more labels would give", found.curve, notes))
+        tables.append(_table("What more labels would give", record.curve, notes))
     return tables
 
 
@@ -55,8 +55,8 @@ def fitted_text(fitted: FittedWeights) -> str:
     rows = {name: plain["fit"].pop(name) for name in ("held_out", "curve")}
     lines = ["# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE"]
     lines += _lines("fit", plain["fit"])
-    for name, each in rows.items():
-        for row in each:
+    for name, scores in rows.items():
+        for row in scores:
             lines += ["", f"[[fit.{name}]]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in row.items())]
     weights = plain["attention"]["weights"]
     lines += ["", *_lines("attention", {"method": "logit"})]

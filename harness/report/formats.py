@@ -112,7 +112,7 @@ def to_latex(table: Table, *, label: str) -> str:
 def in_parts(table: Table, width: int) -> tuple[Table, ...]:
     """Split the table into parts no wider than ``width``: each has all words and as many number columns as fit."""
     widths = [max(map(len, column)) + 2 for column in zip(table.columns, *table.rows, strict=True)]
-    room = width - sum(min(each, _LEAST_WORDS) for each in widths[: table.words]) - 1
+    room = width - sum(min(own, _LEAST_WORDS) for own in widths[: table.words]) - 1
     parts: list[list[int]] = [[]]
     for i in range(table.words, len(widths)):
         if parts[-1] and sum(widths[j] for j in parts[-1]) + widths[i] > room:

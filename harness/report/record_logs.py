@@ -145,8 +145,8 @@ class KeptParts:
         key = block.clip, block.frames
         if key not in self._labels:
             labels = self._reference.labels.get(block.clip)
-            found = list(labels.labelled(block.frames)) if labels else None
-            self._labels[key] = hashlib.blake2b(repr(found).encode(), digest_size=16).hexdigest()
+            labelled = list(labels.labelled(block.frames)) if labels else None
+            self._labels[key] = hashlib.blake2b(repr(labelled).encode(), digest_size=16).hexdigest()
         return self._labels[key]
 
 

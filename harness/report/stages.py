@@ -89,7 +89,7 @@ def _configuration_rows(measures: MeasureLog) -> _Rows:
 
 @lru_cache(maxsize=1)
 def _object_rows(measures: MeasureLog) -> _Rows:
-    return tuple((*key, str(len(found)), *_object_cells(found)) for key, found in measures.by_thing().items())
+    return tuple((*key, str(len(frames)), *_object_cells(frames)) for key, frames in measures.by_thing().items())
 
 
 def _cells(frames: Sequence[FrameMeasures]) -> Iterator[str]:
@@ -167,7 +167,7 @@ def stage_times(timings: Path) -> StageTimes:
         except ValueError as error:
             raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
     configurations = tuple(dict.fromkeys(configuration for _, configuration in times))
-    medians = {key: round(float(np.median(found)), 1) for key, found in times.items()}
+    medians = {key: round(float(np.median(times_ms)), 1) for key, times_ms in times.items()}
     return StageTimes(
         configurations=configurations,
         ms={

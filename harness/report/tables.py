@@ -102,12 +102,11 @@ def _rates(
     notes: Sequence[str] = (),
     *,
     words: int = 2,
-    more: Mapping[str, _Cell] = _CELLS,
+    more: Mapping[str, _Cell] | None = None,
 ) -> Table:
     """A table of rates; ``columns`` are keys of :data:`_CELLS`, separated by ``|``, or of ``more``."""
-    cells = [
-        more[column.strip()] if column.strip() in more else _CELLS[column.strip()] for column in columns.split("|")
-    ]
+    known = {**_CELLS, **(more or {})}
+    cells = [known[column.strip()] for column in columns.split("|")]
     return Table.of(title, columns, ([cell(row) for cell in cells] for row in rows), words=words, notes=notes)
 
 
@@ -218,17 +217,9 @@ def nowhere_table(scores: Scores) -> Table:
         "Looking at nothing",
         "Clip | Configuration | True | Said | Both | Precision % | Recall %",
         (
-            (
-                row.clip or ALL,
-                row.configuration,
-                of.true,
-                of.predicted,
-                of.matched,
-                percent(of.precision),
-                percent(of.recall),
-            )
+            (row.clip or ALL, row.configuration, *said.counts, percent(said.precision), percent(said.recall))
             for row in scores.by_clip()
-            if (of := row.nowhere) and (of.true or of.predicted)
+            if (said := row.nowhere) and (said.true or said.predicted)
         ),
         words=2,
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),
@@ -274,21 +265,21 @@ def remarks(scores: Scores) -> list[str]:
     """The run's own notes, and further ones: clips without labels, clips on which a baseline is as good."""
     asked = without_oracles(scores.scored_configurations)
     rows = [row for row in scores.by_clip() if row.configuration in asked]
-    found = list(scores.notes)
+    notes = list(scores.notes)
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
-            if not any(note.startswith(f"{clip}: no labels") for note in found):
-                found.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
+            if not any(note.startswith(f"{clip}: no labels") for note in notes):
+                notes.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
             continue
         rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)
         if rate >= best:
-            found.append(
+            notes.append(
                 f"{clip}: the baseline {_words(name).lower()!r} is right in {percent(rate)} % of the frames, the "
                 f"best configuration in {percent(best)} %."
             )
-    return found
+    return notes
 
 
 def _words(name: str) -> str:

@@ -82,8 +82,8 @@ def verdict_sentence(scores: Scores) -> str:
     frames = {name: scores.frames_of(name) for name in rows}
     groups = compare_factors(frames, scores.factors) or [compare(frames)]
     said = [_of_group(group) for group in groups]
-    told, untold = [part for parts, _ in said for part in parts], [part for _, parts in said for part in parts]
-    sentence = "; ".join([*told, *untold])
+    better, untold = [part for parts, _ in said for part in parts], [part for _, parts in said for part in parts]
+    sentence = "; ".join([*better, *untold])
     return f"{sentence}.{losses}"
 
 
@@ -134,57 +134,58 @@ def _against_baseline(row: ScoreRow) -> str:
 
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
     """The configurations that the best one beats, and those that cannot be told from it."""
-    names = list(dict.fromkeys(name for each in comparisons for name in (each.reference, each.configuration)))
+    names = list(dict.fromkeys(name for comparison in comparisons for name in comparison.names))
     against = {
-        name: [_seen_from(name, each) for each in comparisons if name in (each.reference, each.configuration)]
-        for name in names
+        name: [_seen_from(name, comparison) for comparison in comparisons if name in comparison.names] for name in names
     }
-    best = max(
-        names, key=lambda name: sum(0 if math.isnan(each.difference) else each.difference for each in against[name])
-    )
-    beaten = [each for each in against[best] if each.is_significant and each.difference > 0]
-    tied = [each for each in against[best] if not each.is_significant]
-    gains = [f"{100 * each.difference:.1f}" for each in sorted(beaten, key=lambda each: each.difference)]
-    told, untold = [], []
+    leads = {
+        name: sum(comparison.difference for comparison in compared if not math.isnan(comparison.difference))
+        for name, compared in against.items()
+    }
+    best = max(names, key=lambda name: leads[name])
+    beaten = [comparison for comparison in against[best] if comparison.is_significant and comparison.difference > 0]
+    tied = [comparison for comparison in against[best] if not comparison.is_significant]
+    better, untold = [], []
     if len(beaten) > _MOST_NAMES:
-        told = [f"{best} beats {len(beaten)} others by {gains[0]} to {gains[-1]} points"]
+        gains = [100 * comparison.difference for comparison in beaten]
+        better = [f"{best} beats {len(beaten)} others by {min(gains):.1f} to {max(gains):.1f} points"]
     elif beaten:
-        parts = [f"{each.reference} by {100 * each.difference:.1f} points{_ends(each, ' (', ')')}" for each in beaten]
-        told = [f"{best} beats {_joined(parts)}"]
+        parts = [f"{lost.reference} by {100 * lost.difference:.1f} points{_ends(lost, ' (', ')')}" for lost in beaten]
+        better = [f"{best} beats {_joined(parts)}"]
     if len(tied) > _MOST_NAMES:
         untold = [f"{best} cannot be told from {len(tied)} others"]
     elif len(tied) > 1:
-        untold = [f"{best} cannot be told from {_joined([each.reference for each in tied])}"]
+        untold = [f"{best} cannot be told from {_joined([comparison.reference for comparison in tied])}"]
     elif tied:
-        (each,) = tied
-        points = "" if math.isnan(each.difference) else f" ({100 * each.difference:.1f} points{_ends(each, ', ')})"
-        untold = [f"{_joined([name for name in names if name in (best, each.reference)])} cannot be told apart{points}"]
-    return told, untold
+        (only,) = tied
+        points = "" if math.isnan(only.difference) else f" ({100 * only.difference:.1f} points{_ends(only, ', ')})"
+        untold = [f"{_joined([name for name in names if name in only.names])} cannot be told apart{points}"]
+    return better, untold
 
 
-def _seen_from(name: str, each: Comparison) -> Comparison:
+def _seen_from(name: str, comparison: Comparison) -> Comparison:
     """The comparison with this one of its two configurations as the later one."""
-    if each.configuration == name:
-        return each
+    if comparison.configuration == name:
+        return comparison
     return replace(
-        each,
-        reference=each.configuration,
+        comparison,
+        reference=comparison.configuration,
         configuration=name,
-        better=each.worse,
-        worse=each.better,
-        difference=0.0 - each.difference,
-        interval=replace(each.interval, low=-each.interval.high, high=-each.interval.low),
+        better=comparison.worse,
+        worse=comparison.better,
+        difference=0.0 - comparison.difference,
+        interval=replace(comparison.interval, low=-comparison.interval.high, high=-comparison.interval.low),
     )
 
 
-def _ends(each: Comparison, before: str, after: str = "") -> str:
+def _ends(comparison: Comparison, before: str, after: str = "") -> str:
     """The interval that belongs to the test, as corrected as it is, between two texts; empty without one."""
-    low, high = each.interval.low, each.interval.high
+    low, high = comparison.interval.low, comparison.interval.high
     if math.isnan(low):
-        too_few = each.units and not each.can_be_significant
-        return f"{before}{each.counted_units} are too few for a test{after}" if too_few else ""
-    corrected = f", corrected for {each.family} comparisons" if each.family > 1 else ""
-    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{_only(each.interval)}{corrected}{after}"
+        too_few = comparison.units and not comparison.can_be_significant
+        return f"{before}{comparison.counted_units} are too few for a test{after}" if too_few else ""
+    corrected = f", corrected for {comparison.family} comparisons" if comparison.family > 1 else ""
+    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{_only(comparison.interval)}{corrected}{after}"
 
 
 def _only(interval: Interval) -> str:
@@ -200,10 +201,10 @@ def grid_levels(factors: Mapping[str, Mapping[str, str]]) -> dict[str, list[str]
 
     Empty if the configurations are not all combinations, or if fewer than two factors have several labels.
     """
-    keys = {tuple(each) for each in factors.values()}
+    keys = {tuple(labels) for labels in factors.values()}
     if len(keys) != 1:
         return {}
-    levels = {key: list(dict.fromkeys(each[key] for each in factors.values())) for key in keys.pop()}
+    levels = {key: list(dict.fromkeys(labels[key] for labels in factors.values())) for key in keys.pop()}
     if math.prod(map(len, levels.values())) != len(factors):
         return {}
     several = {key: labels for key, labels in levels.items() if len(labels) > 1}
@@ -219,28 +220,28 @@ def compare_factors(
     ``frames`` and ``factors`` are by configuration; the result is empty if the configurations are no grid.
     """
     grid = grid_levels({name: factors.get(name, {}) for name in frames})
-    labels = Counter(label for each in grid.values() for label in each)
-    found = []
+    labels = Counter(label for levels in grid.values() for label in levels)
+    groups = []
     for key, levels in grid.items():
         pooled = {
             level if labels[level] == 1 else f"{key}={level}": _pooled(
-                [each for name, each in frames.items() if factors[name][key] == level]
+                [scored for name, scored in frames.items() if factors[name][key] == level]
             )
             for level in levels
         }
-        found.append(compare(pooled))
-    corrected = list(with_holm([each for group in found for each in group]))
-    return [tuple(corrected.pop(0) for _ in group) for group in found]
+        groups.append(compare(pooled))
+    corrected = list(with_holm([comparison for group in groups for comparison in group]))
+    return [tuple(corrected.pop(0) for _ in group) for group in groups]
 
 
 def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:
     """Return the frames that all of several configurations scored, as if these were seeds of one configuration."""
-    by_subject = [{(each.clip, each.subject): each for each in frames} for frames in configurations]
+    by_subject = [{(scored.clip, scored.subject): scored for scored in frames} for frames in configurations]
     pooled = []
     for key, first in by_subject[0].items():
-        parts = [each[key] for each in by_subject if key in each]
+        parts = [by_key[key] for by_key in by_subject if key in by_key]
         if len(parts) == len(by_subject):
-            frames = reduce(np.intersect1d, [each.frames for each in parts])
+            frames = reduce(np.intersect1d, [part.frames for part in parts])
             kept = np.searchsorted(first.frames, frames)
             pooled.append(
                 replace(
@@ -248,8 +249,8 @@ def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFram
                     frames=frames,
                     looks=first.looks[kept],
                     truth=first.truth[kept],
-                    correct=np.sum([each.correct[np.searchsorted(each.frames, frames)] for each in parts], axis=0),
-                    seeds=sum(each.seeds for each in parts),
+                    correct=np.sum([part.correct[np.searchsorted(part.frames, frames)] for part in parts], axis=0),
+                    seeds=sum(part.seeds for part in parts),
                 )
             )
     return pooled
@@ -260,10 +261,10 @@ def next_steps(verdicts: Iterable[Verdict]) -> list[str]:
 
     Empty if nothing is wrong. Frames of several configurations count each.
     """
-    counts = Counter(each.error_type for each in verdicts if each.error_type is not None)
+    counts = Counter(verdict.error_type for verdict in verdicts if verdict.error_type is not None)
     wrong = sum(counts.values())
     order = list(ERROR_TYPES)
-    top = sorted(counts.items(), key=lambda each: (-each[1], order.index(each[0])))
+    top = sorted(counts.items(), key=lambda item: (-item[1], order.index(item[0])))
     return [
         f"{count} of {wrong} wrong frames: {name} ({ERROR_TYPES[name]}). Next: {NEXT_STEPS[name]}."
         for name, count in top[:_MOST_STEPS]

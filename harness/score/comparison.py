@@ -67,6 +67,11 @@ class Comparison:
     units: Units | None = field(default=None, compare=False, repr=False)
 
     @property
+    def names(self) -> tuple[str, str]:
+        """The two configurations, the reference first."""
+        return self.reference, self.configuration
+
+    @property
     def is_significant(self) -> bool:
         """Whether the corrected p is below 5 %."""
         return self.p_holm < SIGNIFICANCE

@@ -150,6 +150,11 @@ class MatchCounts:
         return 2 * self.matched / both if both else math.nan
 
     @property
+    def counts(self) -> tuple[int, int, int]:
+        """The three numbers."""
+        return self.true, self.predicted, self.matched
+
+    @property
     def rates(self) -> tuple[float, float, float]:
         """Recall, precision and F."""
         return self.recall, self.precision, self.f_measure

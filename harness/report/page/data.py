@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
-from harness.report.page.packing import AttentionLog, Judged, pack_attention, pack_json, runs, steps
+from harness.report.page.packing import AttentionLog, Judged, frames_of, pack_attention, pack_json, runs, steps
 from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles
@@ -96,7 +96,7 @@ def page_data(
             packs[f"attention-{number}"] = values[clip]
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
-        frames = {verdict.frame for judged in subjects.values() for each in judged.values() for verdict in each}
+        frames = {frame for judged in subjects.values() for frame in frames_of(judged)}
         clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "rate_hz": rates_hz.get(clip)})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
@@ -119,12 +119,11 @@ def page_data(
 
 
 def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Judged]]:
-    found: dict[str, dict[str, Judged]] = {}
+    by_clip: dict[str, dict[str, Judged]] = {}
     for verdict in verdicts:
-        found.setdefault(verdict.clip, {}).setdefault(verdict.subject, {}).setdefault(verdict.configuration, []).append(
-            verdict
-        )
-    return found
+        judged = by_clip.setdefault(verdict.clip, {}).setdefault(verdict.subject, {})
+        judged.setdefault(verdict.configuration, []).append(verdict)
+    return by_clip
 
 
 def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) -> list[Any]:
@@ -153,18 +152,18 @@ def _clip_data(
     """
     tracks = []
     for subject, judged in subjects.items():
-        frames = sorted({verdict.frame for each in judged.values() for verdict in each})
+        frames = frames_of(judged)
         place = {frame: i for i, frame in enumerate(frames)}
         truth = [-1] * len(frames)
         configurations = []
         for configuration, verdicts in judged.items():
             states, predicted, answers = ([-1] * len(frames) for _ in range(3))
-            for each in verdicts:
-                i = place[each.frame]
-                truth[i] = names.code(each.truth)
-                states[i] = _STATE_CODES[each.error_type or each.outcome]
-                predicted[i] = names.code(each.predicted)
-                answers[i] = -1 if each.outcome == "unscored" else names.code(answered(each))
+            for verdict in verdicts:
+                i = place[verdict.frame]
+                truth[i] = names.code(verdict.truth)
+                states[i] = _STATE_CODES[verdict.error_type or verdict.outcome]
+                predicted[i] = names.code(verdict.predicted)
+                answers[i] = -1 if verdict.outcome == "unscored" else names.code(answered(verdict))
             configurations.append(
                 {
                     "configuration": numbers[configuration],
@@ -181,8 +180,8 @@ def _clip_data(
 
 
 def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:
-    shown = {code for track in tracks for each in track["configurations"] for code in each["attended"]}
-    shown |= {code for track in tracks for code in track["truth"][::2] if code >= 0}
+    shown = {code for track in tracks for code in track["truth"][::2] if code >= 0}
+    shown |= {code for track in tracks for made in track["configurations"] for code in made["attended"]}
     words = list(names)
     return {code: "rgb({} {} {})".format(*colours.of(words[code])) for code in sorted(shown)}
 
@@ -207,7 +206,7 @@ def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict
     for verdict in verdicts:
         thumbnail = thumbnails.seen.get((verdict.clip, verdict.configuration, verdict.frame))
         if thumbnail is not None and verdict.outcome == "wrong":
-            subject = next((found for found in thumbnail.subjects if found.name == verdict.subject), None)
+            subject = next((person for person in thumbnail.subjects if person.name == verdict.subject), None)
             drawn[verdict.frame] = {
                 "size": thumbnail.size,
                 "boxes": thumbnail.boxes,
@@ -219,10 +218,10 @@ def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict
 
 
 def _recordings(served: Served) -> dict[str, dict[str, str]]:
-    found: defaultdict[str, dict[str, str]] = defaultdict(dict)
+    by_clip: defaultdict[str, dict[str, str]] = defaultdict(dict)
     for (clip, configuration), name in served.recordings.items():
-        found[clip][configuration] = name
-    return found
+        by_clip[clip][configuration] = name
+    return by_clip
 
 
 def differing_settings(configurations: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -75,7 +75,7 @@ def _add(folder: Path, name: str, texts: dict[str, str], begun: set[str]) -> Non
     for _, needed in _IMPORT.findall(source):
         if needed not in begun:
             _add(folder, needed, texts, begun)
-    exports = ", ".join(found for _, found in _EXPORT.findall(source))
+    exports = ", ".join(name for _, name in _EXPORT.findall(source))
     body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const \1 = module_\2;", source))
     texts[name] = f"const module_{name} = (() => {{\n{body}return {{ {exports} }};\n}})();\n"
 
@@ -116,9 +116,9 @@ class AttentionLog(PartLog[AttentionPart]):
         part = self.part(record.clip, record.configuration)
         part.targets |= dict.fromkeys(target.name for target in record.targets)
         for person in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
-            if (found := find_subject(record, person)) is not None and found.attention:
+            if (subject := find_subject(record, person)) is not None and subject.attention:
                 track = part.tracks.setdefault(person, {})
-                for target, value in attention_by_name(record, found).items():
+                for target, value in attention_by_name(record, subject).items():
                     columns = track.setdefault(target, {name: bytearray() for name in ("frames", *PARTS)})
                     columns["frames"].extend(record.frame.to_bytes(8, "little"))
                     for name in PARTS:
@@ -130,12 +130,17 @@ class AttentionLog(PartLog[AttentionPart]):
         return {
             name: columns
             for name, columns in part.tracks.get(subject, {}).items()
-            if any(0 < each < UNKNOWN for each in columns["total"])
+            if any(0 < value < UNKNOWN for value in columns["total"])
         }
 
     def colours(self, clip: str) -> Colours:
         """The colours of a clip's targets, in order of appearance."""
         return Colours(name for (of, _), part in self.parts.items() if of == clip for name in part.targets)
+
+
+def frames_of(judged: Judged) -> list[int]:
+    """The numbers of all frames with a verdict, in order."""
+    return sorted({verdict.frame for verdicts in judged.values() for verdict in verdicts})
 
 
 def aligned(columns: Mapping[str, bytearray], frames: Codes, parts: Sequence[str]) -> Bytes:
@@ -161,7 +166,7 @@ def pack_attention(
 
     def packed(stride: int, parts: Sequence[str]) -> dict[str, str]:
         values = {clip: _values(clip, by_clip.get(clip, {}), attention, stride, parts) for clip in clips}
-        return {clip: pack(each) if each else "" for clip, each in values.items()}
+        return {clip: pack(content) if content else "" for clip, content in values.items()}
 
     whole = packed(1, PARTS)
     if sum(map(len, whole.values())) <= MOST_BYTES:
@@ -177,10 +182,10 @@ def _values(
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
-        frames = np.array(sorted({verdict.frame for each in judged.values() for verdict in each})[::stride])
+        frames = np.array(frames_of(judged)[::stride])
         for configuration in judged:
             for columns in attention.track(clip, configuration, subject).values():
                 total, *others = aligned(columns, frames, parts)
                 totals.append(total.tobytes())
-                cues += [each.tobytes() for each in others]
+                cues += [row.tobytes() for row in others]
     return b"".join(totals + cues)

@@ -96,7 +96,7 @@ def render_page(
         headline=headline(scores),
         verdict=verdict_sentence(scores),
         fails=next(iter(next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)), None),
-        remarks=[each for each in remarks(scores) if each not in scores.notes],
+        remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
         versions=manifest["versions"],
         groups=groups,
@@ -225,21 +225,12 @@ def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
         "Clips, licences",
         "Clip | Licence | To be cited | Frames | Hz",
         (
-            (
-                clip["name"],
-                _text(clip["licence"]),
-                _text(clip.get("citation")),
-                len(clip["frames"]),
-                _text(clip["rate_hz"]),
-            )
+            (UNKNOWN if value is None else value for value in values)
             for clip in clips
+            for values in [(clip["name"], clip["licence"], clip.get("citation"), len(clip["frames"]), clip["rate_hz"])]
         ),
         words=3,
     )
-
-
-def _text(value: object) -> object:
-    return UNKNOWN if value is None else value
 
 
 def _printed(manifest: Mapping[str, Any]) -> str:

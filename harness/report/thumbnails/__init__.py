@@ -116,7 +116,7 @@ def read_thumbnails(
     sizes = _sizes(run, lines)
     chosen = _fitting(sizes, budget)
     return Thumbnails(
-        pictures={each: _data_uri(picture_path(run, *each)) for each in chosen},
+        pictures={frame: _data_uri(picture_path(run, *frame)) for frame in chosen},
         seen={
             (clip, configuration, frame): _renamed(
                 _decode(line, lines_path(run, clip, configuration)), (names_now or {}).get(clip, {})
@@ -140,9 +140,9 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     if path.is_file():
         with path.open("rb") as file:
             for line in file:
-                if not (found := _LINE.match(line)):
+                if not (match := _LINE.match(line)):
                     raise VfoaError(f"{path}: not the thumbnails of a run: found a line without a frame")
-                yield int(found[1]), line
+                yield int(match[1]), line
 
 
 def _sizes(run: Path, lines: Mapping[tuple[str, str, int], bytes]) -> dict[_Frame, int]:
