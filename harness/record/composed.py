@@ -82,12 +82,12 @@ class RecordedClip:
         names = [layer.configuration for layer in self.layers]
         return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), clip_layout)
 
-    def compare(self, one: str, other: str) -> Composed:
+    def compare(self, first: str, second: str) -> Composed:
         """Two configurations side by side."""
         from harness.record.blueprint import comparison_layout
 
-        both = self._with([self.under(one).layers[0], self.under(other).layers[0]])
-        return both._composed(f"{self.files.clip}__{one}__vs__{other}", comparison_layout)
+        both = self._with([self.under(first).layers[0], self.under(second).layers[0]])
+        return both._composed(f"{self.files.clip}__{first}__vs__{second}", comparison_layout)
 
     def _with(self, layers: Sequence[LayerNames]) -> RecordedClip:
         return replace(self, layers=tuple(layers))
@@ -129,34 +129,34 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
     VfoaError
         If ``run`` is no directory of a run, or nothing was recorded of that clip and configuration.
     """
-    found = [recorded_clip for recorded_clip in _clips(run) if recorded_clip.layers]
-    if not found:
+    clips = [recorded_clip for recorded_clip in _clips(run) if recorded_clip.layers]
+    if not clips:
         raise VfoaError(f"{run}: expected recordings (*.rrd), found none; was it run with --recording none?")
     if clip is not None:
-        known = [recorded_clip.files.clip for recorded_clip in found]
-        found = [recorded_clip for recorded_clip in found if recorded_clip.files.clip == clip]
-        if not found:
+        known = [recorded_clip.files.clip for recorded_clip in clips]
+        clips = [recorded_clip for recorded_clip in clips if recorded_clip.files.clip == clip]
+        if not clips:
             raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
     if configuration is not None:
-        known = sorted({layers.configuration for recorded_clip in found for layers in recorded_clip.layers})
-        found = [one for recorded_clip in found if (one := recorded_clip.under(configuration)).layers]
-        if not found:
+        known = sorted({layers.configuration for recorded_clip in clips for layers in recorded_clip.layers})
+        clips = [under for recorded_clip in clips if (under := recorded_clip.under(configuration)).layers]
+        if not clips:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
-    return found
+    return clips
 
 
 def _clips(run: Path) -> list[RecordedClip]:
     """Every clip of a run, with the configurations that were recorded, perhaps none."""
-    manifest, found = RunDirectory(run).read_manifest(), []
+    manifest, recorded = RunDirectory(run).read_manifest(), []
     names = layer_names(manifest["configurations"]).values()
     for clip in manifest["clips"]:
         files = ClipFiles(run=run, clip=clip["name"])
         layers = tuple(name for name in names if files.attention(name.configuration).is_file())
         subjects, frames = clip_names(clip)[0], tuple(clip["frames"])
-        found.append(
+        recorded.append(
             RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.get("rate_hz"))
         )
-    return found
+    return recorded
 
 
 def find_recordings(
@@ -175,9 +175,9 @@ def find_recordings(
         return [Composed(name=run.stem, files=(run,))]
     if not run.is_dir():
         raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
-    found = find_clips(run, clip, configuration)
-    found[0].expect_subject(subject)
-    return [replace(recorded_clip.compose(), subject=subject) for recorded_clip in found]
+    clips = find_clips(run, clip, configuration)
+    clips[0].expect_subject(subject)
+    return [replace(recorded_clip.compose(), subject=subject) for recorded_clip in clips]
 
 
 def served_recordings(run: Path) -> dict[Pair, Composed]:

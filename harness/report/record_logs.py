@@ -24,14 +24,13 @@ import harness
 import vfoa
 from harness.files.digests import file_digest
 from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
-from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.packing import AttentionLog, AttentionPart
 from harness.report.stages import StageTimes, stage_times
 from harness.report.tables import direction_check_table, prediction_set_table, subject_reliability_table
 from harness.run.records import FrameRecord, PartLog, renamed
-from harness.run.results import Block, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
+from harness.run.results import Block, MeasuredPart, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import JudgedPart, OutcomeLog, Reference
@@ -43,7 +42,7 @@ class Part:
     """The logs' parts of some records of one configuration on one clip."""
 
     outcomes: JudgedPart
-    measures: tuple[list[FrameMeasures], dict[int, str]]
+    measures: MeasuredPart
     frames: list[FrameLines]
     calibration: CalibrationData
     attention: AttentionPart
@@ -54,19 +53,19 @@ class RecordLogs:
 
     def __init__(self, reference: Reference) -> None:
         self._reference, self.names_now = reference, reference.names_now
-        self.measures = MeasureLog()
-        self.outcomes, self.frames, self.attention = OutcomeLog(reference), FrameRows(), AttentionLog()
+        self.measures, self.outcomes = MeasureLog(), OutcomeLog(reference)
+        self.frames, self.attention = FrameRows(), AttentionLog()
         self.calibration = CalibrationLog(reference.probabilistic, reference.labels)
 
     def watch(self, records: Iterable[FrameRecord]) -> None:
         """Look at each record once."""
-        for record in self.measures.watch(records):
+        for record in records:
             for log in self._logs.values():
                 log.take(record)
 
     @property
     def _logs(self) -> dict[str, PartLog[Any]]:
-        return {name: getattr(self, name) for name in ("outcomes", "frames", "attention", "calibration")}
+        return {name: getattr(self, name) for name in ("outcomes", "measures", "frames", "attention", "calibration")}
 
     def scores(self) -> Scores:
         """The scores of all records watched or added; notes say where directions do not fit the posterior."""
@@ -84,12 +83,10 @@ class RecordLogs:
 
     def part(self, clip: str, configuration: str) -> Part:
         """Return the parts of one configuration on one clip, for other logs."""
-        parts = {name: log.part(clip, configuration) for name, log in self._logs.items()}
-        return Part(measures=self.measures.part(clip, configuration), **parts)
+        return Part(**{name: log.part(clip, configuration) for name, log in self._logs.items()})
 
     def add(self, clip: str, configuration: str, part: Part) -> None:
         """Add the parts that other logs have of one configuration on one clip."""
-        self.measures.add(clip, configuration, *part.measures)
         for name, log in self._logs.items():
             log.add(clip, configuration, getattr(part, name))
 

@@ -286,12 +286,15 @@ def _words(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def reliability_table(found: Sequence[Reliability]) -> Table:
+def reliability_table(reliabilities: Sequence[Reliability]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
     return Table.of(
         "Calibration of the probabilities",
         "Configuration | n | Right % | Mean confidence % | ECE | 95 % | ECE, adaptive | Brier",
-        ((each.configuration, *_means(each), interval_range(each.interval, ".3f"), *_errors(each)) for each in found),
+        (
+            (row.configuration, *_means(row), interval_range(row.interval, ".3f"), *_errors(row))
+            for row in reliabilities
+        ),
         words=1,
         notes=(
             f"Over the scored frames with a prediction. ECE: expected calibration error, {BINS} equal bins of the "
@@ -301,30 +304,30 @@ def reliability_table(found: Sequence[Reliability]) -> Table:
     )
 
 
-def subject_reliability_table(found: Sequence[Reliability]) -> Table:
+def subject_reliability_table(reliabilities: Sequence[Reliability]) -> Table:
     """One row for each subject and configuration that gives probabilities."""
     return Table.of(
         "Calibration by subject",
         "Clip | Subject | Configuration | n | Right % | Mean confidence % | ECE | ECE, adaptive | Brier",
-        ((each.clip, each.subject, each.configuration, *_means(each), *_errors(each)) for each in found),
+        ((row.clip, row.subject, row.configuration, *_means(row), *_errors(row)) for row in reliabilities),
         words=3,
     )
 
 
-def _means(each: Reliability) -> tuple[object, ...]:
-    return each.n, percent(each.share_right), percent(each.mean_confidence), number(each.calibration_error, 3)
+def _means(row: Reliability) -> tuple[object, ...]:
+    return row.n, percent(row.share_right), percent(row.mean_confidence), number(row.calibration_error, 3)
 
 
-def _errors(each: Reliability) -> tuple[str, str]:
-    return number(each.adaptive_error, 3), number(each.brier, 3)
+def _errors(row: Reliability) -> tuple[str, str]:
+    return number(row.adaptive_error, 3), number(row.brier, 3)
 
 
-def prediction_set_table(found: Sequence[SetCoverage]) -> Table:
+def prediction_set_table(coverages: Sequence[SetCoverage]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
     return Table.of(
         f"Answers in sets of {100 * SET_LEVEL:.0f} % probability",
         "Configuration | n | Coverage % | Mean size",
-        ((each.configuration, each.n, percent(each.covered / each.n), number(each.mean_size, 2)) for each in found),
+        ((row.configuration, row.n, percent(row.covered / row.n), number(row.mean_size, 2)) for row in coverages),
         words=1,
         notes=(
             f"The fewest objects, nowhere among them, with {100 * SET_LEVEL:.0f} % of the probability together. "
@@ -333,17 +336,17 @@ def prediction_set_table(found: Sequence[SetCoverage]) -> Table:
     )
 
 
-def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
+def direction_check_table(checks: Sequence[DirectionCheck]) -> Table:
     """One row for each clip and configuration with a posterior."""
     return Table.of(
         "Do the measured directions fit the posterior?",
         "Clip | Configuration | n | Surprising % | Claimed deg | Implied deg | Head share | Fit",
         (
             (
-                *(each.clip, each.configuration, each.n, percent(each.surprises), number(each.claimed_deg, 1)),
-                *(number(each.implied_deg, 1), number(each.share, 2), "yes" if each.fits else "no"),
+                *(check.clip, check.configuration, check.n, percent(check.surprises), number(check.claimed_deg, 1)),
+                *(number(check.implied_deg, 1), number(check.share, 2), "yes" if check.fits else "no"),
             )
-            for each in found
+            for check in checks
         ),
         words=2,
         notes=(

@@ -6,8 +6,8 @@ Every line begins with the version of the format, so that files can be joined li
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
@@ -18,7 +18,7 @@ from harness.files.io import check_readable, unreadable
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord, renamed
+from harness.run.records import FrameRecord, PartLog, renamed
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import PROBABILISTIC
 
@@ -262,58 +262,56 @@ def _choose(names: list[str], wanted: str | None, run: Path) -> str:
     return wanted
 
 
-class MeasureLog:
-    """Collects measures from passing records: see :meth:`watch`. The seeds of a configuration are taken together."""
+@dataclass(slots=True)
+class MeasuredPart:
+    """The measures of a configuration's frames on a clip, and the run's names of the true objects in them."""
+
+    frames: list[FrameMeasures] = field(default_factory=list)
+    names: dict[int, str] = field(default_factory=dict)
+
+
+class MeasureLog(PartLog[MeasuredPart]):
+    """Collects measures from passing records. The seeds of a configuration are taken together."""
 
     def __init__(self) -> None:
-        self._by_pair: dict[tuple[str, str], list[FrameMeasures]] = {}
-        self._names: dict[tuple[str, int], str] = {}
+        super().__init__(MeasuredPart)
 
-    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Yield the records unchanged and keep their measures, and the run's name of each true object."""
-        for record in records:
-            if record.measures is not None:
-                pair = record.clip, base_of(record.configuration)
-                self._by_pair.setdefault(pair, []).append(record.measures)
-                for target in record.measures.targets:
-                    if target.instance_id is not None and (record.clip, target.truth_id) not in self._names:
-                        self._note_name(record, target)
-            yield record
+    def part(self, clip: str, configuration: str) -> MeasuredPart:
+        """The measures of all seeds of a configuration on a clip so far."""
+        return super().part(clip, base_of(configuration))
 
-    def _note_name(self, record: FrameRecord, measure: TargetMeasure) -> None:
+    def take(self, record: FrameRecord) -> None:
+        """Add a record's measures, and the names of the instances that were matched with true objects."""
+        if record.measures is None:
+            return
+        part = self.part(record.clip, record.configuration)
+        part.frames.append(record.measures)
         names = {target.instance_id: target.name for target in record.targets}
-        if measure.instance_id in names:
-            self._names[record.clip, measure.truth_id] = names[measure.instance_id]
-
-    def part(self, clip: str, configuration: str) -> tuple[list[FrameMeasures], dict[int, str]]:
-        """The measures of a configuration on a clip so far, and the names of true objects, for another log."""
-        names = {number: name for (of, number), name in self._names.items() if of == clip}
-        return self._by_pair.get((clip, base_of(configuration)), []), names
-
-    def add(self, clip: str, configuration: str, measures: list[FrameMeasures], names: Mapping[int, str]) -> None:
-        """Add a part of another log."""
-        if measures:
-            self._by_pair.setdefault((clip, base_of(configuration)), []).extend(measures)
-        for number, name in names.items():
-            self._names.setdefault((clip, number), name)
+        for target in record.measures.targets:
+            if target.instance_id in names:
+                part.names.setdefault(target.truth_id, names[target.instance_id])
 
     def pooled(self) -> dict[tuple[str | None, str], list[FrameMeasures]]:
         """The measures of each (clip, configuration) and, of several clips, of all together under the clip None."""
-        pooled: dict[tuple[str | None, str], list[FrameMeasures]] = dict(self._by_pair.items())
-        if len({clip for clip, _ in self._by_pair}) > 1:
-            for (_, configuration), measures in self._by_pair.items():
-                pooled[None, configuration] = [*pooled.get((None, configuration), []), *measures]
+        by_pair = {pair: part.frames for pair, part in self.parts.items() if part.frames}
+        pooled: dict[tuple[str | None, str], list[FrameMeasures]] = dict(by_pair.items())
+        if len({clip for clip, _ in by_pair}) > 1:
+            for (_, configuration), frames in by_pair.items():
+                pooled[None, configuration] = [*pooled.get((None, configuration), []), *frames]
         return pooled
 
     def by_thing(self) -> dict[tuple[str, str, str], list[TargetMeasure]]:
         """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
+        names: dict[tuple[str, int], str] = {}
+        for (clip, _), part in self.parts.items():
+            for number, name in part.names.items():
+                names.setdefault((clip, number), name)
         by_thing: dict[tuple[str, str, str], list[TargetMeasure]] = {}
-        for (clip, configuration), frames in self._by_pair.items():
+        for (clip, configuration), part in self.parts.items():
             by_id: dict[int, list[TargetMeasure]] = {}
-            for frame in frames:
-                for target in frame.targets:
-                    by_id.setdefault(target.truth_id, []).append(target)
+            for target in (target for frame in part.frames for target in frame.targets):
+                by_id.setdefault(target.truth_id, []).append(target)
             for number, measures in by_id.items():
-                name = self._names.get((clip, number), f"{measures[0].label}#{number}")
+                name = names.get((clip, number), f"{measures[0].label}#{number}")
                 by_thing.setdefault((clip, name, configuration), []).extend(measures)
         return dict(sorted(by_thing.items(), key=lambda item: item[0][:2]))

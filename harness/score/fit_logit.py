@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -64,7 +64,9 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
         if len(clips) > 1:
             return [Fold(firsts[clip], outside[clip]) for clip in clips]
         (first,) = firsts.values()
-        rest = [each.only(set(each.labelled) - set(part.labelled)) for each, part in zip(people, first, strict=True)]
+        rest = [
+            person.only(set(person.labelled) - set(part.labelled)) for person, part in zip(people, first, strict=True)
+        ]
         return [Fold(first, rest)]
     if len(clips) > 1:
         return [Fold(outside[clip], inside[clip]) for clip in clips]
@@ -79,11 +81,11 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     edges = np.linspace(begin, end + 1e-6, count + 1)
     folds = []
     for low, high in itertools.pairwise(edges):
-        block = [[k for k in each.labelled if low <= each.sequence.times_s[k] < high] for each in people]
+        block = [[k for k in person.labelled if low <= person.sequence.times_s[k] < high] for person in people]
         folds.append(
             Fold(
-                [each.only(set(each.labelled) - set(ks)) for each, ks in zip(people, block, strict=True)],
-                [each.only(ks) for each, ks in zip(people, block, strict=True)],
+                [person.only(set(person.labelled) - set(ks)) for person, ks in zip(people, block, strict=True)],
+                [person.only(ks) for person, ks in zip(people, block, strict=True)],
             )
         )
     return folds
@@ -118,34 +120,34 @@ def fitted_to(
     ``answering``: fit only the weights that the frames of these people use.
     """
     cases = ROWS if answering is None else {seen.case for person in answering for seen in person.sequence.seen}
-    found = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases))
-    return LogitWeights.model_validate(_rounded(found.model_dump()))
+    weights = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases))
+    return LogitWeights.model_validate(_rounded(weights.model_dump()))
 
 
 def _rounded(value: object) -> object:
     if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in value.items()}
+        return {key: _rounded(entry) for key, entry in value.items()}
     if isinstance(value, tuple):
-        return tuple(_rounded(each) for each in value)
+        return tuple(_rounded(entry) for entry in value)
     return round(value, 4) if isinstance(value, float) else value
 
 
 def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
     """Yield the score of every method on the left-out parts of all folds."""
-    found: dict[str, list[Float]] = {}
+    by_name: dict[str, list[Float]] = {}
     on_target = np.concatenate([_on_target(person) for fold in folds for person in fold.test])
     for train, test in folds:
         limit_rad, share = _limit_rad(train), _share_nowhere(train)
         weights = fitted_to(train, answering=test)
         for person in test:
             by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
-            by_method |= {name: each[person.labelled] for name, each in person.others.items()}
+            by_method |= {name: outcomes_of[person.labelled] for name, outcomes_of in person.others.items()}
             for smoothing in SMOOTHINGS:
                 by_method[f"{DEFAULT}, {smoothing}"] = answers(person, shipped_weights(), smoothing)
                 by_method[f"{FITTED}, {smoothing}"] = answers(person, weights, smoothing)
             for name, outcomes in by_method.items():
-                found.setdefault(name, []).append(outcomes)
-    for name, parts in found.items():
+                by_name.setdefault(name, []).append(outcomes)
+    for name, parts in by_name.items():
         if len(outcomes := np.concatenate(parts)) == len(on_target):
             yield score(name, outcomes, on_target)
 
@@ -174,7 +176,7 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Floa
     after: Sequence[Float | None] = [None] * len(sequence.seen)
     if smoothing == "both":
         after = later_means(sequence.seen, sequence.gaps_s[:-1])
-    found = []
+    outcomes = []
     for k in person.labelled:
         seen, target = sequence.seen[k], sequence.targets[k]
         chance = probabilities(features(seen, seen.case, after[k]) @ getattr(cases, seen.case).vector)
@@ -182,8 +184,8 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Floa
         best = int(chance.argmax()) if len(chance) and chance.max() > nowhere else None
         of_best = nowhere if best is None else float(chance[best])
         of_true = nowhere if target is None else float(chance[seen.ids.index(target)])
-        found.append(((None if best is None else seen.ids[best]) == target, of_best, of_true))
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+        outcomes.append(((None if best is None else seen.ids[best]) == target, of_best, of_true))
+    return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
 def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
@@ -228,13 +230,13 @@ def _share_nowhere(people: Sequence[Person]) -> float:
 
 def _constant(person: Person, share: float) -> Float:
     """The outcomes of a constant share of nowhere, and equal probabilities of the targets."""
-    found = []
+    outcomes = []
     for k in person.labelled:
         target, ids = person.sequence.targets[k], person.sequence.seen[k].ids
         of_each = (1 - share) / max(len(ids), 1)
         is_right = target is None if share >= of_each else ids[0] == target
-        found.append((is_right, max(share, of_each), share if target is None else of_each))
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+        outcomes.append((is_right, max(share, of_each), share if target is None else of_each))
+    return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
 def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], RunDirectory]) -> Experiment:
@@ -248,49 +250,55 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
     VfoaError
         If fewer than two clips have labels.
     """
-    wanted = {
-        configuration.name: attention
+    unfitted = [
+        (configuration, attention)
         for configuration in experiment.configurations
         if (attention := configuration.unfitted) is not None
-    }
-    shared: dict[str, str] = {}  # by base name, that of the first configuration with the same stages
-    first: dict[str, str] = {}
-    for configuration in experiment.configurations:
-        if configuration.name in wanted:
-            stages = repr({key: value for key, value in configuration.plain().items() if key != "attention"})
-            shared.setdefault(base_of(configuration.name), first.setdefault(stages, base_of(configuration.name)))
+    ]
+    shared = _first_with_the_stages(configuration for configuration, _ in unfitted)
     plain = tuple(
-        _attending(each, NearestSettings(method="nearest"))
-        for each in experiment.configurations
-        if each.name in wanted and base_of(each.name) in shared.values()
+        _attending(configuration, NearestSettings(method="nearest"))
+        for configuration, _ in unfitted
+        if base_of(configuration.name) in shared.values()
     )
     directory = run(replace(experiment, configurations=plain, notes=(), published=None))
     fitted: dict[str, dict[str, Any]] = {}
     for labelled in read_features(directory, dict.fromkeys(shared.values())):
-        people = labelled.people
-        clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
-        if len(clips) < 2:
-            raise VfoaError(
-                f'{experiment.name}: attention.weights = "left-out": labels of {", ".join(clips)} alone; expected two '
-                "labelled clips or more"
-            )
-        smoothings = sorted(
-            {each.smoothing for name, each in wanted.items() if shared[base_of(name)] == labelled.configuration}
+        users = [(base_of(configuration.name), attention.smoothing) for configuration, attention in unfitted]
+        smoothings = sorted({smoothing for base, smoothing in users if shared[base] == labelled.configuration})
+        fitted[labelled.configuration] = _left_out_weights(labelled.people, smoothings, experiment.name)
+    with_weights = {
+        configuration.name: _attending(
+            configuration, attention.model_copy(update=fitted[shared[base_of(configuration.name)]])
         )
-        fitted[labelled.configuration] = {
-            "weights": fitted_to(people, smoothings),
-            "by_clip": {
-                clip: fitted_to([each for each in people if each.sequence.group != clip], smoothings) for clip in clips
-            },
-        }
-    with_weights = {name: each.model_copy(update=fitted[shared[base_of(name)]]) for name, each in wanted.items()}
-    return replace(
-        experiment,
-        configurations=tuple(
-            _attending(each, with_weights[each.name]) if each.name in wanted else each
-            for each in experiment.configurations
-        ),
-    )
+        for configuration, attention in unfitted
+    }
+    configurations = (with_weights.get(known.name, known) for known in experiment.configurations)
+    return replace(experiment, configurations=tuple(configurations))
+
+
+def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:
+    """By base name: the base name of the first configuration with the same stages."""
+    shared: dict[str, str] = {}
+    first: dict[str, str] = {}
+    for configuration in configurations:
+        stages = repr({key: value for key, value in configuration.plain().items() if key != "attention"})
+        base = base_of(configuration.name)
+        shared.setdefault(base, first.setdefault(stages, base))
+    return shared
+
+
+def _left_out_weights(people: Sequence[Person], smoothings: Collection[Smoothing], experiment: str) -> dict[str, Any]:
+    """The settings with weights fitted to all people, and for each clip to the people of the others."""
+    clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
+    if len(clips) < 2:
+        raise VfoaError(
+            f'{experiment}: attention.weights = "left-out": labels of {", ".join(clips)} alone; expected two labelled '
+            "clips or more"
+        )
+    others = {clip: [person for person in people if person.sequence.group != clip] for clip in clips}
+    by_clip = {clip: fitted_to(of_others, smoothings) for clip, of_others in others.items()}
+    return {"weights": fitted_to(people, smoothings), "by_clip": by_clip}
 
 
 def _attending(configuration: Configuration, attention: NearestSettings | LogitSettings) -> Configuration:

@@ -277,11 +277,11 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         If a frame has another true target in the second, or one was run under more seeds.
     """
     first, second = list(first), list(second)
-    seeds = {each.seeds for each in (*first, *second)}
+    seeds = {scored.seeds for scored in (*first, *second)}
     if len(seeds) > 1:
         raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected as many in both")
     (repeats,) = seeds or {1}
-    others = {(each.clip, each.subject): each for each in second}
+    others = {(scored.clip, scored.subject): scored for scored in second}
     clips: dict[str, int] = {}
     codes: list[int] = []
     tracks: list[int] = []
@@ -311,12 +311,12 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
     return Pairs(n=int(units.frames.sum()) // repeats, better=better, worse=worse, units=units)
 
 
-def _common(one: ScoredFrames, other: ScoredFrames) -> tuple[Codes, Codes]:
+def _common(first: ScoredFrames, second: ScoredFrames) -> tuple[Codes, Codes]:
     """The indices of the common frames in both. Raises as :func:`pair` does."""
-    _, ours, theirs = np.intersect1d(one.frames, other.frames, assume_unique=True, return_indices=True)
-    for place in np.flatnonzero(one.truth[ours] != other.truth[theirs])[:1]:
+    _, ours, theirs = np.intersect1d(first.frames, second.frames, assume_unique=True, return_indices=True)
+    for place in np.flatnonzero(first.truth[ours] != second.truth[theirs])[:1]:
         raise VfoaError(
-            f"{one.clip}: frame {one.frames[ours[place]]}: {one.subject} looks at {one.truth[ours[place]]!r} in one "
-            f"and at {other.truth[theirs[place]]!r} in the other; expected the same labels"
+            f"{first.clip}: frame {first.frames[ours[place]]}: {first.subject} looks at {first.truth[ours[place]]!r} "
+            f"in one and at {second.truth[theirs[place]]!r} in the other; expected the same labels"
         )
     return ours, theirs

@@ -167,7 +167,8 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
     measures, log = MeasureLog(), OutcomeLog(reference)
-    for record in measures.watch(records):
+    for record in records:
+        measures.take(record)
         log.take(record)
     return score_outcomes(log.outcomes(), measures, reference)
 
@@ -293,7 +294,7 @@ def _units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Unit
         of_looks = np.stack([np.bincount(outcome.looks), np.bincount(outcome.looks, value)], axis=1).astype(np.float64)
         key = outcome.clip, outcome.subject
         sums[key] = sums[key] + of_looks if key in sums else of_looks
-    codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
-    tracks = np.repeat(np.arange(len(sums)), [len(each) for each in sums.values()])
+    codes, looks = [clips.setdefault(clip, len(clips)) for clip, _ in sums], [*map(len, sums.values())]
     frames, totals = np.concatenate(list(sums.values())).T
-    return Units(clips=np.concatenate(codes), frames=frames, values=totals, tracks=tracks)
+    tracks = np.repeat(np.arange(len(sums)), looks)
+    return Units(clips=np.repeat(codes, looks), frames=frames, values=totals, tracks=tracks)
