@@ -159,16 +159,9 @@ class StageChoice:
         return {STAGES[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
 
 
-_SLOTS: Sequence[tuple[str, str, Registry, Mapping[str, str]]] = (
+_OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
+    (vfoa.stereo.MATCHERS, {"truth": "ground_truth:TruthMatcher", "files": "outputs.maps:FileMatcher"}),
     (
-        "stereo",
-        "matcher",
-        vfoa.stereo.MATCHERS,
-        {"truth": "ground_truth:TruthMatcher", "files": "outputs.maps:FileMatcher"},
-    ),
-    (
-        "segmentation",
-        "model",
         vfoa.segmentation.SEGMENTERS,
         {
             "truth": "ground_truth:TruthSegmenter",
@@ -177,14 +170,10 @@ _SLOTS: Sequence[tuple[str, str, Registry, Mapping[str, str]]] = (
         },
     ),
     (
-        "heads",
-        "detector",
         vfoa.heads.DETECTORS,
         {"truth": "ground_truth:TruthHeads", "files": "outputs.heads:FileHeads", DRAWN: "drawn:DrawnHeads"},
     ),
     (
-        "head_pose",
-        "model",
         vfoa.head_pose.MODELS,
         {
             "truth": "ground_truth:TruthHeadPose",
@@ -193,8 +182,6 @@ _SLOTS: Sequence[tuple[str, str, Registry, Mapping[str, str]]] = (
         },
     ),
     (
-        "gaze",
-        "model",
         vfoa.gaze.MODELS,
         {
             "truth": "ground_truth:TruthGaze",
@@ -203,6 +190,7 @@ _SLOTS: Sequence[tuple[str, str, Registry, Mapping[str, str]]] = (
         },
     ),
 )
+"""The stages of the library, and beside them those that read something of the clip, in the order of the pipeline."""
 STAGES: dict[str, StageKind] = {
     name: StageKind(
         name=name,
@@ -210,7 +198,8 @@ STAGES: dict[str, StageKind] = {
         library=library,
         of_clip={stage: f"harness.pipeline.{place}" for stage, place in of_clip.items()},
     )
-    for name, key, library, of_clip in _SLOTS
+    for library, of_clip in _OF_CLIP
+    for name, key in [library.kind.split(".")]
 }
 
 

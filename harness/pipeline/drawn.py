@@ -71,6 +71,12 @@ class DrawnClip:
         categories = "".join(f"{name}\0{label}\n" for name, label in self.categories.items())
         return hashlib.sha256(f"{format_drawn(self.drawn)}\0{categories}".encode()).hexdigest()
 
+    @property
+    def summary(self) -> str:
+        """What is drawn, and the number of key frames, in words."""
+        keys = sum(len(track.keys) for track in self.drawn.tracks)
+        return f"drawn by hand: {', '.join(self.drawn.names)} ({keys} key frames)."
+
     def shapes(self, settings: DrawnSettings) -> DrawnShapes:
         """Return the shapes for the pipeline."""
         return DrawnShapes(settings, self._at)

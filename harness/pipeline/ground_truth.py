@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -342,24 +343,31 @@ def _shrunk(direction: Float, towards_camera: Float, gain: float) -> Float:
     return unit((start * towards_camera + end * direction) / np.sin(angle))
 
 
-class SimulatedHeadPose(TruthHeadPose):
+class _Simulated(_OfPerson):
+    """A stage that adds a simulated error to the true direction; its sigma is the claimed error."""
+
+    stream: ClassVar[int]
+
+    def __init__(self, settings: _ErrorSettings, clip: AnyClip) -> None:
+        super().__init__(OracleSettings(), clip)
+        self._error = AngularError(settings, self.stream)
+
+    def of_person(self, frame: int, person: PersonTruth) -> Any:
+        """Return the direction of one person with its error."""
+        true = super().of_person(frame, person)
+        direction = self._error.apply(true.direction, person.instance_id, frame, _towards_camera(person))
+        return replace(true, direction=direction, sigma_rad=self._error.claimed_sigma_rad)
+
+
+class SimulatedHeadPose(_Simulated, TruthHeadPose):
     """A head-pose model that returns the true direction of the head with a simulated error."""
 
     Settings = SimulatedHeadPoseSettings
     needed_by = 'head_pose.model = "simulated"'
-
-    def __init__(self, settings: SimulatedHeadPoseSettings, clip: AnyClip) -> None:
-        super().__init__(OracleSettings(), clip)
-        self._error = AngularError(settings, stream=1)
-
-    def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
-        """Return the direction of one person's head with its error."""
-        true = super().of_person(frame, person).direction
-        direction = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
-        return HeadPose(direction=direction, sigma_rad=self._error.claimed_sigma_rad)
+    stream = 1
 
 
-class SimulatedGaze(TruthGaze):
+class SimulatedGaze(_Simulated, TruthGaze):
     """A gaze model that returns the true gaze with a simulated error.
 
     Its sigma is the claimed error per tangent direction.
@@ -367,16 +375,7 @@ class SimulatedGaze(TruthGaze):
 
     Settings = SimulatedGazeSettings
     needed_by = 'gaze.model = "simulated"'
-
-    def __init__(self, settings: SimulatedGazeSettings, clip: AnyClip) -> None:
-        super().__init__(OracleSettings(), clip)
-        self._error = AngularError(settings, stream=2)
-
-    def of_person(self, frame: int, person: PersonTruth) -> Gaze:
-        """Return the gaze of one person with its error."""
-        true = super().of_person(frame, person).direction
-        direction = self._error.apply(true, person.instance_id, frame, _towards_camera(person))
-        return Gaze(direction=direction, sigma_rad=self._error.claimed_sigma_rad)
+    stream = 2
 
 
 def _towards_camera(person: PersonTruth) -> Float | None:

@@ -109,7 +109,8 @@ def _tables_of(table: str) -> Iterator[SettingsTable]:
         for name in slot.names():
             if name != OFF:
                 stage = slot.stage_class(name)
-                yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _first_sentence(stage))
+                summary = re.split(r"(?<=\.)\s", inspect.getdoc(stage) or "", maxsplit=1)[0]
+                yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _plain(summary))
     else:
         for method, model in STEPS[table].items():
             yield _describe(table, f'method = "{method}"' if method else "", model, "")
@@ -181,10 +182,6 @@ def _type(annotation: Any, metadata: list[Any]) -> str:
         if isinstance(getattr(limit, name, None), int | float)
     ]
     return " ".join([words.get(annotation, str(annotation)), ", ".join(limits)]).strip()
-
-
-def _first_sentence(thing: Any) -> str:
-    return _plain(re.split(r"(?<=\.)\s", inspect.getdoc(thing) or "", maxsplit=1)[0])
 
 
 def _plain(text: str) -> str:

@@ -155,9 +155,15 @@ def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> 
         source = f"vfoa models fetch {name}" if entry.address else f"its home: {entry.home}"
         return ModelCheck(name=name, verdict="absent", message=f"no file {entry.file} here ({source})")
     try:
-        _check_whole(path, entry)
+        if is_lfs_pointer(path):
+            raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
+        if entry.bytes is not None and (size := path.stat().st_size) < entry.bytes:
+            raise VfoaError(f"{path}: truncated: found {size} bytes, expected {entry.bytes}")
         provider, inference_ms = _run_once(path, entry, settings) if entry.is_onnx else (None, None)
-        _check_sum(path, entry)
+        if entry.sha256 is not None and (sha256 := file_digest(path)) != entry.sha256:
+            raise VfoaError(
+                f"{path}: corrupt, or another version: found sha256 {sha256[:16]}..., expected {entry.sha256[:16]}..."
+            )
     except VfoaError as error:
         return ModelCheck(name=name, verdict="fails", path=str(path), message=str(error))
     return ModelCheck(
@@ -189,14 +195,6 @@ def signature(entry: CatalogueEntry) -> Signature:
     )
 
 
-def _check_whole(path: Path, entry: CatalogueEntry) -> None:
-    if is_lfs_pointer(path):
-        raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
-    size = path.stat().st_size
-    if entry.bytes is not None and size < entry.bytes:
-        raise VfoaError(f"{path}: truncated: found {size} bytes, expected {entry.bytes}")
-
-
 def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> tuple[str, float]:
     """Return the provider, and the milliseconds of one inference on zeros."""
     from vfoa.onnx import Model
@@ -210,16 +208,6 @@ def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> t
     started = time.perf_counter()
     model.run(**zeros)
     return provider, (time.perf_counter() - started) * 1000
-
-
-def _check_sum(path: Path, entry: CatalogueEntry) -> None:
-    if entry.sha256 is None:
-        return
-    sha256 = file_digest(path)
-    if sha256 != entry.sha256:
-        raise VfoaError(
-            f"{path}: corrupt, or another version: found sha256 {sha256[:16]}..., expected {entry.sha256[:16]}..."
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

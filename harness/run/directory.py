@@ -121,18 +121,6 @@ class _RunManifest(_Table):
     published: Published | None = None
 
 
-def check_manifest(data: Any, where: str) -> dict[str, Any]:
-    """Check a run's manifest and return it.
-
-    Raises
-    ------
-    VfoaError
-        If it is no table, or a known key has another type: the key, what was found and what was expected.
-    """
-    parse(_RunManifest, data, where)
-    return dict(data)
-
-
 def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """Name the differences of a run's manifest from ``wanted``; "" if none: ``attention.n_rays, versions.numpy``.
 
@@ -275,7 +263,9 @@ class RunDirectory:
             runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
             raise VfoaError(f"{self.path}: expected a run's directory, found {problem}{hint}")
-        return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
+        data = parse_json(read_bytes(self.manifest), self.manifest)
+        parse(_RunManifest, data, str(self.manifest))
+        return dict(data)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""

@@ -101,7 +101,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         experiment = replace(experiment, configurations=without_images)
     notes = (
         *_notes_on_names(clips, experiment.configurations),
-        *(_note_on_drawn(prepared.manifest.name, prepared.drawn) for prepared in clips if prepared.drawn),
+        *(f"{prepared.manifest.name}: {prepared.drawn.summary}" for prepared in clips if prepared.drawn),
         *_notes_on_near(clips, experiment.configurations),
     )
     noted = replace(experiment, notes=(*experiment.notes, *notes))
@@ -145,12 +145,6 @@ def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Conf
                 f"{clip.manifest.name}: the manifest finds {', '.join(names)} by their ids in the source, "
                 f"which differ from those of {' and '.join(networks)}: the names can be wrong."
             )
-
-
-def _note_on_drawn(clip: str, drawn: DrawnClip) -> str:
-    """A line that lists what is drawn on a clip, and the number of key frames."""
-    keys = sum(len(track.keys) for track in drawn.drawn.tracks)
-    return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."
 
 
 def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:

@@ -63,7 +63,10 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
 def _decoded(decoder: msgspec.json.Decoder[T], line: bytes, path: Path, number: int) -> T:
     import msgspec
 
-    _check_form(line, path, number)
+    if not line.endswith(b"\n"):
+        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
+    if not line.startswith(_START):
+        raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
     try:
         return decoder.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -115,7 +118,11 @@ def find_blocks(path: Path) -> list[Block]:
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):
                 place = _decoded(_place_decoder(), line, path, number)
-                _check_first(seen, place, path, number)
+                if (earlier := seen.setdefault((place.clip, place.configuration, place.frame), number)) != number:
+                    raise VfoaError(
+                        f"{path}:{number}: frame {place.frame} of clip {place.clip!r} under {place.configuration!r} is "
+                        f"on line {earlier} already"
+                    )
                 if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
                     cut.append(_block(path, pair, first, start, end, frames))
                     frames, first, start = [], number, end
@@ -154,22 +161,6 @@ def _block(path: Path, pair: tuple[str, str], first: int, start: int, end: int, 
         clip=pair[0], configuration=pair[1], line=first, start=start, end=end, frames=tuple(frames), digest=""
     )
     return replace(block, digest=lines_digest(block_bytes(path, block)))
-
-
-def _check_form(line: bytes, path: Path, number: int) -> None:
-    if not line.endswith(b"\n"):
-        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
-    if not line.startswith(_START):
-        raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
-
-
-def _check_first(seen: dict[tuple[str, str, int], int], record: _Place, path: Path, number: int) -> None:
-    first = seen.setdefault((record.clip, record.configuration, record.frame), number)
-    if first != number:
-        raise VfoaError(
-            f"{path}:{number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
-            f"is on line {first} already"
-        )
 
 
 @cache
