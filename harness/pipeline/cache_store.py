@@ -1,8 +1,8 @@
 """The files of the stage cache, and the bytes in them: arrays and numbers exactly, and without code.
 
     <root>/stages/<stage>/<identity>/
-      identity.json            all that the results in this folder follow from
-      000012-6f1e....bin       frame 12, and the digest of what else the stage was given
+      identity.json            everything that the results in this folder depend on
+      000012-6f1e....bin       frame 12, and the digest of the stage's other inputs
 
 ``root`` is ``$VFOA_CACHE`` or the cache folder of the platform. Files appear whole, or not at all, with a checksum;
 many processes may read and write at once. The least recently used are removed beyond a size.
@@ -116,7 +116,7 @@ class Store:
         return data, False
 
     def save(self, path: Path, data: bytes) -> None:
-        """Keep a result. It is not forced to the disk: what a power cut spoils, its checksum tells.
+        """Store a result. It is not forced to the disk: a checksum detects what a power cut damages.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class Store:
         Raises
         ------
         OSError
-            If something cannot be removed; what others remove meanwhile is gone as well.
+            If something cannot be removed. It is no error if another process removes it meanwhile.
         """
         with suppress(FileNotFoundError):
             shutil.rmtree(self.stages)

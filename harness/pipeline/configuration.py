@@ -303,7 +303,7 @@ def takes(tables: Tables, dotted: str) -> bool:
 
 
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
-    """Reject a default, as (table, key), that no configuration has ``used``: it is probably misspelt.
+    """Reject a default that no configuration has ``used``, as (table, key): it is probably misspelt.
 
     Raises
     ------

@@ -134,7 +134,7 @@ class TruthMatcher:
 
 
 class TrueMaskSettings(OracleSettings, KeyFrameSettings):
-    """True masks of key frames can be carried to the frames between, to see what that costs."""
+    """True masks of key frames can be carried to the frames in between, to measure what that costs."""
 
 
 class TruthSegmenter:
@@ -172,7 +172,7 @@ class TruthHeads:
 
 
 class _OfPerson:
-    """A stage that answers from the truth of the person to whom a head belongs; None for a head that is nobody's."""
+    """A stage that answers from the truth of the person to whom a head belongs; None if it belongs to nobody."""
 
     Settings: type[Settings] = OracleSettings
     needed_by: ClassVar[str]
@@ -185,13 +185,13 @@ class _OfPerson:
         raise NotImplementedError
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None = None) -> Any:
-        """Return the answer for one head; None for a head that is nobody's."""
+        """Return the answer for one head; None for a head that belongs to nobody."""
         person = self._truth.person(frame.index, head)
         return None if person is None else self.of_person(frame.index, person)
 
 
 class TruthHeadPose(_OfPerson):
-    """A head-pose model that returns the true direction of the head; no pose for a head that is nobody's."""
+    """A head-pose model that returns the true direction of the head; no pose for a head that belongs to nobody."""
 
     needed_by = 'head_pose.model = "truth"'
 
@@ -201,7 +201,7 @@ class TruthHeadPose(_OfPerson):
 
 
 class TruthGaze(_OfPerson):
-    """A gaze model that returns the true gaze direction; no gaze for a head that is nobody's."""
+    """A gaze model that returns the true gaze direction; no gaze for a head that belongs to nobody."""
 
     needed_by = 'gaze.model = "truth"'
 

@@ -1,4 +1,4 @@
-"""One clip under many configurations: every distinct stage runs once per frame, whoever needs its output.
+"""One clip under many configurations: each distinct stage runs once per frame.
 
 All calls of a stage go through :class:`harness.pipeline.stage_runner.StageRunner`. A clip of recorded 3D poses has no
 images: its frames are scenes already (:func:`pose_frames`).
@@ -325,7 +325,7 @@ _END = object()
 def prefetch(items: Generator[T], depth: int) -> Generator[T]:
     """Yield the items; a thread has up to ``depth`` of them ready and computes the next one. 0: no thread.
 
-    An error is raised where its item would have come. When the caller stops, the thread ends after its current item.
+    An error is raised in place of its item. When the caller stops, the thread ends after its current item.
     """
     if not depth:
         yield from items

@@ -23,7 +23,7 @@ from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, NoGaze
 
 T = TypeVar("T")
 Timings = dict[str, float]
-"""Seconds per stage. A shared output counts in full for each configuration: timings say what one costs alone."""
+"""Seconds per stage. A shared output counts in full for each configuration, as if it ran alone."""
 
 LONGEST_TEXT = 300
 """Longest text of an exception that is quoted in a line."""

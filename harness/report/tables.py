@@ -162,7 +162,7 @@ def paper_table(scores: Scores) -> Table:
 
 
 def measures_table(scores: Scores) -> Table:
-    """Agreement beyond the share of correct frames: every metric that the main table has not, then events."""
+    """Agreement beyond the share of correct frames: the metrics that the main table lacks, then events."""
     metrics = {name: metric for name, metric in load_metrics().items() if name not in (*SHARES, *LOSSES)}
     titles = (*(metric.title for metric in metrics.values()), "Event recall", "Event precision", "Event F")
     rows = (
@@ -198,7 +198,7 @@ def baselines_table(scores: Scores) -> Table:
 
 
 def seeds_table(scores: Scores) -> Table:
-    """Variation of rates between the seeds of the simulated errors; no rows for a run under one seed."""
+    """Variation of rates between the seeds of the simulated errors; no rows for a run with one seed."""
     return _rates(
         "Over seeds",
         "Clip | Configuration | Seeds | Mean FRR % | 95 % | SD over seeds | Lowest % | Highest %",

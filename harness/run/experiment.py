@@ -103,7 +103,7 @@ def read_fitted(path: Path) -> FittedWeights:
 
 
 def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
-    """Return the tables of a preset that apply to a configuration of this method; None: it says nothing about it."""
+    """Return the tables of a preset that apply to a configuration of this method; None: it sets no method."""
     if "attention" not in tables or method in (None, tables["attention"].get("method")):
         return tables
     return {name: table for name, table in tables.items() if name != "attention"}

@@ -55,7 +55,7 @@ class FrameSink(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkState:
-    """How far a sink has come. ``files`` gives the bytes written, by path below the run's directory.
+    """The progress of a sink. ``files`` gives the bytes written, by path below the run's directory.
 
     ``values`` holds whatever else the sink needs to continue.
     """

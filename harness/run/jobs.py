@@ -154,7 +154,7 @@ def _lost(job: ClipJob, why: str) -> ClipOutcome:
 
 
 def _silent(clip: str) -> None:
-    """Report no progress: every frame has been reported already."""
+    """Report no progress: every frame is already reported."""
 
 
 def skip(clip: PreparedClip | ClipJob, progress: Progress) -> None:

@@ -56,7 +56,7 @@ def run_plan(
     beside
         If ``out`` holds another run, use ``out-2``, ``out-3`` ... instead: the first that is free, or holds this run.
     retry_failed
-        Try again what failed in an earlier run of the same plan; by default, its failures stay.
+        Repeat what failed in an earlier run of the same plan. By default, its failures are kept.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def run_plan(
 
 
 def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
-    """Whether this very run is finished; if so, its partial results are removed."""
+    """Whether this run is finished; if so, remove its partial results."""
     manifest = {} if directory.is_new() else directory.read_manifest()
     if "finished" not in manifest or (retry_failed and manifest.get("failed")):
         return False

@@ -42,7 +42,7 @@ class Choices(NamedTuple):
     angle_rad: float = math.nan
 
     def hits(self, right: Collection[int | None]) -> tuple[bool, ...]:
-        """Which of the first four picks are among these instances. No pick is right nowhere."""
+        """Whether each of the first four picks is among these instances; a missing pick never is."""
         return tuple(pick is not None and pick in right for pick in self[:4])
 
 

@@ -1,4 +1,4 @@
-"""What probabilities are worth: their calibration, sets of answers, and how well the directions fit the posterior.
+"""Quality of probabilities: their calibration, sets of answers, and how well the directions fit the posterior.
 
 **Calibration**: whether 70 % of the frames with a confidence of 70 % are right. Guo et al. (2017): predictions are
 sorted into ten bins by confidence, the probability of the predicted target. The expected calibration error is the mean
@@ -11,10 +11,10 @@ probability.
 
 **Directions** are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
 probability of directions that fit worse than the measured ones. If the model is right, these tail probabilities are
-uniform; if many are small, the directions do not fit it. Directions that surprise nobody can still fit the wrong
-targets. The share of the way to the targets that heads turn shows it: people turn them 0.35 to 0.75 of the way. A
-larger implied share says that the head points near some target all the time while the eyes look elsewhere, so that the
-targets do not explain it.
+uniform; if many are small, the directions do not fit it. Directions without surprises can still fit the wrong
+targets. The share of the way to the targets that heads turn shows this: people turn them 0.35 to 0.75 of the way. A
+larger implied share means that the head always points near some target while the eyes look elsewhere: the targets do
+not explain the head.
 """
 
 from __future__ import annotations

@@ -305,6 +305,6 @@ def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Itera
         later = f" and used from {delay} frames later on" if delay else ""
         yield (
             f"{', '.join(chosen)}: masks are found once in {every} frames{later} (segmentation.every = {every}, "
-            f"segmentation.delay = {delay}). Optical flow carries them to the frames between, so they are up to "
+            f"segmentation.delay = {delay}). Optical flow carries them to the frames in between, so they are up to "
             f"{every + delay - 1} frames old; masks_from and masks_age_s in results.jsonl say which and how old."
         )

@@ -43,7 +43,7 @@ LEAST_PROBABILITY = 0.001
 
 
 class BalancedFRR:
-    """Mean of the recall on targets and the recall on nowhere; one of them where only one occurs."""
+    """Mean of the recall on targets and the recall on nowhere; if only one of the two has frames, that one."""
 
     title = "Balanced FRR"
     meaning = "Balanced FRR: mean of the next two; always answering one thing gets at most a half."

@@ -1,6 +1,6 @@
 """Masks carried from a key frame to a later one by dense optical flow (Kroeger et al. 2016, DIS).
 
-The flow is computed from each frame to the one before, and joined: over several frames at once, a fast object is lost.
+The flow is computed between neighbouring frames and joined: over several frames at once, it loses fast objects.
 Each pixel of the later image takes the instance of the pixel that the flow finds for it in the key frame. Where a step
 of the flow is followed there and back, it should end where it began (Kalal et al. 2010, forward-backward error), at a
 pixel that looks alike. If that failed at most of an object's pixels in some frame since, the masks are not carried:
@@ -65,7 +65,7 @@ def motion_between(before: Image, after: Image) -> Motion:
 
 
 def carry(masks: Instances, key: StereoFrame, now: StereoFrame, motion: Motion) -> Instances | None:
-    """Return the masks of a key frame, moved to where its objects are in another frame; None if that is not sure.
+    """Return the masks of a key frame, moved to where its objects are in another frame; None if it is uncertain.
 
     ``motion`` is the one from the key frame to the other. The instances keep their ids and scores. One that is no
     longer seen is dropped, and one that is new is missing.

@@ -1,8 +1,8 @@
-"""A segmenter that runs on key frames only: the frames between get the masks of an earlier one, carried along.
+"""A segmenter that runs on key frames only. Frames in between reuse the masks of an earlier key frame, moved by flow.
 
-With a delay, a thread of its own segments a key frame while the masks of the one before are carried on. The clip's own
-frames decide when its masks are used, never the time that the segmenter takes: if they are not there by then, the frame
-waits. So the masks of a frame depend on the clip and the settings alone.
+With a delay, another thread segments a key frame while frames still use the masks of the key frame before. The number
+of frames decides when the new masks are used, not the time that the segmenter takes: if they are not ready by then, the
+frame waits. So the masks of a frame depend only on the clip and the settings.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class KeyFrameSettings(Settings):
     """Settings of every segmenter that can run on key frames only."""
 
     every: int = Field(default=1, ge=1)
-    """Segment every Nth frame; the frames between get its masks, moved by optical flow. Faster, and less exact."""
+    """Segment every Nth frame; frames in between reuse its masks, moved by optical flow. Faster, and less exact."""
     delay: int = Field(default=0, ge=0)
     """Use the masks of a key frame from this many frames later on, and those of the key frame before until then. With
     several threads, frames do not wait for the segmenter meanwhile; masks are up to ``every + delay - 1`` frames
@@ -65,7 +65,7 @@ class KeyFrameSegmenter:
     settings
         How far apart key frames are, and from when on their masks are used.
     path_to
-        Returns the numbers from a frame's key frame to the frame, as the function of that name.
+        Returns the frame numbers from a frame's key frame up to the frame, as :func:`path_to` does.
     read
         Reads a frame of the path by its number, if it was not the last one. None: frames come in order.
     beside

@@ -33,7 +33,7 @@ KEYS = ("frame", "subject")
 
 
 class RowIndex:
-    """The rows of a table by frame: two numbers a row."""
+    """The rows of a table by frame. It takes two numbers per row."""
 
     def __init__(self, frames: NDArray[np.int64]) -> None:
         self._order = np.argsort(frames, kind="stable")
@@ -54,10 +54,10 @@ class FrameTable:
     frames: NDArray[np.int64]
     subjects: tuple[str, ...]
 
-    def reject(self, wrong: NDArray[np.bool_], said: Callable[[int], str]) -> None:
-        """Raise a :class:`VfoaError` for the first row that is wrong, with what is ``said`` of it."""
+    def reject(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
+        """Raise a :class:`VfoaError` for the first wrong row; ``problem`` says what is wrong with a row."""
         for row in np.flatnonzero(wrong)[:1].tolist():
-            raise VfoaError(f"{self.columns.where(row)}: {said(row)}")
+            raise VfoaError(f"{self.columns.where(row)}: {problem(row)}")
 
 
 def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> FrameTable:
@@ -191,5 +191,5 @@ def read_heads(path: Path, clip: Clip) -> HeadTable:
 
 @lru_cache(maxsize=2)
 def _read_heads(path: Path, digest: str, frames: tuple[int, ...]) -> HeadTable:
-    """As above, once for a content: several stages read it, and so does whoever describes the run."""
+    """Read a table once per content: several stages need it, and the description of the run."""
     return HeadTable(path, frames)

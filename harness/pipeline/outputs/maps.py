@@ -253,7 +253,7 @@ class _Masks:
 
 @lru_cache(maxsize=2)
 def _read(path: Path, digest: str) -> _Masks:
-    """Read the file, once for a content: the stage reads it, and so does whoever describes the run."""
+    """Read the file once per content: the stage needs it, and the description of the run."""
     return _Masks(parse_json_as(_PanopticFile, read_bytes(path), path), path)
 
 

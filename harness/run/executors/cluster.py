@@ -51,7 +51,7 @@ def connect(address: str) -> Iterator[Client]:
         raise VfoaError(f"--scheduler {address}: expected a Dask scheduler, found none: {error}") from None
     logger = logging.getLogger("distributed.client")
     level = logger.level
-    logger.setLevel(logging.CRITICAL)  # what it logs with tracebacks is raised as well, and told in one line
+    logger.setLevel(logging.CRITICAL)  # it logs tracebacks of errors that are also raised, and reported in one line
     try:
         with client:
             _check_workers(client, address)

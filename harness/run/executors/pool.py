@@ -168,7 +168,7 @@ class Pool:
 
 @contextmanager
 def _ignored_by_children() -> Iterator[None]:
-    """Let processes that start in the block never see the signals that a terminal sends to all: the parent decides.
+    """Hide the signals that a terminal sends to all processes from those that start in the block: the parent decides.
 
     A worker sets its own handlers only after its imports, and multiprocessing's tracker ignores no SIGHUP.
     """

@@ -1,4 +1,4 @@
-"""Segmenters that run on key frames only: which frames those are, and what the frames between get."""
+"""Segmenters that run on key frames only: which frames those are, and what frames in between reuse."""
 
 from __future__ import annotations
 
