@@ -73,12 +73,12 @@ Matches = Mapping[int, tuple[int, float]]
 
 def match_masks(instances: Instances, true: Instances) -> Matches:
     """Pair the masks that overlap by more than :data:`MATCH_IOU`."""
-    (true_ids, rows), (found_ids, columns) = _places(true), _places(instances)
-    size = len(true_ids), len(found_ids)
+    (true_ids, rows), (own_ids, columns) = _places(true), _places(instances)
+    size = len(true_ids), len(own_ids)
     pairs = (rows.astype(np.intp) * size[1] + columns).ravel()
     common = np.bincount(pairs, minlength=size[0] * size[1]).reshape(size)
     iou = common / np.maximum(common.sum(axis=1, keepdims=True) + common.sum(axis=0) - common, 1)
-    return {true_ids[t]: (found_ids[f], float(iou[t, f])) for t, f in np.argwhere(iou > MATCH_IOU) if t > 0 and f > 0}
+    return {true_ids[i]: (own_ids[j], float(iou[i, j])) for i, j in np.argwhere(iou > MATCH_IOU) if i > 0 and j > 0}
 
 
 def _places(instances: Instances) -> tuple[list[int], NDArray[np.uint16]]:

@@ -64,10 +64,7 @@ def run_jobs(
     """
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
-    jobs = [
-        replace(_job(plan, prepared, directory, cache, account), read_ahead=ahead, perceive_ahead=ahead)
-        for prepared in plan.clips
-    ]
+    jobs = [replace(_job(plan, prepared, directory, cache, account), ahead=ahead) for prepared in plan.clips]
     for job in jobs:
         if not job.configurations:
             skip(job, progress)

@@ -46,8 +46,8 @@ class ClipJob:
     ``run_id`` is the random id of the run, for its recordings. Finished frames go to the ``sinks`` in their order.
     ``drawn`` holds the shapes drawn on the clip. ``digest`` is that of the clip's content, of which every frame must be
     read (None: not checked), and ``known`` are digests by the stamp of their files. ``cache`` is None if no output of a
-    stage is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread reads and another
-    one perceives in advance; 0 for no thread.
+    stage is stored. ``ahead`` is the number of frames that one thread reads, and another one perceives, in advance; 0
+    for no threads.
     """
 
     manifest: ClipManifest
@@ -61,8 +61,7 @@ class ClipJob:
     digest: str | None = None
     known: Mapping[str, str] = field(default_factory=dict)
     cache: ClipCache | None = None
-    read_ahead: int = 0
-    perceive_ahead: int = 0
+    ahead: int = 0
 
     @property
     def sink_names(self) -> list[str]:
@@ -95,7 +94,7 @@ class ClipJob:
         starts: Mapping[str, WindowStart] | None = None,
     ) -> Perception:
         """Percepts and scenes of the clip for the job's configurations; ``begins`` and ``starts`` as there."""
-        parallel = self.perceive_ahead > 0
+        parallel = self.ahead > 0
         return Perception(
             self.configurations, clip, self.cache, drawn=self.drawn, parallel=parallel, begins=begins, starts=starts
         )
@@ -157,11 +156,11 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         scenes = pose_frames(job.configurations, clip, chosen)
         runners = attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
         return job.outcome(runner.error for runner in runners)
-    images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
+    images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
     begins = {name: checkpoint.frame + 1 for name, checkpoint in resumed.items()}
     starts = {name: checkpoint.window for name, checkpoint in resumed.items() if checkpoint.window}
     with unchanged(), job.perception(images, begins=begins, starts=starts) as perception:
-        frames = prefetch(perception.frames(chosen, job.read_ahead), job.perceive_ahead)
+        frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
     if job.cache:
         job.cache.store.trim()

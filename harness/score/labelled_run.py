@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -148,42 +149,55 @@ def labelled_people(
     """
     settings = LogitSettings(method="logit", weights=shipped_weights())
     traces = Traces()
-    rows: dict[str, list[tuple[float, Seen, int | None, tuple[float, bool], Mapping[str, Outcome]]]] = {}
+    rows_of: dict[str, list[_Row]] = {}
     for record in records:
         targets = tuple(_target(target) for target in record.targets)
-        subjects = tuple(_subject(subject) for subject in record.subjects)
-        attentions, traces = weigh(subjects, targets, traces, settings, record.time_ns)
-        seen = {attention.subject.track_id: attention.belief for attention in attentions}
+        subjects = {subject.track_id: _subject(subject) for subject in record.subjects}
+        attentions, traces = weigh(tuple(subjects.values()), targets, traces, settings, record.time_ns)
+        seen_by = {attention.subject.track_id: attention.belief for attention in attentions}
         for name in labels.subjects:
             person = find_subject(record, name)
-            if person is None or seen[person.track_id] is None:
+            if person is None or (seen := seen_by[person.track_id]) is None:
                 continue
             label = labels.at(record.frame, name)
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
-            answerable = (None, *seen[person.track_id].ids)
-            target = next((answer for answer in right if answer in answerable), UNKNOWN)
+            target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
             nearest, answers = (math.nan, False), dict[str, Outcome]()
             if others is not None:
                 pick = Baselines(record).choose(person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:
-                    subject = next(subject for subject in subjects if subject.track_id == person.track_id)
-                    answers[TWO_CONES] = pay_attention(subject, targets, _CONES).focus in right, math.nan, math.nan
-            rows.setdefault(name, []).append((record.time_ns / 1e9, seen[person.track_id], target, nearest, answers))
-    people = []
-    for of_person in rows.values():
-        times_s, seen_, targets_, nearest_, answers_ = zip(*of_person, strict=True)
-        names = list(dict.fromkeys(name for by_name in answers_ for name in by_name))
-        missing: Outcome = (False, math.nan, math.nan)
-        people.append(
-            Person(
-                sequence=LabelledSequence(group=clip, times_s=times_s, seen=seen_, targets=targets_, weight=weight),
-                nearest=np.array(nearest_, dtype=np.float64),
-                others={name: np.array([by_name.get(name, missing) for by_name in answers_], float) for name in names},
-            )
-        )
-    return people
+                    cones = pay_attention(subjects[person.track_id], targets, _CONES)
+                    answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
+            rows_of.setdefault(name, []).append(_Row(record.time_ns / 1e9, seen, target, nearest, answers))
+    return [_person(clip, rows, weight) for rows in rows_of.values()]
+
+
+class _Row(NamedTuple):
+    """A person in a frame: the features, the true target, the nearest one as in :class:`Person`, and the answers."""
+
+    time_s: float
+    seen: Seen
+    target: int | None
+    nearest: tuple[float, bool]
+    answers: Mapping[str, Outcome]
+
+
+def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
+    missing: Outcome = (False, math.nan, math.nan)
+    names = dict.fromkeys(name for row in rows for name in row.answers)
+    return Person(
+        sequence=LabelledSequence(
+            group=clip,
+            times_s=[row.time_s for row in rows],
+            seen=[row.seen for row in rows],
+            targets=[row.target for row in rows],
+            weight=weight,
+        ),
+        nearest=np.array([row.nearest for row in rows], dtype=np.float64),
+        others={name: np.array([row.answers.get(name, missing) for row in rows], np.float64) for name in names},
+    )
 
 
 def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -> Iterator[tuple[str, Outcome]]:
