@@ -29,8 +29,10 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 _TOGETHER = 64
 """Number of files that are requested at once."""
 
-_VERSIONS = ("ETag", "etag", "md5Hash", "generation", "size", "mtime", "LastModified", "last_modified", "modified")
-_MORE_VERSIONS = ("updated", "created", "last_write_time", "modify")
+_VERSIONS = (
+    *("ETag", "etag", "md5Hash", "generation", "size", "mtime", "LastModified", "last_modified", "modified"),
+    *("updated", "created", "last_write_time", "modify"),
+)
 """Names under which listings of storages give a value that changes with a file's content."""
 
 _INDEX = "index.json"
@@ -166,7 +168,7 @@ def _files(storage: Any, root: str, address: str) -> dict[str, Mapping[str, Any]
 
 
 def _version(info: Mapping[str, Any]) -> str:
-    return " ".join(str(info[name]) for name in (*_VERSIONS, *_MORE_VERSIONS) if info.get(name) is not None)
+    return " ".join(str(info[name]) for name in _VERSIONS if info.get(name) is not None)
 
 
 def _storage(address: str) -> tuple[Any, str]:

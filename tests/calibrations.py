@@ -143,7 +143,9 @@ def write_zed(path: Path, rig: Rig) -> Path:
 
 def rectified_rows_px(calibration: StereoCalibration, view: View) -> Array:
     """Row differences (N,), pixels, of a view's corners after rectification: right minus left."""
-    c = calibration
-    left = cv2.undistortPoints(view.left_px[:, None], c.K1, c.D1, R=c.R1, P=c.P1)[:, 0, 1]
-    right = cv2.undistortPoints(view.right_px[:, None], c.K2, c.D2, R=c.R2, P=c.P2)[:, 0, 1]
+    pair = calibration.rectification
+    left, right = (
+        cv2.undistortPoints(pixels[:, None], camera.k, camera.d, R=camera.r, P=camera.p)[:, 0, 1]
+        for pixels, camera in ((view.left_px, pair.left), (view.right_px, pair.right))
+    )
     return np.asarray(right - left, dtype=np.float64)

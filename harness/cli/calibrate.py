@@ -43,10 +43,10 @@ def calibrate(
         format_calibration,
         preview_png,
         rectified_preview,
-        rectifier_of,
         solve,
     )
     from harness.sources.calibrate.views import charuco_board, chessboard, find_views
+    from harness.sources.rectification import Rectifier
     from harness.sources.stereo_views import ViewFiles
     from vfoa.errors import VfoaError
     from vfoa.validation import parse
@@ -75,11 +75,11 @@ def calibrate(
         say(f"frame {dropped.number} dropped: {dropped.reason}")
     for number, error in calibration.errors.items():
         say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
-    rectified = rectifier_of(calibration)
+    rectifier = Rectifier(calibration.rectification)
     shown = next(iter(calibration.errors))
-    picture = rectified_preview(rectified, *views.read(shown))
+    picture = rectified_preview(rectifier, *views.read(shown))
     write_together({out: format_calibration(calibration), preview: preview_png(picture)})
-    _print_result(out, preview, shown, calibration, rectified.calibration.baseline_m)
+    _print_result(out, preview, shown, calibration, rectifier.calibration.baseline_m)
 
 
 def _print_result(out: Path, preview: Path, shown: int, calibration: StereoCalibration, baseline_m: float) -> None:

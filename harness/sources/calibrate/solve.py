@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 
 from harness.sources.calibrate.views import Dropped, View
-from harness.sources.rectification import RawCalibration, RawCamera, Rectifier
+from harness.sources.rectification import Lens, RawCalibration, Rectifier, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
-
-_MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
 
 MIN_VIEWS = 3
 """Zhang's method needs three poses of the plane for all intrinsics."""
@@ -30,9 +29,9 @@ class ViewErrors:
     epipolar_px: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class StereoCalibration:
-    """The pair in OpenCV's terms: x_right = R x_left + T, metres; R1 R2 P1 P2 rectify it.
+    """The pair in OpenCV's terms: x_right = R x_left + T, metres.
 
     ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame.
     """
@@ -44,13 +43,15 @@ class StereoCalibration:
     D2: Float
     R: Float
     T: Float
-    R1: Float
-    R2: Float
-    P1: Float
-    P2: Float
     rms_px: float
     errors: dict[int, ViewErrors]
     dropped: tuple[Dropped, ...] = ()
+
+    @cached_property
+    def rectification(self) -> RawCalibration:
+        """The pair with R1 R2 P1 P2; :class:`VfoaError` if the cameras are not side by side, left before right."""
+        left, right = Lens(k=self.K1, d=self.D1.ravel()), Lens(k=self.K2, d=self.D2.ravel())
+        return rectify_pose(left, right, self.R, self.T.ravel(), self.size_px, "calibration")
 
     @property
     def epipolar_px(self) -> float:
@@ -108,11 +109,14 @@ def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropp
         )
     except cv2.error as error:
         raise VfoaError(f"OpenCV finds no calibration for {len(views)} views: {error.err}; add other poses") from None
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, size_px, R, T, alpha=0)
-    matrices = dict(zip(_MATRICES, (K1, D1, K2, D2, R, T, R1, R2, P1, P2), strict=True))
     return StereoCalibration(
         size_px=size_px,
-        **matrices,
+        K1=K1,
+        D1=D1,
+        K2=K2,
+        D2=D2,
+        R=R,
+        T=T,
         rms_px=float(rms),
         errors={
             view.number: ViewErrors(rms_px=float(max(of_view)), epipolar_px=_epipolar_px(view, K1, D1, K2, D2, F))
@@ -138,23 +142,12 @@ def format_calibration(calibration: StereoCalibration) -> str:
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for name, value in zip(("image_width", "image_height"), calibration.size_px, strict=True):
         storage.write(name, value)
-    for name in _MATRICES:
+    for name in ("K1", "D1", "K2", "D2", "R", "T"):
         storage.write(name, getattr(calibration, name))
+    left, right = calibration.rectification.left, calibration.rectification.right
+    for name, matrix in {"R1": left.r, "R2": right.r, "P1": left.p, "P2": right.p}.items():
+        storage.write(name, matrix)
     return str(storage.releaseAndGetString())
-
-
-def rectifier_of(calibration: StereoCalibration) -> Rectifier:
-    """Return the rectifier of the pair.
-
-    Raises
-    ------
-    VfoaError
-        If the cameras do not stand side by side, left before right.
-    """
-    c = calibration
-    left = RawCamera(size_px=c.size_px, k=c.K1, d=c.D1.ravel(), r=c.R1, p=c.P1)
-    right = RawCamera(size_px=c.size_px, k=c.K2, d=c.D2.ravel(), r=c.R2, p=c.P2)
-    return Rectifier(RawCalibration(left=left, right=right, where="calibration"))
 
 
 def preview_png(picture: Image) -> bytes:
