@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from types import NoneType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -140,17 +141,17 @@ def _fault(what: str, error: Exception) -> StageError:
     return StageError(f"{what}: {line}", "".join(traceback.format_exception(error)))
 
 
-_OUTPUTS: dict[str, type | tuple[type | None, ...]] = {
-    "match": Disparity,
-    "match_region": Disparity,
-    "segment": Instances,
-    "estimate_sequence": Gaze,
-    "head_pose.estimate": (HeadPose, None),
-    "gaze.estimate": (Gaze, NoGaze, None),
+_OUTPUTS: dict[str, tuple[type, ...]] = {
+    "match": (Disparity,),
+    "match_region": (Disparity,),
+    "segment": (Instances,),
+    "estimate_sequence": (Gaze,),
+    "head_pose.estimate": (HeadPose, NoneType),
+    "gaze.estimate": (Gaze, NoGaze, NoneType),
     "detect": (tuple, list),
     "faces": (tuple, list),
     "with_people": (tuple, list),
-    "crop": np.ndarray,
+    "crop": (np.ndarray,),
     "stride": (int, np.integer),
 }
 """The kinds of output of each method, or of a slot's method."""
@@ -167,9 +168,8 @@ def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...])
     kinds = _OUTPUTS.get(method) or _OUTPUTS.get(f"{slot}.{method}")
     if kinds is None:
         return
-    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
-    if not isinstance(value, tuple(type(None) if kind is None else kind for kind in kinds)):
-        expected = " or ".join("None" if kind is None else kind.__name__ for kind in kinds)
+    if not isinstance(value, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds).replace("NoneType", "None")
         raise TypeError(f"returned {type(value).__name__}; expected {expected}")
     if isinstance(value, tuple | list) and not all(isinstance(head, Head) for head in value):
         raise TypeError(f"returned a {type(value).__name__} of other values; expected heads")

@@ -43,6 +43,19 @@ class Composed:
         """
         return self.make_layout(subject or self.subject) if self.make_layout else None
 
+    def files_to_open(self, scratch: Path) -> list[Path]:
+        """The files in the order to open them: the layout first, if there is one, saved in the folder ``scratch``.
+
+        Raises
+        ------
+        VfoaError
+            If a file cannot be read.
+        """
+        if (layout := self.layout()) is None:
+            return list(self.files)
+        layout.save(self.application_id, str(scratch / "layout.rbl"))
+        return [scratch / "layout.rbl", *self.files]
+
     def expect_files(self) -> None:
         """Reject a recording of which a file is missing."""
         for file in self.files:

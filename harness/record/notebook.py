@@ -33,11 +33,7 @@ def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
     stream = rr.RecordingStream(recording.application_id)
     viewer = Viewer(width="auto", height=HEIGHT_PX, recording=stream)
     with tempfile.TemporaryDirectory() as scratch:
-        files = list(recording.files)
-        if (layout := recording.layout()) is not None:
-            files.insert(0, Path(scratch) / "layout.rbl")
-            layout.save(recording.application_id, files[0])
-        for file in files:
+        for file in recording.files_to_open(Path(scratch)):
             with reading(file):
                 stream.log_file_from_path(file)
         stream.flush()

@@ -95,11 +95,8 @@ def _open(client: ViewerClient, recordings: Sequence[Composed], frame: int | Non
     # the one opened last is in front
     for recording in reversed(recordings):
         with tempfile.TemporaryDirectory() as scratch:
-            files = [*map(str, recording.files)]
-            if (layout := recording.layout()) is not None:
-                files.insert(0, str(Path(scratch) / "layout.rbl"))  # first, since an open recording keeps its layout
-                layout.save(recording.application_id, files[0])
-            client.open(files)
+            # the layout first, since an open recording keeps its own
+            client.open([*map(str, recording.files_to_open(Path(scratch)))])
     if frame is not None:
         client.set_time("frame", sequence=frame, play_state="paused")
 

@@ -25,7 +25,8 @@ from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_nee
 from harness.score.intervals import LEAST_CLIPS, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, wilson_interval
+from harness.score.statistics import UNKNOWN as NO_INTERVAL
 
 _TITLE = "Configurations compared on the same frames"
 _NOTES = (
@@ -148,17 +149,14 @@ def ablation_csv(scores: Scores) -> Table:
         (
             (
                 *(step.configuration, step.replaced or "", step.row.n),
-                *map(csv_share, (step.row.frr, step.gained, *(_ends(step.interval)))),
+                *map(csv_share, (step.row.frr, step.gained, interval.low, interval.high)),
                 step.reads,
             )
             for step in steps(scores)
+            for interval in [step.interval or NO_INTERVAL]
         ),
         words=2,
     )
-
-
-def _ends(interval: Interval | None) -> tuple[float | None, float | None]:
-    return (None, None) if interval is None else (interval.low, interval.high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

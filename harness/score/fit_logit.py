@@ -55,22 +55,24 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     VfoaError
         If there is one clip, and it is too short for two blocks.
     """
-    people = run.people
-    clips = list(dict.fromkeys(person.sequence.group for person in people))
-    inside = {clip: [person for person in people if person.sequence.group == clip] for clip in clips}
-    outside = {clip: [person for person in people if person.sequence.group != clip] for clip in clips}
-    if first_s is not None:
-        firsts = {clip: [person.first(first_s) for person in inside[clip]] for clip in clips}
-        if len(clips) > 1:
-            return [Fold(firsts[clip], outside[clip]) for clip in clips]
-        (first,) = firsts.values()
-        rest = [
-            person.only(set(person.labelled) - set(part.labelled)) for person, part in zip(people, first, strict=True)
-        ]
-        return [Fold(first, rest)]
-    if len(clips) > 1:
+    clips = list(dict.fromkeys(person.sequence.group for person in run.people))
+    if len(clips) == 1:
+        return _blocks(run) if first_s is None else [_first_and_rest(run.people, first_s)]
+    inside = {clip: [person for person in run.people if person.sequence.group == clip] for clip in clips}
+    outside = {clip: [person for person in run.people if person.sequence.group != clip] for clip in clips}
+    if first_s is None:
         return [Fold(outside[clip], inside[clip]) for clip in clips]
-    times = [person.sequence.times_s[k] for person in people for k in person.labelled]
+    return [Fold([person.first(first_s) for person in inside[clip]], outside[clip]) for clip in clips]
+
+
+def _first_and_rest(people: Sequence[Person], first_s: float) -> Fold:
+    first = [person.first(first_s) for person in people]
+    return Fold(first, [person.without(part.labelled) for person, part in zip(people, first, strict=True)])
+
+
+def _blocks(run: LabelledRun) -> list[Fold]:
+    """Leave out one block of time after another."""
+    times = [person.sequence.times_s[k] for person in run.people for k in person.labelled]
     begin, end = min(times), max(times)
     count = min(int((end - begin) / BLOCK_S), _MOST_BLOCKS)
     if count < 2:
@@ -78,16 +80,11 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
             f"fit: {run.experiment}: {end - begin:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
             "one part and score on the other (--even-if-worse writes a file without a score)"
         )
-    edges = np.linspace(begin, end + 1e-6, count + 1)
     folds = []
-    for low, high in itertools.pairwise(edges):
-        block = [[k for k in person.labelled if low <= person.sequence.times_s[k] < high] for person in people]
-        folds.append(
-            Fold(
-                [person.only(set(person.labelled) - set(ks)) for person, ks in zip(people, block, strict=True)],
-                [person.only(ks) for person, ks in zip(people, block, strict=True)],
-            )
-        )
+    for low, high in itertools.pairwise(np.linspace(begin, end + 1e-6, count + 1)):
+        inside = [[k for k in person.labelled if low <= person.sequence.times_s[k] < high] for person in run.people]
+        parts = list(zip(run.people, inside, strict=True))
+        folds.append(Fold([person.without(ks) for person, ks in parts], [person.only(ks) for person, ks in parts]))
     return folds
 
 

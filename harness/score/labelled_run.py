@@ -56,6 +56,10 @@ class Person:
         targets = [target if k in wanted else UNKNOWN for k, target in enumerate(self.sequence.targets)]
         return replace(self, sequence=replace(self.sequence, targets=targets))
 
+    def without(self, chosen: Iterable[int]) -> Person:
+        """Return the person without the labels of these frames."""
+        return self.only(set(self.labelled) - set(chosen))
+
     def first(self, seconds: float) -> Person:
         """Return the person with the first labelled seconds alone."""
         end = np.cumsum([min(self.sequence.gaps_s[k], 1.0) for k in self.labelled])
