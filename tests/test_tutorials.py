@@ -1,7 +1,7 @@
 """The tutorials, executed as written: the commands of each page in order, after ``make demo``, with what they print.
 
 A new page in docs/tutorials needs no code here: a block below ``<!-- not executed: REASON -->`` is left out. Runs of
-the demo are short (:data:`LIMIT`), so numbers are not compared, but the words and the number of cells around them.
+the demo are short (:data:`LIMIT`) and of few clips, so numbers are not compared, but the words and the number of cells around them.
 """
 
 from __future__ import annotations
@@ -22,12 +22,15 @@ from pathlib import Path
 import pytest
 
 from harness.studio.store import cache_folder
+from tests.disk import write_text
 from tests.repository import REPOSITORY
 
 OWN_TEST = ("label-fit-run", "real-person")
 """Pages that need genuine data: tests/harness/score/test_fit_logit.py and tests/test_real_person.py."""
 PAGES = sorted(page for page in (REPOSITORY / "docs" / "tutorials").glob("*.md") if page.stem not in OWN_TEST)
 LIMIT = ("--limit", "3")
+CLIPS = 'clips = ["studio_crowd", "studio_report_1"]'
+"""Two of the demo's ten clips: one that pages name, and one that is drawn by chance."""
 SERVING = ("--serve", "--web", "annotate")
 
 
@@ -39,6 +42,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     rendered.mkdir(parents=True, exist_ok=True)
     (folder / "cache").mkdir()
     (folder / "cache" / "studio").symlink_to(rendered)
+    shipped = (REPOSITORY / "harness" / "experiments" / "demo.toml").read_text(encoding="utf-8")
+    write_text(folder / "experiments" / "demo.toml", re.sub(r"(?s)^clips = \[.*?\]", CLIPS, shipped, flags=re.MULTILINE))
     return folder, _vfoa(["demo"], folder, folder / "cache", columns=80)
 
 
@@ -59,7 +64,8 @@ def test_the_demo_prints_one_screen_that_ends_with_the_next_commands(demo: tuple
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_path: Path) -> None:
     folder, printed = demo
-    shutil.copytree(folder / "runs", tmp_path / "runs")
+    for part in ("runs", "experiments"):
+        shutil.copytree(folder / part, tmp_path / part)
     for command, expected in _steps(page.read_text(encoding="utf-8")):
         if command == "make demo":
             said = printed
