@@ -10,7 +10,8 @@ import hashlib
 import itertools
 import pickle
 import re
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import nullcontext
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame
 
 
-def check_contract(clip: Clip | MeasuredClip, *, spawn: bool = False) -> None:
-    """Check that a clip follows the protocols of :mod:`harness.sources`; ``spawn`` also reads it in a fresh process.
+def check_contract(clip: Clip | MeasuredClip, *, spawn: bool | Executor = False) -> None:
+    """Check that a clip follows the protocols of :mod:`harness.sources`.
+
+    ``spawn`` also reads it in another process: a fresh one, or one of these.
 
     Reads the first, a middle and the last frame, several times and in several orders.
 
@@ -127,11 +130,12 @@ def _check_outside(clip: Clip | MeasuredClip) -> None:
             raise AssertionError(f"frame {number}, which is not in frames: expected a VfoaError")
 
 
-def _check_copies(clip: Clip | MeasuredClip, expected: dict[int, str], spawn: bool) -> None:
+def _check_copies(clip: Clip | MeasuredClip, expected: dict[int, str], spawn: bool | Executor) -> None:
     data = pickle.dumps(clip)
     copies = {"after pickling": _read_copy(data, list(expected))}
     if spawn:
-        with ProcessPoolExecutor(1, mp_context=spawning()) as pool:
+        own = ProcessPoolExecutor(1, mp_context=spawning()) if spawn is True else nullcontext(spawn)
+        with own as pool:
             copies["in another process"] = pool.submit(_read_copy, data, list(expected)).result()
     for where, (frames, digest) in copies.items():
         _expect(digest == clip.digest(), f"digest: found another one {where}")

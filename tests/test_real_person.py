@@ -40,7 +40,8 @@ def test_the_tutorial_gives_the_table_that_it_shows(
             words = shlex.split(line.replace("${VFOA_DATA}", str(tmp_path / "data")))
             if words[0] in SHOWN or tuple(words[:2]) == FETCHED:
                 continue
-            code, out, err = vfoa(monkeypatch, capsys, *words)
+            alone = ("--workers", "1") if words[0] == "run" else ()
+            code, out, err = vfoa(monkeypatch, capsys, *words, *alone)
             assert (code, err) == (0, ""), line
             printed += out
         if block["text"].startswith("stereo.yml"):

@@ -1,7 +1,8 @@
 """The tutorials, executed as written: the commands of each page in order, after ``make demo``, with what they print.
 
 A new page in docs/tutorials needs no code here: a block below ``<!-- not executed: REASON -->`` is left out. Runs of
-the demo are short (:data:`LIMIT`) and of few clips, so numbers are not compared, but the words and the number of cells around them.
+the demo are short (:data:`SHORT`, :data:`CLIPS`), so numbers are not compared, but the words and the number of cells
+around them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from tests.repository import REPOSITORY
 OWN_TEST = ("label-fit-run", "real-person")
 """Pages that need genuine data: tests/harness/score/test_fit_logit.py and tests/test_real_person.py."""
 PAGES = sorted(page for page in (REPOSITORY / "docs" / "tutorials").glob("*.md") if page.stem not in OWN_TEST)
-LIMIT = ("--limit", "3")
+SHORT = ("--limit", "3", "--workers", "1")
 CLIPS = 'clips = ["studio_crowd", "studio_report_1"]'
 """Two of the demo's ten clips: one that pages name, and one that is drawn by chance."""
 SERVING = ("--serve", "--web", "annotate")
@@ -43,7 +44,9 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     (folder / "cache").mkdir()
     (folder / "cache" / "studio").symlink_to(rendered)
     shipped = (REPOSITORY / "harness" / "experiments" / "demo.toml").read_text(encoding="utf-8")
-    write_text(folder / "experiments" / "demo.toml", re.sub(r"(?s)^clips = \[.*?\]", CLIPS, shipped, flags=re.MULTILINE))
+    write_text(
+        folder / "experiments" / "demo.toml", re.sub(r"(?s)^clips = \[.*?\]", CLIPS, shipped, flags=re.MULTILINE)
+    )
     return folder, _vfoa(["demo"], folder, folder / "cache", columns=80)
 
 
@@ -97,7 +100,7 @@ def _shape(text: str) -> list[list[str]]:
 def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> str:
     """What the program prints; a server is ended as soon as it has printed its address."""
     runs_demo = words[0] == "demo" or words[:2] == ["run", "demo"]
-    short = LIMIT if runs_demo and "--limit" not in words else ()
+    short = SHORT if runs_demo and "--limit" not in words else ()
     command = [sys.executable, "-m", "harness.cli", *words, *short]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "VFOA_CACHE": str(cache), "COLUMNS": str(columns)}
     environment.pop("DISPLAY", None)

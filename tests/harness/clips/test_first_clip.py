@@ -33,6 +33,10 @@ SOURCES: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
 }
 
 
+LABELLED = ("stereo-folder", "realsense-bag")
+"""Sources for which the labelling page is opened: of pairs, and of colour and depth."""
+
+
 @pytest.mark.parametrize("kind", SOURCES)
 def test_a_source_becomes_a_table_by_the_commands_that_adding_names(
     kind: str,
@@ -59,6 +63,8 @@ def test_a_source_becomes_a_table_by_the_commands_that_adding_names(
     labelled = [] if kind == "measured-heads" else ["annotate"]
     assert [command[0] for command in commands] == ["clips", *labelled, "run"]
     for command in commands:
+        if command[0] == "annotate" and kind not in LABELLED:
+            continue
         if command[0] == "annotate":
             with served_by_the_program(Path.cwd(), command[1]) as (_, address):
                 assert address.startswith("http://127.0.0.1")

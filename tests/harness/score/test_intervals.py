@@ -237,7 +237,7 @@ def test_a_plan_is_that_of_brute_force(between: float, within: float, difference
         )
 
     def found(clips: int) -> float:
-        return float(np.mean([sign_flip_p(drawn(clips).merged().values) < 0.05 for _ in range(1500)]))
+        return float(np.mean([sign_flip_p(drawn(clips).merged().values) < 0.05 for _ in range(1000)]))
 
     planned = clips_needed(Spread.of(drawn(2000)), difference)
     longer = clips_needed(Spread.of(drawn(2000)), difference, looks=2 * looks)

@@ -74,7 +74,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def test_a_run_places_objects_and_records_the_measured_depth(
     work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ran = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out")
+    ran = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out", "--workers", "1")
     assert ran[0] == 0, ran
     for line in (work / "out" / "results.jsonl").read_text().splitlines():
         record = json.loads(line)
@@ -98,7 +98,8 @@ def test_a_run_places_objects_and_records_the_measured_depth(
 def test_a_matcher_of_two_views_is_refused_in_one_line(
     work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, _, said = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out", "--set", "stereo.matcher=sgbm")
+    words = ("run", "depth.toml", "--out", "out", "--workers", "1", "--set", "stereo.matcher=sgbm")
+    code, _, said = vfoa(monkeypatch, capsys, *words)
     assert code != 0
     assert 'expected stereo.matcher = "sensor"' in " ".join(said.split())
 
