@@ -100,8 +100,9 @@ def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropp
     left = [view.left_px.astype(np.float32)[:, None] for view in views]
     right = [view.right_px.astype(np.float32)[:, None] for view in views]
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS
+    flags, threads = cv2.CALIB_USE_INTRINSIC_GUESS, cv2.getNumThreads()
     try:
+        cv2.setNumThreads(1)  # with several, the last digits differ from run to run
         _, K1, D1, *_ = cv2.calibrateCamera(points, left, size_px, None, None)
         _, K2, D2, *_ = cv2.calibrateCamera(points, right, size_px, None, None)
         rms, K1, D1, K2, D2, R, T, _, F, _, _, errors = cv2.stereoCalibrateExtended(
@@ -109,6 +110,8 @@ def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropp
         )
     except cv2.error as error:
         raise VfoaError(f"OpenCV finds no calibration for {len(views)} views: {error.err}; add other poses") from None
+    finally:
+        cv2.setNumThreads(threads)
     return StereoCalibration(
         size_px=size_px,
         K1=K1,

@@ -98,6 +98,7 @@ def test_real_cameras_are_calibrated(shared_data: Path) -> None:
     views, dropped, size_px = _found(shared_data / "chessboard")
     found = solve(views, size_px)
     assert (len(found.errors), dropped, found.dropped) == (13, [], ())
+    assert format_calibration(solve(views, size_px)) == format_calibration(found)
     assert found.rms_px <= 0.5
     assert found.epipolar_px <= 0.25
     assert np.median(np.abs(np.concatenate([rectified_rows_px(found, view) for view in views]))) <= 0.15
