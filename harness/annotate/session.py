@@ -213,12 +213,9 @@ class Session:
         """Labels (with targets) or drawing, whichever has the next change to undo or redo; None if neither has."""
         both: list[tuple[LabelStore | DrawingStore, dict[str, Any]]]
         both = [(self._store, self._store.steps.plain()), (self._drawing, self._drawing.undo_state())]
-        made_s = max(plain["made_s"] or 0.0 for _, plain in both)
-        if kind == "undo":
-            steps = [(plain["made_s"], store) for store, plain in both if plain["can_undo"]]
-        else:
-            undone = [(plain["undone_s"], store) for store, plain in both if plain["can_redo"]]
-            steps = [step for step in undone if step[0] >= made_s]
+        last_made_s = max(plain["made_s"] or 0.0 for _, plain in both)
+        time, least_s = ("made_s", 0.0) if kind == "undo" else ("undone_s", last_made_s)
+        steps = [(plain[time], store) for store, plain in both if plain[f"can_{kind}"] and plain[time] >= least_s]
         return max(steps, key=lambda step: step[0])[1] if steps else None
 
     def drawn(self) -> dict[str, Any]:

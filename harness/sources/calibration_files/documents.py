@@ -131,11 +131,6 @@ _ROS_NAMES = (
 )
 
 
-def is_ros_camera(document: Document) -> bool:
-    """Whether a document is one camera of ROS."""
-    return "camera_matrix" in document and "projection_matrix" in document
-
-
 def ros_camera(document: Document, where: str) -> RawCamera:
     """Return one camera. P of a pair's right one holds -fx B; without it the two have no baseline.
 
@@ -181,11 +176,6 @@ _KALIBR_MODELS: dict[str, Model] = {
     "equidistant": "equidistant",
     "none": "plumb_bob",
 }
-
-
-def is_euroc_sensor(document: Document) -> bool:
-    """Whether a document is one camera of EuRoC."""
-    return "T_BS" in document and "camera_model" in document
 
 
 def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:

@@ -107,11 +107,11 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     """As :func:`_read_text`, of one or several files in YAML or XML."""
     contents = [documents.read_document(path) for path in paths]
     where = " and ".join(map(str, paths))
-    for program, is_camera, read_pair in (
-        ("ROS", documents.is_ros_camera, documents.ros_pair),
-        ("EuRoC", documents.is_euroc_sensor, documents.euroc_pair),
+    for program, names, read_pair in (
+        ("ROS", {"camera_matrix", "projection_matrix"}, documents.ros_pair),
+        ("EuRoC", {"T_BS", "camera_model"}, documents.euroc_pair),
     ):
-        if all(map(is_camera, contents)):
+        if all(names <= content.keys() for content in contents):
             if len(contents) != 2:
                 raise VfoaError(
                     f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -52,33 +52,46 @@ def join_streams(
     VfoaError
         If no two stamps are near enough; the message says how far apart they are.
     """
-    lefts, notes = streams.left.places, list[str]()
-    partners: dict[str, dict[Place, Place]] = {}
-    for topic in streams.topics[1:]:
-        tolerance_ns = settings.tolerance_ns(of_depth=topic is streams.depth)
-        left_ns, other_ns = ([place.stamp_ns for place in side] for side in (lefts, topic.places))
-        joined = {lefts[i]: topic.places[j] for i, j in join_times(left_ns, other_ns, tolerance_ns)}
-        partners[topic.name] = joined
-        if topic is streams.right or streams.right is None:
-            if not joined:
-                raise VfoaError(f"{where}: {_too_far(streams.left, topic, tolerance_ns)}")
-            notes += [
-                f"{side.name}: {lost} of {len(side.places)} images have no partner within {_ms(tolerance_ns)}"
-                for side in (streams.left, topic)
-                if (lost := len(side.places) - len(joined))
-            ]
-            lefts = list({place.stamp_ns: place for place in reversed(joined)}.values())[::-1]
-            if twice := len(joined) - len(lefts):  # a camera takes one image at a time, but a file may contain copies
-                why = "left out (a copy, or a clock that stood)"
-                notes.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
-        elif lost := len(lefts) - len(joined):
-            notes.append(f"{topic.name}: {lost} of {len(lefts)} frames have no depth within {_ms(tolerance_ns)}")
-    rights, depths = (partners[topic.name] if topic else {} for topic in (streams.right, streams.depth))
+    partner = streams.right or streams.depth
+    assert partner is not None
+    joined, notes = _join_partners(
+        streams.left, partner, settings.tolerance_ns(of_depth=partner is streams.depth), where
+    )
+    rights, depths = ({}, joined) if streams.right is None else (joined, {})
     if streams.right is None:
-        offset_ns = float(np.median([abs(left.stamp_ns - depths[left].stamp_ns) for left in lefts]))
+        offset_ns = float(np.median([abs(colour.stamp_ns - depth.stamp_ns) for colour, depth in joined.items()]))
         if offset_ns >= _NOTED_NS:
             notes.append(f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)")
-    return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in lefts), tuple(notes)
+    elif streams.depth is not None:
+        tolerance_ns = settings.tolerance_ns(of_depth=True)
+        depths = _join(list(joined), streams.depth.places, tolerance_ns)
+        if lost := len(joined) - len(depths):
+            notes.append(
+                f"{streams.depth.name}: {lost} of {len(joined)} frames have no depth within {_ms(tolerance_ns)}"
+            )
+    return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in joined), tuple(notes)
+
+
+def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[dict[Place, Place], list[str]]:
+    """The images of two topics that belong together, each left stamp once, and notes on those that are left out."""
+    joined = _join(left.places, other.places, tolerance_ns)
+    if not joined:
+        raise VfoaError(f"{where}: {_too_far(left, other, tolerance_ns)}")
+    notes = [
+        f"{side.name}: {lost} of {len(side.places)} images have no partner within {_ms(tolerance_ns)}"
+        for side in (left, other)
+        if (lost := len(side.places) - len(joined))
+    ]
+    first_of_stamp = {place.stamp_ns: place for place in reversed(joined)}
+    if twice := len(joined) - len(first_of_stamp):  # a camera takes one image at a time, but a file may contain copies
+        why = "left out (a copy, or a clock that stood)"
+        notes.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
+    return {place: joined[place] for place in reversed(first_of_stamp.values())}, notes
+
+
+def _join(left: Sequence[Place], other: Sequence[Place], tolerance_ns: int) -> dict[Place, Place]:
+    left_ns, other_ns = ([place.stamp_ns for place in places] for places in (left, other))
+    return {left[i]: other[j] for i, j in join_times(left_ns, other_ns, tolerance_ns)}
 
 
 def _too_far(left: Topic, other: Topic, tolerance_ns: int) -> str:
