@@ -58,6 +58,58 @@ def wait_until_drawn(browser: Chrome) -> None:
     )
 
 
+DEAD_BUTTONS = """
+const [selectors, done] = arguments;
+const all = () => selectors.flatMap((each) => [...document.querySelectorAll(each)]);
+const wait = async (holds) => {
+    for (const end = Date.now() + 60000; !holds() && Date.now() < end;) {
+        await new Promise((next) => setTimeout(next, 5));
+    }
+    return holds();
+};
+let did = 0;
+const count = async () => { did += 1; };
+new MutationObserver((changes) => { did += changes.length; }).observe(document, {
+    subtree: true, childList: true, attributes: true, characterData: true});
+Object.defineProperty(navigator, 'clipboard', {value: {write: count, writeText: count}});
+(async () => {
+    const dead = [];
+    for (let number = 0; number < all().length; number += 1) {
+        const button = all()[number];
+        if (!button.checkVisibility() || button.disabled) {
+            continue;
+        }
+        const name = button.getAttribute('aria-label') || button.textContent;
+        button.scrollIntoView({block: 'center'});
+        const box = button.getBoundingClientRect();
+        const hit = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+        did = 0;
+        if (!button.contains(hit)) {
+            dead.push(`${name}: covered`);
+            continue;
+        }
+        button.click();
+        if (!await wait(() => did)) {
+            dead.push(name);
+        }
+        await wait(() => document.body.getAttribute('aria-busy') !== 'true');
+        const ends = document.querySelectorAll('#help[open] button, form:not([hidden]) [value=cancel]');
+        ends.forEach((end) => end.click());
+    }
+    done(dead);
+})();
+"""
+
+
+def dead_buttons(browser: Chrome, *selectors: str) -> list[str]:
+    """Click every visible button of a page, and tell those that are covered, or after which nothing changes.
+
+    Dialogues that a button opens are cancelled.
+    """
+    browser.set_script_timeout(300)
+    return list(browser.execute_async_script(DEAD_BUTTONS, selectors))
+
+
 def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     """Move the pointer of a report page to a frame in the timeline of a configuration; frames have no gaps."""
     from selenium.webdriver import ActionChains
@@ -71,7 +123,7 @@ def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     share = (frame - places["first"] + 0.5 - places["from"]) / (places["to"] - places["from"])
     x = places["left"] + share * places["width"] - canvas.size["width"] / 2
     y = places["rows"][configuration] - canvas.size["height"] / 2
-    return ActionChains(browser).move_to_element_with_offset(canvas, round(x), round(y))
+    return ActionChains(browser, duration=0).move_to_element_with_offset(canvas, round(x), round(y))
 
 
 def requested(browser: Chrome) -> list[str]:

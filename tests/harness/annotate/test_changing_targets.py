@@ -220,7 +220,7 @@ def _press(browser: Chrome, *keys: str) -> None:
     from selenium.webdriver import ActionChains
 
     for key in keys:
-        ActionChains(browser).send_keys(key).perform()
+        ActionChains(browser, duration=0).send_keys(key).perform()
     wait_for(lambda: _is_settled(browser))
 
 

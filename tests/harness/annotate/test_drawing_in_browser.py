@@ -54,7 +54,7 @@ def _keys(browser: Chrome, *keys: str) -> None:
     from selenium.webdriver import ActionChains
 
     for key in keys:
-        ActionChains(browser).send_keys(key).perform()
+        ActionChains(browser, duration=0).send_keys(key).perform()
         _settle(browser)
 
 
@@ -62,7 +62,7 @@ def _ctrl(browser: Chrome, key: str, times: int) -> None:
     from selenium.webdriver import ActionChains
 
     for _ in range(times):
-        ActionChains(browser).key_down(CONTROL).send_keys(key).key_up(CONTROL).perform()
+        ActionChains(browser, duration=0).key_down(CONTROL).send_keys(key).key_up(CONTROL).perform()
     _settle(browser)
 
 
@@ -83,7 +83,7 @@ def _drag(browser: Chrome, start: tuple[float, float], end: tuple[float, float] 
         )
         return round(found[0]), round(found[1])
 
-    actions = ActionChains(browser).move_to_element_with_offset(layer, *offset(start)).click_and_hold()
+    actions = ActionChains(browser, duration=0).move_to_element_with_offset(layer, *offset(start)).click_and_hold()
     if end is not None:
         middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
         for place in (middle, end):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.bench import hours
-from harness.bench.generated_clip import FIXATION, write_clip, write_labels
+from harness.bench import generated_clip, hours, resuming
+from harness.bench.generated_clip import write_clip, write_labels
 from harness.bench.overhead import measure_overhead, overhead_table
 from harness.bench.resuming import measure_resume, resume_table
 from harness.files import digests
@@ -23,7 +23,8 @@ from harness.score import finished_run
 def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: now() + 60 * 10**9)
-    frames = 2 * FIXATION
+    monkeypatch.setattr(generated_clip, "FIXATION", 10)
+    frames = 20
     experiment = write_clip(tmp_path, frames)
     hours.run_experiment(experiment, tmp_path / "run")
     first = rescore(RunDirectory(tmp_path / "run"))
@@ -32,7 +33,7 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     write_labels(tmp_path, frames, edited=frames)
     edited = rescore(RunDirectory(tmp_path / "run"))
     changed = [a.truth != b.truth for a, b in zip(first.verdicts, edited.verdicts, strict=True)]
-    assert sum(changed) == 4 * FIXATION
+    assert sum(changed) == 4 * 10
     assert not any("images" in note for note in edited.notes)
     # the run has noted the digests of the images: a new process reads none, until one has changed
     monkeypatch.setattr(digests, "KNOWN", KnownDigests())
@@ -50,16 +51,17 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     assert any("images" in note for note in notes)
 
 
-def test_a_killed_run_is_continued_and_its_parts_are_timed(tmp_path: Path) -> None:
-    found = measure_resume(40, 25, tmp_path)
+def test_a_killed_run_is_continued_and_its_parts_are_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resuming, "SETTLED_NS", 0)
+    found = measure_resume(12, 7, tmp_path)
     parts = (found.imported, found.opened, found.described, found.first_frame, found.finished)
     assert [part.cpu_seconds for part in parts] == sorted(part.cpu_seconds for part in parts)
-    assert RunDirectory(tmp_path / "run").results.read_bytes().count(b"\n") == 4 * 40
-    assert resume_table([found]).rows[0][:2] == ("40", "25")
+    assert RunDirectory(tmp_path / "run").results.read_bytes().count(b"\n") == 4 * 12
+    assert resume_table([found]).rows[0][:2] == ("12", "7")
 
 
 def test_overhead_is_of_every_sink_and_of_the_scores() -> None:
-    found = measure_overhead(load_experiment("demo", clips=("studio_table",)), limit=2, rounds=1)
+    found = measure_overhead(load_experiment("demo", clips=("studio_table",)), limit=1, rounds=1)
     assert list(found.ms)[1:] == ["records", "thumbnails", "recordings", "scores, first time"]
-    assert (found.clip, found.frames, found.configurations) == ("studio_table", 2, 4)
+    assert (found.clip, found.frames, found.configurations) == ("studio_table", 1, 4)
     assert overhead_table(found).rows[-1][0] == "overhead in all"

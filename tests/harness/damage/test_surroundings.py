@@ -87,11 +87,9 @@ def _program(*words: str, cwd: str | bytes | None = None, closed: str = "") -> s
 
 def test_a_program_without_stderr_works_and_refuses_as_always(project: Path) -> None:
     assert _program("score", "nowhere", closed="2>&-").returncode == 2
-    done = _program("clips", "list", closed="2>&-")
-    assert done.returncode == 0
-    assert b"mine" in done.stdout
     done = _program(*RUN, closed="2>&-")
     assert done.returncode == 0
+    assert b"FRR of each configuration" in done.stdout
     assert (project / "out" / "frr.csv").is_file()
 
 
