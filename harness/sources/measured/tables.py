@@ -76,14 +76,15 @@ class MeasuredTables(FramesOfMeasurements):
         folder = root if root is not None else Path.cwd()
         people = folder / settings.people_file
         objects = None if settings.objects_file is None else folder / settings.objects_file
-        rows = read_rows(people, PEOPLE_COLUMNS, ("frame", "person", *POSITION))
-        times = _times(rows, people)
-        everyone = {name for row in rows if (name := row.cells.get("person"))}
+        times, present = _times_and_people(people, settings)
+        everyone = {name for of_frame in present.values() for name in of_frame}
         fixed, moving = _objects(objects, settings, times, everyone)
         super().__init__(
             {
-                number: MeasuredFrame(time_ns=time_ns, people=present, objects=tuple(moving.get(number, ())))
-                for (number, time_ns), present in zip(times.items(), _people(rows, times, settings), strict=True)
+                frame: MeasuredFrame(
+                    time_ns=time_ns, people=tuple(present[frame].values()), objects=tuple(moving.get(frame, ()))
+                )
+                for frame, time_ns in times.items()
             },
             (*settings.fixed_objects(), *fixed),
             settings,
@@ -105,16 +106,24 @@ class MeasuredTables(FramesOfMeasurements):
         return (Recognised(root=folder, source=source, layout=layout, name=folder.name, calibration="not needed"),)
 
 
-def _times(rows: list[TableRow], path: Path) -> dict[int, int]:
-    """Every frame's time in ns, ascending by frame."""
+def _times_and_people(
+    path: Path, settings: MeasuredTablesSettings
+) -> tuple[dict[int, int], dict[int, dict[str, MeasuredPerson]]]:
+    """The time of each frame, ns, and its people by name, both by frame number."""
     times: dict[int, int] = {}
-    for row in rows:
-        frame, time_ns = row.integer("frame"), _time_ns(row)
+    people: dict[int, dict[str, MeasuredPerson]] = {}
+    for row in read_rows(path, PEOPLE_COLUMNS, ("frame", "person", *POSITION)):
+        frame, time_ns, name = row.integer("frame"), _time_ns(row), row.cells.get("person")
         if frame is None:
             raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
         if times.setdefault(frame, time_ns) != time_ns:
             raise VfoaError(f"{row.where}: frame {frame}: found two times; expected one for all of its rows")
-    return dict(sorted(times.items()))
+        of_frame = people.setdefault(frame, {})
+        if name in of_frame:
+            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
+        if name is not None:
+            of_frame[name] = _person(row, name, settings)
+    return times, people
 
 
 def _time_ns(row: TableRow) -> int:
@@ -124,27 +133,16 @@ def _time_ns(row: TableRow) -> int:
     return round(1e9 * seconds) if seconds is not None else stamp or 0
 
 
-def _people(
-    rows: list[TableRow], times: Mapping[int, int], settings: MeasuredTablesSettings
-) -> list[tuple[MeasuredPerson, ...]]:
-    """The people of each frame in the order of the frames, and in that of the rows."""
-    people: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
-    for row in rows:
-        frame, name = row.integer("frame") or 0, row.cells.get("person")
-        if name is None:
-            continue
-        if name in people[frame]:
-            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
-        head, gaze = (_direction(row, cue) for cue in CUES)
-        true_gaze = gaze if settings.gaze == "truth" else None
-        people[frame][name] = MeasuredPerson(
-            name=name,
-            eyes_m=row.numbers(POSITION),
-            head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
-            gaze=None if gaze is None or true_gaze is not None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
-            true_gaze=true_gaze,
-        )
-    return [tuple(of_frame.values()) for of_frame in people.values()]
+def _person(row: TableRow, name: str, settings: MeasuredTablesSettings) -> MeasuredPerson:
+    head, gaze = (_direction(row, cue) for cue in CUES)
+    true_gaze = gaze if settings.gaze == "truth" else None
+    return MeasuredPerson(
+        name=name,
+        eyes_m=row.numbers(POSITION),
+        head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
+        gaze=None if gaze is None or true_gaze is not None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
+        true_gaze=true_gaze,
+    )
 
 
 def _direction(row: TableRow, cue: str) -> Float | None:
