@@ -197,7 +197,7 @@ def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
 def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collection[Kind], where: str) -> None:
     """Reject a head of a name that is not a subject, and a name that is drawn both as a box and as a point."""
     if kind == "head" and name not in subjects:
-        raise VfoaError(f"{where}: {name!r} is no subject; expected box or point for a target")
+        raise VfoaError(f"{where}: {name!r} is not a subject; expected box or point for a target")
     if other := next((drawn_kind for drawn_kind in others if {drawn_kind, kind} == {"box", "point"}), None):
         raise VfoaError(f"{where}: {name!r} is already drawn as a {other}; expected either a box or a point for a name")
 

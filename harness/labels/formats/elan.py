@@ -48,7 +48,7 @@ class Elan:
         spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
-        notes += [f"{path}: tier {tier!r} is no subject's and is left out." for tier in others]
+        notes += [f"{path}: tier {tier!r} belongs to no subject and is left out." for tier in others]
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:

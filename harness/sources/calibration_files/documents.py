@@ -53,7 +53,7 @@ def read_document(path: Path) -> dict[str, Any]:
     data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     document = parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
     if not isinstance(document, dict):
-        raise VfoaError(f"{path}: holds no names; expected the calibration of OpenCV, ROS or Kalibr")
+        raise VfoaError(f"{path}: not a table of names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
 
 
@@ -86,7 +86,7 @@ _WRONG_SIZE = "an opencv-matrix whose data are not as many numbers as its size s
 
 def _matrix(loader: _Loader, node: yaml.Node) -> Float:
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix that is no table", node.start_mark)
+        raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix that is not a table", node.start_mark)
     try:
         return _shaped(loader.construct_mapping(node, deep=True))
     except (KeyError, TypeError, ValueError):

@@ -117,7 +117,7 @@ def test_what_comes_again_because_its_answer_was_lost_is_not_done_twice(store: D
     ("draw", "message"),
     [
         ({"do": "key", "name": "cpu", "place": BOX}, "no subject or target 'cpu'; did you mean 'cup'"),
-        ({"do": "key", "name": "cup", "kind": "head", "place": BOX}, "'cup' is no subject"),
+        ({"do": "key", "name": "cup", "kind": "head", "place": BOX}, "'cup' is not a subject"),
         ({"do": "key", "name": "cup", "kind": "point", "place": (1, 2)}, "'cup' is already drawn as a box"),
         ({"do": "key", "name": "cup", "at": 20, "place": BOX}, "position 20 is outside the clip; expected 0 to 19"),
         ({"do": "key", "name": "cup", "place": (5, 2, 1, 12)}, "expected u0 < u1"),

@@ -88,7 +88,7 @@ def test_a_frame_has_all_that_is_there(tmp_path: Path) -> None:
         ("# vfoa drawn 1\nframe,name\n", ":2: no column 'kind'"),
         (HEAD + "1,brid,box,0,0,1,1,\n", ":3: name: no subject or target 'brid'; did you mean 'bird'"),
         (HEAD + "1,bird,cube,0,0,1,1,\n", ":3: kind: found 'cube'; expected box, point, head"),
-        (HEAD + "1,bird,head,0,0,1,1,\n", ":3: 'bird' is no subject; expected box or point for a target"),
+        (HEAD + "1,bird,head,0,0,1,1,\n", ":3: 'bird' is not a subject; expected box or point for a target"),
         (HEAD + "1,bird,box,0,0,1,1,\n2,bird,point,0,0,,,\n", ":4: 'bird' is already drawn as a box"),
         (HEAD + "51,bird,box,0,0,1,1,\n", ":3: frame 51: not in the clip; its frames: 1 to 50"),
         (HEAD + ",bird,box,0,0,1,1,\n", ":3: frame: found nothing"),

@@ -480,7 +480,7 @@ def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tup
         ),
         ("c.yml", "%YAML:1.0\n---\na: [1,\n", r"c\.yml:4: not YAML: "),
         ("c.yml", "K1: {rows: 3}", r"c\.yml: K1: found \{'rows': 3\}; expected numbers"),
-        ("c.yml", "K1: !!opencv-matrix [1, 2]", r"c\.yml:1: not YAML: an opencv-matrix that is no table"),
+        ("c.yml", "K1: !!opencv-matrix [1, 2]", r"c\.yml:1: not YAML: an opencv-matrix that is not a table"),
         (
             "c.xml",
             '<s><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>1 2</data></K1></s>',
@@ -489,7 +489,7 @@ def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tup
         ("c.yml", "K1: [1, x]", r"c\.yml: K1: found \[1, 'x'\]; expected numbers"),
         ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
         ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
-        ("c.yml", "", r"c\.yml: holds no names"),
+        ("c.yml", "", r"c\.yml: not a table of names"),
         ("c.yml", "[" * 5000, r"c\.yml: nested more than 100 levels deep"),
         ("c.xml", "<a>", r"c\.xml:1: not XML: "),
         ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', r"c\.xml:1: not XML: unknown encoding: klingon"),
