@@ -33,6 +33,10 @@ class Registry:
         """Every name that :meth:`load` takes, sorted."""
         return sorted({*self.builtin, *self._others()})
 
+    def builtin_first(self) -> list[str]:
+        """Every name: those of this project in their order, then those of other distributions, sorted."""
+        return [*self.builtin, *sorted(self._others().keys() - self.builtin.keys())]
+
     def __contains__(self, name: object) -> bool:
         """Whether :meth:`load` takes this name. Other distributions are asked last, because listing them is slow."""
         return name in self.builtin or name in self._others()

@@ -1,4 +1,9 @@
-"""One table, four ways to print it: terminal, CSV, Markdown, LaTeX. Equal tables give equal bytes."""
+"""Tables and pictures of a report. Tables are printed to a terminal, CSV, Markdown or LaTeX; equal ones as equal bytes.
+
+Panels are the foldable sections of the page under "More measures": one file and one line of :data:`PANELS` each. A
+panel is a function of the scores that gives a table or a picture. Another distribution adds one through the entry-point
+group ``vfoa.panels``.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +15,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from harness.files.io import plain_cell
 from harness.score.statistics import Interval
+from vfoa.registry import Registry
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
+
+    from harness.score.score import Scores
 
 UNKNOWN = "–"
 """Printed instead of a number without a value; CSV has an empty cell."""
@@ -59,6 +67,48 @@ class Table:
         places = [self.columns.index(column) for column in columns]
         rows = tuple(tuple(row[place] for place in places) for row in self.rows)
         return replace(self, columns=tuple(columns), rows=rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """An SVG drawing on the page. ``svg`` is only the ``<svg>`` element, without scripts or links to other files.
+
+    ``notes`` are shown with it, each one sentence or more.
+    """
+
+    title: str
+    svg: str
+    notes: tuple[str, ...] = ()
+
+
+class Panel(Protocol):
+    """One section of the page."""
+
+    def __call__(self, scores: Scores) -> Table | Picture:
+        """Draw the panel for a run. A table without rows is left out of the page."""
+        ...
+
+
+PANELS = Registry(
+    kind="report panel",
+    builtin={
+        "subjects": "harness.report.tables:subjects_table",
+        "agreement": "harness.report.tables:measures_table",
+        "baselines": "harness.report.tables:baselines_table",
+        "stages": "harness.report.stages:stage_measures_table",
+        "objects": "harness.report.stages:object_measures_table",
+    },
+    group="vfoa.panels",
+)
+
+
+def draw_panels(scores: Scores) -> Iterator[Table | Picture]:
+    """Yield every panel with content: those of this project, then those of other distributions, sorted."""
+    for name in PANELS.builtin_first():
+        panel: Panel = PANELS.load(name)
+        drawn = panel(scores)
+        if isinstance(drawn, Picture) or drawn.rows:
+            yield drawn
 
 
 def to_csv(table: Table) -> str:

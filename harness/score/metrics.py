@@ -160,5 +160,4 @@ METRICS = Registry(
 
 def load_metrics() -> Mapping[str, Metric]:
     """Load every metric by name: those of this project, then those of other distributions, sorted."""
-    others = (name for name in METRICS.names() if name not in METRICS.builtin)
-    return {name: METRICS.load(name)() for name in (*METRICS.builtin, *others)}
+    return {name: METRICS.load(name)() for name in METRICS.builtin_first()}

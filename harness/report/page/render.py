@@ -11,10 +11,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from harness.report.comparisons import ablation_table, compare_configurations, comparison_table, published_table
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import Served, differing_settings, page_data
 from harness.report.page.packing import AttentionLog, bundle, pack_json
-from harness.report.panels import Picture, draw_panels
 from harness.report.stages import StageTimes
 from harness.report.tables import (
     error_types_table,
