@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.main import get_command
 
 import harness
-from harness.cli import app
+from harness.cli import commands
 from harness.files.folders import names
 from harness.pipeline.settings_reference import setting_keys
 from scripts.pictures import PICTURES
@@ -73,7 +72,7 @@ CASES = sorted(
 
 @pytest.mark.parametrize(("page", "command", "is_whole"), CASES)
 def test_every_command_of_the_documents_is_one(page: str, command: str, is_whole: bool) -> None:
-    known, words = get_command(app), shlex.split(command, comments=True)[1:]
+    known, words = commands(), shlex.split(command, comments=True)[1:]
     while words and hasattr(known, "commands"):
         assert words[0] in known.commands, f"{page}: no command {words[0]!r}"
         known = known.commands[words.pop(0)]
@@ -112,15 +111,12 @@ def _leaves(entry: object) -> list[str]:
 
 
 def test_the_generated_pages_have_every_setting_and_every_command() -> None:
-    settings, commands = settings_page(), commands_page()
+    settings, page = settings_page(), commands_page()
     assert [
         key for key in setting_keys() if f"`{key}`" not in settings and f"`{key.split('.')[1]} =" not in settings
     ] == []
     assert [
-        name
-        for name, command in get_command(app).commands.items()
-        if not command.hidden
-        if f"## vfoa {name}" not in commands
+        name for name, command in commands().commands.items() if not command.hidden if f"## vfoa {name}" not in page
     ] == []
 
 

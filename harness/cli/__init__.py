@@ -10,10 +10,12 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperArgument
+from typer.main import get_command
 
 from harness.cli import clips, labels, models, setup
 from harness.cli.annotate import annotate
@@ -92,6 +94,12 @@ app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")
 
 
+@cache
+def commands() -> Any:
+    """The program's commands, as Click has them: ``app`` builds them anew for each call."""
+    return get_command(app)
+
+
 def main() -> None:
     """Run the command line."""
     keep_working_directory_out()
@@ -101,7 +109,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be valid text
     with one_line_errors():
         _check_working_directory()
-        raise SystemExit(app(prog_name="vfoa", standalone_mode=False) or 0)
+        raise SystemExit(commands()(prog_name="vfoa", standalone_mode=False) or 0)
 
 
 @contextmanager
