@@ -7,12 +7,14 @@ import shlex
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+from typer.main import get_command
 
 import harness
-from harness.cli import commands
+from harness.cli import app
 from harness.files.folders import names
 from harness.pipeline.settings_reference import setting_keys
 from scripts.pictures import PICTURES
@@ -36,6 +38,9 @@ PLACEHOLDERS = re.compile(
     r"^(my_\w+|kitchen(_p\d+)?|dragon|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$"
 )
 """Names that stand for a reader's own clip or experiment."""
+
+COMMANDS: Any = get_command(app)
+"""The program's commands, apart from those that it runs: a context without its parent changes them."""
 
 SIMULATED = {
     "stereo.matcher": "truth",
@@ -72,7 +77,7 @@ CASES = sorted(
 
 @pytest.mark.parametrize(("page", "command", "is_whole"), CASES)
 def test_every_command_of_the_documents_is_one(page: str, command: str, is_whole: bool) -> None:
-    known, words = commands(), shlex.split(command, comments=True)[1:]
+    known, words = COMMANDS, shlex.split(command, comments=True)[1:]
     while words and hasattr(known, "commands"):
         assert words[0] in known.commands, f"{page}: no command {words[0]!r}"
         known = known.commands[words.pop(0)]
@@ -116,7 +121,7 @@ def test_the_generated_pages_have_every_setting_and_every_command() -> None:
         key for key in setting_keys() if f"`{key}`" not in settings and f"`{key.split('.')[1]} =" not in settings
     ] == []
     assert [
-        name for name, command in commands().commands.items() if not command.hidden if f"## vfoa {name}" not in page
+        name for name, command in COMMANDS.commands.items() if not command.hidden if f"## vfoa {name}" not in page
     ] == []
 
 
