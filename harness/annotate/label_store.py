@@ -66,7 +66,7 @@ class LabelStore(JournaledStore[Labels, Step]):
     {"change": {subject, before, after}}                          marks between two positions
     {"undo": true}    {"redo": true}
     {"targets": {manifest, labels, drawn}, "file": name}          targets change in all files: a step to undo
-    {"set": [changes]}                                            the same, undone or made elsewhere: no step to undo
+    {"set": [changes]}                                            the same, undone or made from another file: not a step
     {"seen": [subject, position]}                                 alone, or beside a change
 
     Each entry except a lone ``seen`` is a revision.
@@ -290,7 +290,7 @@ class LabelStore(JournaledStore[Labels, Step]):
         self.commit({"targets": change, "file": self.path.name})
 
     def set_marks(self, changes: Sequence[dict[str, Any]]) -> None:
-        """Make changes that belong to a change of targets made elsewhere. Earlier steps can no longer be undone."""
+        """Make the changes that a change of targets causes here. Earlier steps can no longer be undone."""
         parsed = [Change.parse(change) for change in changes]
         if any(self._change_to(change.subject, change.after).before != change.after for change in parsed):
             self.commit({"set": list(changes)})

@@ -1,7 +1,7 @@
 """Clip manifests: ``datasets/<clip>.toml``, checked and opened.
 
 A file with a table ``clips`` is a family: it makes a clip of each key, whose values replace ``${KEY}`` in the rest of
-the file. ``${CLIP}`` is the clip's name. A family's name stands for those of its clips whose files are here::
+the file. ``${CLIP}`` is the clip's name. A family's name means those of its clips whose files are here::
 
     # datasets/talks.toml
     adapter = "measured"

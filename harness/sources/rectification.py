@@ -195,7 +195,7 @@ def rectify_pose(
     Raises
     ------
     VfoaError
-        If the models differ, a matrix is wrong, or the cameras do not stand side by side, left before right.
+        If the models differ, a matrix is wrong, or the cameras are not side by side, left before right.
     """
     for side, lens in (("left", left), ("right", right)):
         check_lens(lens.k, lens.d, lens.model, f"{where}: {side}")

@@ -36,7 +36,7 @@ class AnnotationFormat(Protocol):
 
 
 class AnnotationCsv:
-    """Reads and writes the CSV of ``annotations/README.md``, of labels that come from a run or from elsewhere."""
+    """Reads and writes the CSV of ``annotations/README.md``, of labels of any origin."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names."""
