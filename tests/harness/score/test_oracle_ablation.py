@@ -168,7 +168,7 @@ def test_on_a_rendered_clip_no_step_falls_and_the_truth_is_all_right(tmp_path: P
     """End to end: frames, steps, scores, stage measures, tables."""
     experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.matcher=sgbm",))
     only = replace(experiment, configurations=tuple(c for c in experiment.configurations if c.name == "sgbm-two"))
-    plan = prepare(with_oracle_ablation(only), limit=16)
+    plan = prepare(with_oracle_ablation(only), limit=6)
     directory = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
     scores = rescore(directory)
     climbed = steps(scores)
