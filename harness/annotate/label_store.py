@@ -270,9 +270,8 @@ class LabelStore(JournaledStore[Labels, Step]):
     def check_reassignment(self, target: str, to: str) -> None:
         """Reject a new target for all labels of a target if somebody would look at themselves."""
         if to not in self.names() or to == target:
-            raise VfoaError(
-                f"unknown target {to!r}; {did_you_mean(to, [each for each in self.names() if each != target])}"
-            )
+            others = [name for name in self.names() if name != target]
+            raise VfoaError(f"unknown target {to!r}; {did_you_mean(to, others)}")
         if to in self.subjects and any(mark is not None and mark.target == target for mark in self.track(to)):
             raise VfoaError(f"{to!r} looks at {target!r} and would look at {to!r}; expected another target, or none")
 

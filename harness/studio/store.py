@@ -58,10 +58,10 @@ def _load(path: Path, decode: Callable[[bytes], _Read | None]) -> _Read | None:
     except OSError:  # missing, or the folder is unreadable: then _save reports it
         return None
     digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
-    found = decode(content) if hashlib.sha256(content).digest() == digest else None
-    if found is None:
+    value = decode(content) if hashlib.sha256(content).digest() == digest else None
+    if value is None:
         _log.warning("%s: damaged; the frame is rendered again", path)
-    return found
+    return value
 
 
 def _save(path: Path, content: bytes) -> None:

@@ -212,9 +212,9 @@ def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
     chain = {name: value for name, value in document.items() if _KALIBR_CAMERA.fullmatch(str(name))}
 
     def camera(number: int) -> Document:
-        if not isinstance(found := chain.get(f"cam{number}"), Mapping):
+        if not isinstance(values := chain.get(f"cam{number}"), Mapping):
             raise VfoaError(f"{where}: no cam{number}; expected one of {', '.join(sorted(chain))}")
-        return found
+        return values
 
     program = "Kalibr's camera chain"
     lenses = [_pinhole(camera(number), "distortion_coeffs", f"{where}: cam{number}", program) for number in cameras]
