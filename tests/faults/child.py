@@ -19,6 +19,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+
 import harness
 from harness.pipeline import weights
 from tests.faults.project import MODEL_SHA256
@@ -42,7 +44,8 @@ class Ended:
 
 
 def import_everything() -> None:
-    """Import what verbs import late, so that a child has it."""
+    """Import what verbs import late, so that a child has it; no threads, which a child would not have."""
+    cv2.setNumThreads(1)  # a child that gives up a pool of threads waits for them for ever
     for each in pkgutil.walk_packages(harness.__path__, "harness."):
         if not each.name.startswith(_SLOW_TO_IMPORT):
             with contextlib.suppress(ImportError):
