@@ -96,19 +96,19 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """The outputs of one stage that were found, computed, and found damaged, by the names of their files."""
+    """The outputs of one stage that were reused, computed, and found damaged, by the names of their files."""
 
-    found: set[str] = field(default_factory=set)
+    reused: set[str] = field(default_factory=set)
     computed: set[str] = field(default_factory=set)
     damaged: set[str] = field(default_factory=set)
 
     def __or__(self, other: Tally) -> Tally:
-        return Tally(self.found | other.found, self.computed | other.computed, self.damaged | other.damaged)
+        return Tally(self.reused | other.reused, self.computed | other.computed, self.damaged | other.damaged)
 
     def take(self) -> Tally:
         """Return all counts so far, and reset them."""
         taken = Tally() | self
-        for names in (self.found, self.computed, self.damaged):
+        for names in (self.reused, self.computed, self.damaged):
             names.clear()
         return taken
 
@@ -180,7 +180,7 @@ class StoredOutputs:
             _log.warning("%s: damaged; its result is computed again", path)
         if data is None or damaged:
             return None
-        self.tally.found.add(path.name)
+        self.tally.reused.add(path.name)
         return seconds, value
 
     def save(self, inputs: Sequence[object], seconds: float, value: object) -> None:
@@ -246,7 +246,7 @@ class Account:
                 "clip": clip,
                 "slot": entry.identity.slot,
                 "stage": entry.identity.parts["stage"],
-                "reused": len(entry.tally.found - entry.tally.computed),
+                "reused": len(entry.tally.reused - entry.tally.computed),
                 "computed": len(entry.tally.computed),
                 "damaged": len(entry.tally.damaged),
                 "why": _why(entry),
