@@ -20,7 +20,7 @@ from tests.command import vfoa
 from tests.disk import write_image
 from tests.repository import REPOSITORY
 
-FRAMES = range(1, 11)
+FRAMES = range(1, 8)
 TARGETS = {"mug": "cup", "vase": "vase", "laptop": "laptop", "book": "book", "bottle": "bottle"}
 KEYS = {**{name: str(key) for key, name in enumerate(TARGETS, start=1)}, "none": "n", "ignore": "i"}
 ARROW_RIGHT = "\ue014"

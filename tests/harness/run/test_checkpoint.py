@@ -18,8 +18,10 @@ from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
 
-FRAMES = 12
-KILLS = ((1, 2), (8, 10), (11, 11))
+FRAMES = 9
+RECORDED_FRAMES = 12
+"""With key frames at 1, 6 and 11."""
+KILLS = ((1, 2), (5, 7), (8, 8))
 """After how many frames there is the last checkpoint, and a kill."""
 
 # tracks, filtered gazes, a window over frames, beliefs, frames that wait for later ones: all that is carried along
@@ -58,7 +60,8 @@ def _run(
     experiment: Path, out: Path, told: list[str] | None = None, recorded: bool = False, **more: Any
 ) -> RunDirectory:
     loaded = load_experiment(str(experiment))
-    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, recorded=recorded))
+    limit = RECORDED_FRAMES if recorded else FRAMES
+    plan = prepare(loaded, limit=limit, sinks=composed_sinks(loaded.configurations, recorded=recorded))
     tell = told.append if told is not None else lambda line: None
     return run_plan(plan, out, workers=1, progress=more.get("progress", lambda clip: None), tell=tell)
 
