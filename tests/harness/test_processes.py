@@ -91,7 +91,7 @@ def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) ->
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         timeout=30,
     )
-    assert (done.stdout, done.returncode) == ("went on\n", -signal.SIGINT)
+    assert (done.stdout, done.returncode) == ("went on\n", -signal.SIGINT), done.stderr
     assert done.stderr.rstrip().endswith("KeyboardInterrupt")
 
 
