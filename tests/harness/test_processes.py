@@ -98,7 +98,7 @@ def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) ->
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{tmp_path}"},
         timeout=30,
     )
     assert (done.stdout, done.returncode) == ("went on\n", -signal.SIGINT), done.stderr
