@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import datetime
 import errno
 import os
@@ -37,7 +38,7 @@ LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
 GO_ON = "finished frames are kept, and the same command continues"
 _PATIENCE_S = 30.0
-_AT_ONCE_BYTES = 2**20
+_AT_ONCE_BYTES = 2**16
 
 
 class LayerFile:
@@ -224,9 +225,12 @@ class _StreamFile:
         self._pipe, end = os.pipe()
         os.set_blocking(self._pipe, False)
         self._moving = threading.Lock()
-        self._thread = threading.Thread(target=self._follow, name=f"writes {path.name}", daemon=True)
-        self._thread.start()
+        self._begun, self._over = threading.Event(), threading.Event()
         try:
+            # threading.Thread.start would wait without end for a thread that has no memory to begin
+            _thread.start_new_thread(self._follow, ())
+            if not self._begun.wait(_PATIENCE_S):
+                raise RuntimeError("no memory for a thread that writes")
             stream.save(f"/dev/fd/{end}", default_blueprint=layout, write_footer=footer)
         except RuntimeError as error:
             raise OSError(errno.EIO, f"cannot be opened ({error})", str(path)) from None
@@ -262,16 +266,18 @@ class _StreamFile:
         """End the stream and close the file, also after an error. Raises the errors of :meth:`check`."""
         if not self._ended:
             self._stream.disconnect()
-            self._thread.join()
+            self._over.wait()
             os.close(self._pipe)
             os.close(self._file)
         self.check()
 
     def _follow(self) -> None:
         waiting = self._waiting()
+        self._begun.set()
         while not self._ended:
             waiting.poll()
             self._move()
+        self._over.set()
 
     def _waiting(self) -> select.poll:
         waiting = select.poll()

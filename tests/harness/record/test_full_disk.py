@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from harness.record import layer_file
+from harness.record.layers import ClipFiles
 
 PROGRAM = """
 import resource, sys
@@ -49,4 +53,16 @@ def test_a_file_that_takes_no_more_ends_in_bounded_time(how: str, tmp_path: Path
     )
     assert done.returncode == 0, done.stderr
     assert ("clip.rrd.partial" in done.stdout) == (how == "complete")
+    assert not (tmp_path / "clip.rrd").exists()
+
+
+def test_a_thread_that_has_no_memory_to_begin_is_an_error_and_no_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_thread, "start_new_thread", lambda function, arguments: 0)  # as it ends where memory does
+    monkeypatch.setattr(layer_file, "_PATIENCE_S", 0.01)
+    layer = layer_file.LayerFile(tmp_path / "clip.rrd", ClipFiles(run=tmp_path, clip="clip"))
+    with pytest.raises(OSError, match="no memory") as error:
+        layer.open()
+    assert error.value.filename == str(tmp_path / "clip.rrd.partial")
     assert not (tmp_path / "clip.rrd").exists()
