@@ -220,12 +220,11 @@ class _StreamFile:
     def __init__(self, stream: rr.RecordingStream, path: Path, layout: rrb.Blueprint | None, *, footer: bool) -> None:
         self._stream, self._path = stream, path
         self._error: OSError | None = None
-        self._ended = False
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
         self._pipe, end = os.pipe()
         os.set_blocking(self._pipe, False)
         self._moving = threading.Lock()
-        self._begun, self._over = threading.Event(), threading.Event()
+        self._begun, self._ended = threading.Event(), threading.Event()
         try:
             # threading.Thread.start would wait without end for a thread that has no memory to begin
             _thread.start_new_thread(self._follow, ())
@@ -255,7 +254,7 @@ class _StreamFile:
         except RuntimeError as error:
             raise OSError(errno.EIO, f"cannot be written ({error}); {GO_ON}", str(self._path)) from None
         waiting = self._waiting()
-        while not self._ended:
+        while not self._ended.is_set():
             with self._moving:
                 if not waiting.poll(0):
                     break
@@ -264,9 +263,9 @@ class _StreamFile:
 
     def close(self) -> None:
         """End the stream and close the file, also after an error. Raises the errors of :meth:`check`."""
-        if not self._ended:
+        if not self._ended.is_set():
             self._stream.disconnect()
-            self._over.wait()
+            self._ended.wait()
             os.close(self._pipe)
             os.close(self._file)
         self.check()
@@ -274,10 +273,9 @@ class _StreamFile:
     def _follow(self) -> None:
         waiting = self._waiting()
         self._begun.set()
-        while not self._ended:
+        while not self._ended.is_set():
             waiting.poll()
             self._move()
-        self._over.set()
 
     def _waiting(self) -> select.poll:
         waiting = select.poll()
@@ -287,13 +285,15 @@ class _StreamFile:
     def _move(self) -> None:
         """Move what is in the pipe to the file, in the thread alone: an interrupt of the main one would lose bytes."""
         with self._moving:
-            while not self._ended:
+            while not self._ended.is_set():
                 try:
                     content = os.read(self._pipe, _AT_ONCE_BYTES)
                 except BlockingIOError:
                     return
-                self._ended = not content
-                self._write(content)
+                if content:
+                    self._write(content)
+                else:
+                    self._ended.set()
 
     def _write(self, content: bytes) -> None:
         try:
