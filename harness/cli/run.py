@@ -25,6 +25,7 @@ from harness.cli.options import (
     preset_names,
 )
 from harness.cli.terminal import say
+from harness.processes import interrupt
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -159,8 +160,6 @@ def _advice(plan: Plan) -> str | None:
 @contextmanager
 def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
     """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
-    from harness.processes import interrupt
-
     signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     handled = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores SIGHUP
     before = {number: signal.signal(number, interrupt) for number in handled}
