@@ -20,7 +20,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,40 +126,20 @@ class Store:
         with replacing(path) as draft:
             draft.write_bytes(sealed(data))
 
-    def names(self, slot: str, identity: str) -> frozenset[str]:
-        """The names of the files of all results with one identity."""
-        return frozenset(path.name for path in self.folder(slot, identity).glob("*.bin"))
-
-    def has(self, slot: str, identity: str) -> bool:
-        """Whether there was ever a result with this identity."""
-        return self.folder(slot, identity).exists()
-
     def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
         """Write the description of an identity beside its results. Raises as :meth:`save` does."""
         path = self.folder(slot, identity) / _IDENTITY
         if not path.exists():
             atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
 
-    def described(self, slot: str) -> Iterator[dict[str, Any]]:
-        """The description of every identity of a slot; those that cannot be read are left out."""
-        return (parts for _folder, parts in self._identities(slot))
-
-    def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
-        for path in sorted((self.stages / slot).glob(f"*/{_IDENTITY}")):
-            try:
-                parts = parse_json(read_bytes(path), path)
-            except VfoaError:
-                continue
-            if isinstance(parts, dict):
-                yield path.parent, parts
-
     def usage(self) -> list[Usage]:
-        """Disk usage by stage and clip, all settings together, largest first."""
+        """Disk usage by stage and clip, all settings together, largest first; undescribed outputs are left out."""
         sizes: dict[tuple[str, str, str], list[int]] = {}
-        for slot in sorted(path.name for path in self.stages.glob("*")):
-            for folder, parts in self._identities(slot):
-                key = slot, str(parts.get("stage")), str(parts.get("clip"))
-                sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
+        for path in sorted(self.stages.glob(f"*/*/{_IDENTITY}")):
+            with suppress(VfoaError, TypeError, KeyError):  # damaged
+                parts = parse_json(read_bytes(path), path)
+                key = path.parent.parent.name, str(parts["stage"]), str(parts["clip"])
+                sizes.setdefault(key, []).extend(size for _, size, _ in _results(path.parent))
         usages = (
             Usage(slot=slot, name=name, clip=clip, files=len(own), bytes=sum(own))
             for (slot, name, clip), own in sizes.items()

@@ -109,7 +109,6 @@ class Perception:
         self._heads_thread = ThreadPoolExecutor(1) if parallel else None
         self._segmenter_thread = ThreadPoolExecutor(1) if parallel else None  # heads must not wait for it
         self._memo = Memo()
-        self._tallies: dict[str, Tally] = {}
         self._failed: dict[str, VfoaError] = {}
         self._stages: dict[str, StageRunner] = {}
         self._drawings: dict[DrawnSettings, StageRunner] = {}
@@ -153,9 +152,9 @@ class Perception:
                 with suppress(VfoaError):
                     perceive(frame, group.stages)
 
-    def take_tallies(self) -> dict[str, Tally]:
-        """Return the outputs reused and computed since the last call, by the stage's key."""
-        return {key: tally.take() for key, tally in self._tallies.items()}
+    def take_tallies(self) -> tuple[Tally, ...]:
+        """Return the outputs of each cached stage that were reused and computed since the last call."""
+        return tuple(runner.stored.take() for runner in self._stages.values() if runner.stored)
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
         perceived: dict[_Group, tuple[Percepts, Timings]] = {}
@@ -256,7 +255,7 @@ class Perception:
     def _stage(self, choice: StageChoice) -> StageRunner:
         slot = STAGES[choice.slot]
         name = f'{slot.name}.{slot.key} = "{choice.name}"'
-        stored = self._cache.outputs_of(choice, self._tallies) if self._cache else None
+        stored = self._cache.outputs_of(choice) if self._cache else None
         stage = guarded(name, slot.build, choice, self._clip, self._segmenter_thread)
         return StageRunner(stage, slot=slot.name, name=name, memo=self._memo, stored=stored)
 

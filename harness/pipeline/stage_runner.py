@@ -83,7 +83,7 @@ class StageRunner:
         self, stage: Any, *, slot: str, name: str, memo: Memo | None = None, stored: StoredOutputs | None = None
     ) -> None:
         self.stage = stage
-        self._slot, self._name, self._memo, self._stored = slot, name, memo or Memo(), stored
+        self._slot, self._name, self._memo, self.stored = slot, name, memo or Memo(), stored
 
     def __getattr__(self, method: str) -> Any:
         getattr(self.stage, method)  # raises AttributeError for a method that the stage does not have
@@ -92,7 +92,7 @@ class StageRunner:
     def _call(self, method: str, *inputs: Any) -> Any:
         key = self._memo.key((self, method), inputs)
         if key not in self._memo.outputs:
-            stored = None if method in NOT_STORED else self._stored
+            stored = None if method in NOT_STORED else self.stored
             if stored and (output := stored.load(inputs)):
                 seconds, value = output
             else:

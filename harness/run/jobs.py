@@ -64,7 +64,7 @@ def run_jobs(
     """
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
-    jobs = [replace(_job(plan, prepared, directory, cache, account), ahead=ahead) for prepared in plan.clips]
+    jobs = [replace(_job(plan, prepared, directory, cache), ahead=ahead) for prepared in plan.clips]
     for job in jobs:
         if not job.configurations:
             skip(job, progress)
@@ -75,9 +75,9 @@ def run_jobs(
         todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
     for jobs in _rounds(todo):
-        for job, outcome in zip(jobs, executor.run(run_clip, jobs, progress, _lost), strict=True):
+        for outcome in executor.run(run_clip, jobs, progress, _lost):
             failures.update(outcome.failures)
-            account.add(job.manifest.name, outcome.tallies)
+            account.add(outcome.tallies)
     return failures, account
 
 
@@ -106,7 +106,7 @@ def _share(
             left += _dealt(job, len(job.configurations))
         else:
             failures.update(outcome.failures)
-            account.add(job.manifest.name, outcome.tallies)
+            account.add(outcome.tallies)
     warm_up.finish()
     return left
 
@@ -160,7 +160,7 @@ def skip(clip: PreparedClip | ClipJob, progress: Progress) -> None:
         progress(clip.manifest.name)
 
 
-def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
+def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None) -> ClipJob:
     """Return the job with the unfinished configurations of a clip."""
     clip, configurations = prepared.manifest.name, plan.experiment.configurations
     todo = [
@@ -182,10 +182,7 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
     )
     if store is None or isinstance(prepared.clip, MeasuredClip):  # nothing to perceive
         return job
-    cache = open_cache(store, clip, prepared.clip, job.configurations, prepared.digest)
-    for key, identity in cache.identities.items():
-        account.open(clip, key, identity, store)
-    return replace(job, cache=cache)
+    return replace(job, cache=open_cache(store, clip, prepared.clip, job.configurations, prepared.digest))
 
 
 Unchanged = Callable[[], AbstractContextManager[None]]
@@ -272,7 +269,7 @@ class WarmUp:
             self._take(part, outcome)
 
     def _take(self, part: ClipJob, outcome: ClipOutcome) -> None:
-        self._account.add(part.manifest.name, outcome.tallies)
+        self._account.add(outcome.tallies)
         frames = {(part.manifest.name, frame) for frame in part.frames}
         self._waiting -= frames
         if outcome.failures:

@@ -99,18 +99,18 @@ class ClipJob:
             self.configurations, clip, self.cache, drawn=self.drawn, parallel=parallel, begins=begins, starts=starts
         )
 
-    def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
+    def outcome(self, errors: Iterable[VfoaError | None], tallies: tuple[Tally, ...] = ()) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""
         failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
-        return ClipOutcome(failures=failures, tallies=tallies or {})
+        return ClipOutcome(failures=failures, tallies=tallies)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
-    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache by stage key."""
+    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache."""
 
     failures: Mapping[Pair, VfoaError]
-    tallies: Mapping[str, Tally] = field(default_factory=dict)
+    tallies: tuple[Tally, ...] = ()
 
 
 def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:

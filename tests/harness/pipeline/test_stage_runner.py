@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.pipeline.cache import Tally, open_cache
+from harness.pipeline.cache import open_cache
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import STAGES
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, timed
@@ -93,9 +93,8 @@ def test_a_stored_output_that_is_another_frames_or_none_is_computed_again(damage
     cache = open_cache(store, "studio_table", clip, [first])
     choice = first.choices["stereo"]
     assert choice is not None
-    tallies: dict[str, Tally] = {}
     matcher = STAGES["stereo"].build(choice, clip)
-    stored = cache.outputs_of(choice, tallies)
+    stored = cache.outputs_of(choice)
     runner = StageRunner(matcher, slot="stereo", name="bm", stored=stored)
     expected = {number: runner.match(clip.frame(number)).disparity_px for number in (1, 2)}
     paths = sorted(tmp_path.rglob("*.bin"))
@@ -106,5 +105,6 @@ def test_a_stored_output_that_is_another_frames_or_none_is_computed_again(damage
         store.save(paths[0], b"\x93\x01\x02")
     again = StageRunner(matcher, slot="stereo", name="bm", stored=stored)
     np.testing.assert_array_equal(again.match(clip.frame(1)).disparity_px, expected[1])
-    (tally,) = tallies.values()
-    assert tally.damaged == {paths[0].name}
+    assert stored is not None
+    tally = stored.take()
+    assert (tally.reused, tally.computed) == (set(), {path.name for path in paths})
