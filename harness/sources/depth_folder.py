@@ -108,7 +108,7 @@ class DepthFolderClip:
                 raise VfoaError(
                     f"colour is {sizes} pixels; expected depth that the camera's software aligned with colour"
                 )
-            image, depth = self._optics.image(left), self._optics.depth(depth_m)
+            image, depth = self._optics.image(left, "colour image"), self._optics.depth(depth_m)
         return StereoFrame(index=number, time_ns=time_ns, left=image, depth_m=depth, rig=self._optics.rig)
 
     def truth(self, number: int) -> Truth:

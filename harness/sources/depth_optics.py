@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 from pydantic import Field
 
 from harness.sources.calibration import Calibration, check_camera
-from harness.sources.rectification import RawCamera, undistortion_maps
+from harness.sources.rectification import RawCamera, Undistorter, rays
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
-from vfoa.types import Float, Image, Map, StereoRig
+from vfoa.types import Float, Map, StereoRig
 
 
 class Intrinsics(Settings):
@@ -56,7 +53,7 @@ def check_one_calibration(calibration: object, camera: Intrinsics | None) -> Non
 
 def pinhole(k: Float, size_px: tuple[int, int]) -> RawCamera:
     """Return a camera with this matrix (3, 3) and no distortion."""
-    return RawCamera(size_px=size_px, k=k, d=np.zeros(0), r=np.eye(3), p=np.column_stack([k, np.zeros(3)]))
+    return RawCamera(size_px=size_px, k=k, d=np.zeros(0)).unbent()
 
 
 def without_distortion(camera: RawCamera) -> RawCamera:
@@ -65,10 +62,11 @@ def without_distortion(camera: RawCamera) -> RawCamera:
     return pinhole(camera.p[:, :3] if has_p else camera.k, camera.size_px)
 
 
-class DepthOptics:
+class DepthOptics(Undistorter):
     """Removes the lens distortion from images of one camera, and from depth maps in these images.
 
     A single camera is not rotated: the new camera has the matrix K of the old one and no distortion, so that z stays z.
+    ``rig`` is that of the images and maps without distortion.
 
     Raises
     ------
@@ -77,42 +75,12 @@ class DepthOptics:
     """
 
     def __init__(self, camera: RawCamera, where: str) -> None:
-        k = camera.k
+        (width, height), k = camera.size_px, camera.k
+        fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
         with located(where):
-            check_camera(camera.size_px, (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2])))
-        self._camera, self._where = camera, where
-        without = replace(camera, r=np.eye(3), p=np.column_stack([camera.k, np.zeros(3)]))
-        self._maps = undistortion_maps(without) if camera.d.any() else None
-
-    @property
-    def rig(self) -> StereoRig:
-        """The rig of the images and maps that :meth:`image` and :meth:`depth` return."""
-        (width, height), k = self._camera.size_px, self._camera.k
-        return StereoRig.of_depth_camera(
-            width_px=width, height_px=height, fx_px=k[0, 0], fy_px=k[1, 1], cx_px=k[0, 2], cy_px=k[1, 2]
-        )
-
-    def image(self, image: Image) -> Image:
-        """Return an image (H, W, 3) without distortion; pixels that the camera did not see are black."""
-        self._check(image.shape, "colour image")
-        if self._maps is None:
-            return image
-        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
-
-    def depth(self, depth_m: Map) -> Map:
-        """Return a depth map (H, W) without distortion, by nearest pixels: depths must not be averaged across edges."""
-        self._check(depth_m.shape, "depth map")
-        if self._maps is None:
-            return depth_m
-        nan = float("nan")
-        return np.asarray(cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST, borderValue=nan), dtype=np.float32)
-
-    def _check(self, shape: tuple[int, ...], what: str) -> None:
-        size = (shape[1], shape[0])
-        if size != self._camera.size_px:
-            raise VfoaError(
-                f"{self._where}: the calibration is for {self._camera.size_px} pixels, the {what} has {size}"
-            )
+            check_camera(camera.size_px, (fx, fy), (cx, cy))
+        super().__init__(camera.unbent(), where)
+        self.rig = StereoRig.of_depth_camera(width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 
 
 _LARGEST_PX = 16
@@ -137,7 +105,7 @@ class DepthRegistration:
         width, height = source.size_px
         # A pixel is a square: its four corners tell which pixels of the target it covers.
         v, u = np.mgrid[: height + 1, : width + 1].astype(np.float64) - 0.5
-        corners = _rays(np.column_stack([u.ravel(), v.ravel()]), source).reshape(height + 1, width + 1, 2)
+        corners = rays(np.column_stack([u.ravel(), v.ravel()]), source).reshape(height + 1, width + 1, 2)
         self._corners = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
 
     def register(self, depth_m: Map) -> Map:
@@ -182,10 +150,3 @@ def _covered(corners: Float) -> tuple[Float, Float]:
     nearest = np.round(corners.mean(axis=0))
     none = last < first
     return np.where(none, nearest, first), np.where(none, nearest, last)
-
-
-def _rays(pixels: Float, camera: RawCamera) -> Float:
-    """(x / z, y / z) (N, 2) of pixels (N, 2) in the camera's own image, distortion included."""
-    undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
-    d = camera.d if camera.d.size else np.zeros(4)
-    return np.asarray(undistort(pixels[:, None], camera.k, d)).reshape(-1, 2)

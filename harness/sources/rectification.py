@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.sources.calibration import Calibration, from_projections
 from vfoa.errors import VfoaError
-from vfoa.types import Float, Image
+from vfoa.types import Float, Image, Map
 
 Model = Literal["plumb_bob", "equidistant"]
 
@@ -33,15 +33,15 @@ class RawCamera:
     """One camera before rectification, in the terms of ROS's CameraInfo and OpenCV's stereoRectify.
 
     ``k`` (3, 3) in pixels, ``d`` OpenCV's coefficients (none: no distortion), ``r`` (3, 3) rectified_from_camera,
-    ``p`` (3, 4) of the rectified camera, its fourth column in pixel metres. ``model`` ``plumb_bob`` also holds the
-    rational, thin prism and tilted coefficients; ``equidistant`` is OpenCV's fisheye.
+    ``p`` (3, 4) of the rectified camera, its fourth column in pixel metres (zeros: not known). ``model`` ``plumb_bob``
+    also holds the rational, thin prism and tilted coefficients; ``equidistant`` is OpenCV's fisheye.
     """
 
     size_px: tuple[int, int]
     k: Float
     d: Float
-    r: Float
-    p: Float
+    r: Float = field(default_factory=lambda: np.eye(3))
+    p: Float = field(default_factory=lambda: np.zeros((3, 4)))
     model: Model = "plumb_bob"
 
     @property
@@ -61,6 +61,10 @@ class RawCamera:
         """Whether rectification would change no pixel."""
         return bool(not self.d.any() and np.array_equal(self.r, np.eye(3)) and np.array_equal(self.k, self.p[:, :3]))
 
+    def unbent(self) -> RawCamera:
+        """The same camera whose lens distortion is to be removed, without a rotation: depths stay depths."""
+        return replace(self, r=np.eye(3), p=np.column_stack([self.k, np.zeros(3)]))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawCalibration:
@@ -79,8 +83,8 @@ class RawCalibration:
     def __post_init__(self) -> None:
         for side, camera in (("left", self.left), ("right", self.right)):
             where = f"{self.where}: {side}"
-            check_lens(camera.k, camera.d, camera.model, where)
-            check_rotation(camera.r, where)
+            _check_lens(camera, where)
+            _check_rotation(camera.r, where)
             _check_shape("P", camera.p, (3, 4), where)
         if self.left.size_px != self.right.size_px:
             raise VfoaError(
@@ -100,6 +104,45 @@ ImageSize = Callable[[], tuple[int, int]]
 """Returns (width, height) of the clip's images; called only if a file depends on the size or lacks it."""
 
 
+class Undistorter:
+    """Moves the pixels of one camera's images to those of its rectified camera P; ``where`` opens the messages.
+
+    Raises
+    ------
+    VfoaError
+        By both methods, if an image is not of the calibration's size; ``kind`` names the image.
+    """
+
+    def __init__(self, camera: RawCamera, where: str) -> None:
+        self._size_px, self._where = camera.size_px, where
+        self._maps = None if camera.is_rectified else _undistortion_maps(camera)
+
+    @property
+    def keeps(self) -> bool:
+        """Whether images stay unchanged."""
+        return self._maps is None
+
+    def image(self, image: Image, kind: str) -> Image:
+        """Return a rectified image (H, W, 3) uint8; pixels that the camera did not see are black."""
+        self._check(image, kind)
+        if self._maps is None:
+            return image
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def depth(self, depth_m: Map) -> Map:
+        """Return a rectified depth map (H, W), by nearest pixels: depths must not be averaged across edges."""
+        self._check(depth_m, "depth map")
+        if self._maps is None:
+            return depth_m
+        nan = float("nan")
+        return np.asarray(cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST, borderValue=nan), dtype=np.float32)
+
+    def _check(self, pixels: Image | Map, kind: str) -> None:
+        size = (pixels.shape[1], pixels.shape[0])
+        if size != self._size_px:
+            raise VfoaError(f"{self._where}: the calibration is for {self._size_px} pixels, the {kind} has {size}")
+
+
 class Rectifier:
     """Rectifies the pairs of one calibration, or leaves them as they are if that is of rectified images.
 
@@ -107,15 +150,15 @@ class Rectifier:
     """
 
     def __init__(self, cameras: Cameras) -> None:
-        self._raw = None if isinstance(cameras, Calibration) else cameras
         self.calibration = cameras if isinstance(cameras, Calibration) else cameras.rectified()
-        raw = () if self._raw is None else (self._raw.left, self._raw.right)
-        self._maps = tuple(None if camera.is_rectified else undistortion_maps(camera) for camera in raw)
+        raw = {} if isinstance(cameras, Calibration) else {"left": cameras.left, "right": cameras.right}
+        where = "" if isinstance(cameras, Calibration) else cameras.where
+        self._sides = {side: Undistorter(camera, where) for side, camera in raw.items()}
 
     @property
     def keeps_left(self) -> bool:
         """Whether left images are rectified already, and stay unchanged."""
-        return self._raw is None or self._maps[0] is None
+        return not self._sides or self._sides["left"].keeps
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Rectify two images (H, W, 3) uint8; images that are rectified already are returned unchanged.
@@ -125,32 +168,27 @@ class Rectifier:
         VfoaError
             If an image is not of the calibration's size.
         """
-        return self._remap(left, "left", 0), self._remap(right, "right", 1)
+        return self._side("left", left), self._side("right", right)
 
     def rectify_left(self, left: Image) -> Image:
         """Rectify only the left image, as :meth:`rectify` does."""
-        return self._remap(left, "left", 0)
+        return self._side("left", left)
 
-    def _remap(self, image: Image, side: str, index: int) -> Image:
-        if self._raw is None:
-            return image
-        size, expected = (image.shape[1], image.shape[0]), self._raw.left.size_px
-        if size != expected:
-            raise VfoaError(f"{self._raw.where}: the calibration is for {expected} pixels, the {side} image has {size}")
-        maps = self._maps[index]
-        return image if maps is None else np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+    def _side(self, side: str, image: Image) -> Image:
+        return self._sides[side].image(image, f"{side} image") if self._sides else image
 
 
-def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
+def _check_lens(camera: RawCamera, where: str) -> None:
     """Reject an invalid camera matrix, or a wrong number of coefficients for the model."""
+    k, d, counts = camera.k, camera.d, _COEFFICIENTS[camera.model]
     _check_shape("K", k, (3, 3), where)
     if not (k[0, 0] > 0 and k[1, 1] > 0):
         raise VfoaError(f"{where}: K: found focal lengths {k[0, 0]:g}, {k[1, 1]:g}; expected positive")
-    if d.ndim != 1 or d.size not in _COEFFICIENTS[model] or not np.isfinite(d).all():
-        raise VfoaError(f"{where}: D: found {d.size} coefficients; expected one of {_COEFFICIENTS[model]}, finite")
+    if d.ndim != 1 or d.size not in counts or not np.isfinite(d).all():
+        raise VfoaError(f"{where}: D: found {d.size} coefficients; expected one of {counts}, finite")
 
 
-def check_rotation(r: Float, where: str) -> None:
+def _check_rotation(r: Float, where: str) -> None:
     """Reject a matrix that is not a rotation (3, 3)."""
     _check_shape("R", r, (3, 3), where)
     is_bounded = bool((np.abs(r) < 2).all())  # or its square overflows
@@ -163,65 +201,60 @@ def _check_shape(name: str, matrix: Float, shape: tuple[int, int], where: str) -
         raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}, finite")
 
 
-def undistortion_maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
+def _undistortion_maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
     """Position of each pixel of the rectified camera P in the camera's image: (H, W) float32 columns and rows."""
-    d = camera.d if camera.d.size else np.zeros(4)
-    lens = camera.k, d, camera.r, camera.p[:, :3], camera.size_px, cv2.CV_32FC1
+    lens = camera.k, _coefficients(camera), camera.r, camera.p[:, :3], camera.size_px, cv2.CV_32FC1
     if camera.model == "equidistant":
         return cv2.fisheye.initUndistortRectifyMap(*lens)
     return cv2.initUndistortRectifyMap(*lens)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lens:
-    """``k`` (3, 3) in pixels, ``d`` OpenCV's coefficients of the model (none: no distortion)."""
-
-    k: Float
-    d: Float
-    model: Model = "plumb_bob"
-
-    def camera(self, size_px: tuple[int, int], r: Float, p: Float) -> RawCamera:
-        """Return the camera with this rectification (3, 3) and projection (3, 4)."""
-        return RawCamera(size_px=size_px, k=self.k, d=self.d, r=r, p=p, model=self.model)
+def _coefficients(camera: RawCamera) -> Float:
+    return camera.d if camera.d.size else np.zeros(4)
 
 
-def rectify_pose(
-    left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int], where: str
-) -> RawCalibration:
+def rays(pixels: Float, camera: RawCamera) -> Float:
+    """(x / z, y / z) (N, 2) of pixels (N, 2) in the camera's own image, distortion included."""
+    undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
+    return np.asarray(undistort(pixels[:, None], camera.k, _coefficients(camera))).reshape(-1, 2)
+
+
+def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation: Float, where: str) -> RawCalibration:
     """Return the pair with Bouguet's rectification, cropped to common pixels (OpenCV's alpha or balance 0).
 
-    x_right = rotation x_left + translation, in any unit; the fourth column of P2 has the same unit.
+    x_right = rotation x_left + translation, in any unit; the fourth column of P2 has the same unit. The cameras' own R
+    and P do not count.
 
     Raises
     ------
     VfoaError
         If the models differ, a matrix is wrong, or the cameras are not side by side, left before right.
     """
-    for side, lens in (("left", left), ("right", right)):
-        check_lens(lens.k, lens.d, lens.model, f"{where}: {side}")
-    check_rotation(rotation, where)
+    for side, camera in (("left", left), ("right", right)):
+        _check_lens(camera, f"{where}: {side}")
+    _check_rotation(rotation, where)
     if left.model != right.model:
         raise VfoaError(f"{where}: left is {left.model}, right {right.model}; expected one distortion model")
     if translation.shape != (3,) or not np.isfinite(translation).all() or not translation.any():
         raise VfoaError(f"{where}: T: found {translation.tolist()}; expected three finite numbers that are not all 0")
     try:
-        r1, r2, p1, p2 = _rectification(left, right, rotation, translation, size_px)
+        r1, r2, p1, p2 = _rectification(left, right, rotation, translation)
     except cv2.error as error:
         raise VfoaError(f"{where}: OpenCV finds no rectification for these cameras: {str(error).strip()}") from None
     if abs(p2[1, 3]) > abs(p2[0, 3]):
         raise VfoaError(
             f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
         )
-    return RawCalibration(left=left.camera(size_px, r1, p1), right=right.camera(size_px, r2, p2), where=where)
+    return RawCalibration(left=replace(left, r=r1, p=p1), right=replace(right, r=r2, p=p2), where=where)
 
 
 def _rectification(
-    left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int]
+    left: RawCamera, right: RawCamera, rotation: Float, translation: Float
 ) -> tuple[Float, Float, Float, Float]:
-    d_left, d_right = (lens.d if lens.d.size else np.zeros(4) for lens in (left, right))
     # cv2.fisheye refuses views of larger matrices
     pose = np.ascontiguousarray(rotation), np.ascontiguousarray(translation).reshape(3, 1)
-    lenses = left.k, d_left, right.k, d_right, size_px
+    size_px = left.size_px
+    lenses = left.k, _coefficients(left), right.k, _coefficients(right), size_px
     flag = cv2.CALIB_ZERO_DISPARITY
     matrices = (
         cv2.fisheye.stereoRectify(*lenses, *pose, flag, newImageSize=size_px, balance=0)[:4]

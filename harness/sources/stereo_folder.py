@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files.read import Options, Unit, read_cameras
+from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note
 from harness.sources.stereo_views import ViewFiles
@@ -19,22 +19,14 @@ from vfoa.errors import VfoaError, located
 from vfoa.types import Image, StereoFrame
 
 
-class StereoFolderSettings(ViewFiles):
+class StereoFolderSettings(ViewFiles, Options):
     """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Other
-    settings say what such files do not contain: ``calibration_cameras``, the two cameras to use (default: KITTI (2, 3),
-    Kalibr (0, 1)); ``calibration_unit``, the unit of their translation; ``baseline_m``, which replaces the file's;
-    ``fisheye``: the lenses are fisheye lenses; ``rectified``: the images are rectified already. Without ``rate_hz``,
-    times are those of the video or in the names; images without either are one second apart.
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Without
+    ``rate_hz``, times are those of the video or in the names; images without either are one second apart.
     """
 
     calibration: str | tuple[str, str] | None = None
-    calibration_cameras: tuple[int, int] | None = None
-    calibration_unit: Unit = "m"
-    baseline_m: float | None = Field(default=None, gt=0)
-    fisheye: bool = False
-    rectified: bool = False
     camera: Intrinsics | None = None
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
 
@@ -46,16 +38,6 @@ class StereoFolderSettings(ViewFiles):
                 "baseline_m, calibration_unit: found beside camera; expected camera.baseline_m alone, in m"
             )
         return self
-
-    def options(self) -> Options:
-        """The settings of the calibration's files."""
-        return Options(
-            cameras=self.calibration_cameras,
-            unit=self.calibration_unit,
-            fisheye=self.fisheye,
-            rectified=self.rectified,
-            baseline_m=self.baseline_m,
-        )
 
 
 class StereoFolderClip:
@@ -160,7 +142,7 @@ class StereoFolderClip:
             return settings.camera.pair(str(folder))
         files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
         paths = [folder / file for file in files or ()]
-        return read_cameras(paths, self._size_px, settings.options())
+        return read_cameras(paths, self._size_px, settings)
 
     def _size_px(self) -> tuple[int, int]:
         left, _ = self._views.read(self.frames[0])

@@ -239,13 +239,8 @@ def _refuse_unpaired(path: Path) -> None:
 def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> list[Recognised]:
     """The layout with each calibration for images of this size, at most two folders below or one above."""
     gray = bool(_KITTI_GRAY.search(layout.source.get("left", "")))
-    baseline = given.get("baseline_m")
-    options = Options(
-        cameras=(0, 1) if gray else None,
-        fisheye=given.get("fisheye") is True,
-        rectified=given.get("rectified") is True,
-        baseline_m=float(baseline) if isinstance(baseline, int | float) and baseline > 0 else None,
-    )
+    settings = {key: given[key] for key in Options.model_fields if key in given}
+    options = parse(Options, {"calibration_cameras": (0, 1), **settings} if gray else settings, "--set")
     calibrations, incomplete = list[tuple[str, ...]](), list[str]()
     if "calibration" not in given and "camera" not in given:
         calibrations, incomplete = find_calibrations(layout.root, lambda: layout.size_px, options)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from harness.sources.calibrate.views import Dropped, View
-from harness.sources.rectification import Lens, RawCalibration, Rectifier, rectify_pose
+from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
@@ -50,8 +50,10 @@ class StereoCalibration:
     @cached_property
     def rectification(self) -> RawCalibration:
         """The pair with R1 R2 P1 P2; :class:`VfoaError` if the cameras are not side by side, left before right."""
-        left, right = Lens(k=self.K1, d=self.D1.ravel()), Lens(k=self.K2, d=self.D2.ravel())
-        return rectify_pose(left, right, self.R, self.T.ravel(), self.size_px, "calibration")
+        left, right = (
+            RawCamera(size_px=self.size_px, k=k, d=d.ravel()) for k, d in ((self.K1, self.D1), (self.K2, self.D2))
+        )
+        return rectify_pose(left, right, self.R, self.T.ravel(), "calibration")
 
     @property
     def epipolar_px(self) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -23,7 +24,6 @@ from harness.sources.rectification import (
     MODELS,
     Cameras,
     ImageSize,
-    Lens,
     Model,
     RawCalibration,
     RawCamera,
@@ -187,11 +187,14 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
         If a key is missing or wrong, the sizes differ, or a camera is not a pinhole with a known distortion.
     """
     pairs = tuple(zip((left, right), where, strict=True))
-    lenses = [_pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs]
+    first, second = (
+        _pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs
+    )
     body_from_left, body_from_right = (
         numbers(document["T_BS"], f"{place}: T_BS", 16).reshape(4, 4) for document, place in pairs
     )
-    return _posed(lenses, np.linalg.inv(body_from_right) @ body_from_left, " and ".join(where))
+    right_from_left = np.linalg.inv(body_from_right) @ body_from_left
+    return rectify_pose(first, second, right_from_left[:3, :3], right_from_left[:3, 3], " and ".join(where))
 
 
 def is_kalibr_chain(document: Document) -> bool:
@@ -217,19 +220,21 @@ def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
         return values
 
     program = "Kalibr's camera chain"
-    lenses = [_pinhole(camera(number), "distortion_coeffs", f"{where}: cam{number}", program) for number in cameras]
+    left, right = (
+        _pinhole(camera(number), "distortion_coeffs", f"{where}: cam{number}", program) for number in cameras
+    )
     first, last = sorted(cameras)
     last_from_first: Float = np.eye(4)
     for number in range(first + 1, last + 1):
         _expect_names(camera(number), ("T_cn_cnm1",), f"{where}: cam{number}", program)
         step = numbers(camera(number)["T_cn_cnm1"], f"{where}: cam{number}: T_cn_cnm1", 16)
         last_from_first = step.reshape(4, 4) @ last_from_first
-    right_from_left = last_from_first if cameras[0] == first else np.linalg.inv(last_from_first)
-    return _posed(lenses, np.asarray(right_from_left, dtype=np.float64), where)
+    right_from_left: Float = last_from_first if cameras[0] == first else np.linalg.inv(last_from_first).astype(float)
+    return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3], where)
 
 
-def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> tuple[Lens, tuple[int, int]]:
-    """A camera's lens and its (width, height); ``coefficients`` is the name of those of the distortion."""
+def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> RawCamera:
+    """A camera without R and P; ``coefficients`` is the name of those of the distortion."""
     _expect_names(camera, ("camera_model", "distortion_model"), where, program)
     model, distortion = str(camera["camera_model"]), str(camera["distortion_model"])
     if model != "pinhole" or distortion not in _KALIBR_MODELS:
@@ -244,14 +249,7 @@ def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> t
     fx, fy, cx, cy = numbers(camera["intrinsics"], f"{where}: intrinsics", 4)
     width, height = numbers(camera["resolution"], f"{where}: resolution", 2)
     k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Lens(k=k, d=d, model=_KALIBR_MODELS[distortion]), (int(width), int(height))
-
-
-def _posed(lenses: list[tuple[Lens, tuple[int, int]]], right_from_left: Float, where: str) -> RawCalibration:
-    (left, size_px), (right, right_size_px) = lenses
-    if size_px != right_size_px:
-        raise VfoaError(f"{where}: left is {size_px} pixels, right {right_size_px}; expected the same")
-    return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3], size_px, where)
+    return RawCamera(size_px=(int(width), int(height)), k=k, d=d, model=_KALIBR_MODELS[distortion])
 
 
 # OpenCV: matrices of stereoCalibrate and stereoRectify, under their usual names
@@ -304,21 +302,25 @@ def opencv_pair(
     model: Model = "equidistant" if fisheye else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
     if is_rectifying or is_posed:
+        size_px = size_px or size()
         first, second = (
-            Lens(k=_of_shape(matrices, f"K{number}", where), d=matrices[f"D{number}"].ravel(), model=model)
+            RawCamera(
+                size_px=size_px,
+                k=_of_shape(matrices, f"K{number}", where),
+                d=matrices[f"D{number}"].ravel(),
+                model=model,
+            )
             for number in "12"
         )
     if is_rectifying:
         r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
-        return RawCalibration(
-            left=first.camera(size_px or size(), r1, p1), right=second.camera(size_px or size(), r2, p2), where=where
-        )
+        return RawCalibration(left=replace(first, r=r1, p=p1), right=replace(second, r=r2, p=p2), where=where)
     if is_posed:
         rotation = matrices["R"]
         if rotation.size == 3:  # OpenCV's rotation vector
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
-        return rectify_pose(first, second, rotation, translation, size_px or size(), where)
+        return rectify_pose(first, second, rotation, translation, where)
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if matrices.keys() >= {"P1", "P2"}:
         raise VfoaError(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
@@ -17,6 +18,7 @@ from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.media.frame_files import pair_names
 from harness.sources.rectification import Cameras, ImageSize, RawCalibration, scaled_to
 from vfoa.errors import VfoaError
+from vfoa.settings import Settings
 
 Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -25,21 +27,20 @@ LARGEST_BYTES = 1_000_000
 """Longer files are not tried as calibrations."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """Properties of a calibration that its file does not contain.
+class Options(Settings):
+    """Settings of a manifest for what a calibration's file does not contain.
 
-    ``cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr. ``unit`` is
-    that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are
-    rectified already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras,
-    which replaces the file's or completes a file without one.
+    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr.
+    ``calibration_unit`` is that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``.
+    ``rectified``: the images are rectified already, although the file also says how to rectify. ``baseline_m``: the
+    distance of the two cameras, which replaces the file's or completes a file without one.
     """
 
-    cameras: tuple[int, int] | None = None
-    unit: Unit = "m"
+    calibration_cameras: tuple[int, int] | None = None
+    calibration_unit: Unit = "m"
+    baseline_m: float | None = Field(default=None, gt=0)
     fisheye: bool = False
     rectified: bool = False
-    baseline_m: float | None = None
 
 
 NO_OPTIONS = Options()
@@ -74,12 +75,12 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     else:
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
-    if options.cameras is not None and program not in ("KITTI", "Kalibr"):
-        raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for a file of {program}")
+    if (chosen := options.calibration_cameras) is not None and program not in ("KITTI", "Kalibr"):
+        raise VfoaError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
         raise VfoaError(f"{where}: fisheye: found true; expected it for files of OpenCV only, this is of {program}")
     if isinstance(cameras, RawCalibration) and not options.rectified:
-        scale = METRES[options.unit]
+        scale = METRES[options.calibration_unit]
         if options.baseline_m is not None:
             scale = options.baseline_m / cameras.rectified().baseline_m
         left, right = (
@@ -88,7 +89,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
         )
         return replace(cameras, left=left, right=right)
     rectified = cameras if isinstance(cameras, Calibration) else cameras.rectified()
-    return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.unit])
+    return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.calibration_unit])
 
 
 def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Cameras]:
@@ -100,7 +101,7 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
         return "Middlebury", texts.read_middlebury(path, text)
     if texts.is_matrix(text):
         return "a matrix", texts.read_matrix(path, text, options.baseline_m)
-    return "KITTI", texts.read_kitti(path, text, options.cameras or (2, 3))
+    return "KITTI", texts.read_kitti(path, text, options.calibration_cameras or (2, 3))
 
 
 def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> tuple[str, Cameras]:
@@ -119,7 +120,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
     merged = {name: value for document in contents for name, value in document.items()}
     if documents.is_kalibr_chain(merged):
-        return "Kalibr", documents.kalibr_pair(merged, options.cameras or (0, 1), where)
+        return "Kalibr", documents.kalibr_pair(merged, options.calibration_cameras or (0, 1), where)
     cameras = documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
     return "OpenCV", cameras
 
@@ -131,14 +132,14 @@ def find_calibrations(
 
     Paths are relative to ``root``: all files in the folder and in two levels of folders below it or, if none of them is
     a calibration, KITTI's for all drives of a day. The second list has a note for every calibration that cannot be used
-    alone. ``options.cameras`` applies to KITTI's files.
+    alone. ``options.calibration_cameras`` applies to KITTI's files.
     """
     calibrations, incomplete = list[tuple[str, ...]](), list[str]()
     for names in (*_candidates(root), _OF_THE_DAY):
         if calibrations and names == _OF_THE_DAY:
             break
         # camera numbers of KITTI mean nothing for another file
-        its_options = options if names[0].endswith(".txt") else replace(options, cameras=None)
+        its_options = options if names[0].endswith(".txt") else options.model_copy(update={"calibration_cameras": None})
         try:
             scaled_to(read_cameras([root / name for name in names], size, its_options), size())
             calibrations.append(names)

@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.files.io import read_bytes
 from harness.sources.calibration import Calibration, from_projections
-from harness.sources.rectification import ImageSize, Lens, RawCalibration, rectify_pose
+from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -200,23 +200,24 @@ def read_zed(path: Path, size: ImageSize) -> RawCalibration:
         except (TypeError, ValueError):
             raise VfoaError(f"{path}: [{section}] {keys[-1]}: found {text!r}; expected a number") from None
 
-    def lens(side: str) -> Lens:
+    def camera(side: str) -> RawCamera:
         own = f"{side}_CAM_{name}"
         fx, fy, cx, cy = (number(own, key) for key in ("FX", "FY", "CX", "CY"))
         k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
         place = f"{side}_DISTO" if f"{side}_DISTO" in sections else own  # the ZED X writes one for all resolutions
         has = sections.get(place, {}).keys()
         if "K4" in has and not has & {"P1", "P2"}:  # four radial coefficients and no tangential ones: fisheye
-            return Lens(k=k, d=np.array([number(place, f"K{n}") for n in range(1, 5)]), model="equidistant")
+            d = [number(place, f"K{n}") for n in range(1, 5)]
+            return RawCamera(size_px=size_px, k=k, d=np.array(d), model="equidistant")
         d = [number(place, "K1"), number(place, "K2")]
         d += [number(place, key, default=0.0) for key in ("P1", "P2", "K3")]  # the first ZED had K1 and K2
-        return Lens(k=k, d=np.array(d + [number(place, f"K{n}") for n in (4, 5, 6) if "K4" in has]))
+        d += [number(place, f"K{n}") for n in (4, 5, 6) if "K4" in has]
+        return RawCamera(size_px=size_px, k=k, d=np.array(d))
 
-    left, right = lens("LEFT"), lens("RIGHT")
     rotation, _ = cv2.Rodrigues(np.array([number("STEREO", f"{key}_{name}") for key in ("RX", "CV", "RZ")]))
     ty, tz = (number("STEREO", f"{key}_{name}", key, default=0.0) for key in ("TY", "TZ"))
     translation = np.array([-number("STEREO", "BASELINE"), ty, tz]) / 1000
-    return rectify_pose(left, right, np.asarray(rotation, dtype=np.float64), translation, size_px, str(path))
+    return rectify_pose(camera("LEFT"), camera("RIGHT"), np.asarray(rotation, dtype=np.float64), translation, str(path))
 
 
 def _sections(path: Path) -> dict[str, dict[str, str]]:

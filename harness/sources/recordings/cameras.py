@@ -247,7 +247,7 @@ class DepthCamera:
             )
         else:
             depth = self._aligned(depth_m, stamp_ns, optics.rig)
-        image = optics.image(colour)
+        image = optics.image(colour, "colour image")
         return StereoFrame(index=number, time_ns=stamp_ns, left=image, depth_m=depth, rig=optics.rig)
 
     def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
-from harness.sources.rectification import Lens, RawCalibration, RawCamera, Rectifier, rectify_pose
+from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from tests import calibrations
 from tests.calibrations import RIG, SIZE, Rig, opencv_nodes, rectification, write_opencv, write_yaml
 from tests.disk import write_text
@@ -149,8 +149,8 @@ def test_numbers_that_are_none_do_no_harm_where_nobody_reads_them(tmp_path: Path
 def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
     """A white world leaves no black border."""
     bent = tuple(np.array([-0.15, 0.02, 0, 0]) for _ in range(2))
-    lenses = (Lens(k=k, d=d, model=rig.model) for k, d in zip(rig.k, bent, strict=True))  # type: ignore[arg-type]
-    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    lenses = (RawCamera(size_px=SIZE, k=k, d=d, model=rig.model) for k, d in zip(rig.k, bent, strict=True))  # type: ignore[arg-type]
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, "rig")
     white = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
     for view in Rectifier(cameras).rectify(white, white):
         assert (view[2:-2, 2:-2] == 255).mean() > 0.995
@@ -159,10 +159,13 @@ def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"left": Lens(k=np.zeros((3, 3)), d=RIG.d[0])}, "rig: left: K: found focal lengths"),
-        ({"right": Lens(k=np.eye(2), d=RIG.d[0])}, "rig: right: K: found shape"),
-        ({"right": Lens(k=RIG.k[1], d=np.zeros(3))}, "rig: right: D: found 3 coefficients"),
-        ({"right": Lens(k=RIG.k[1], d=RIG.d[1], model="equidistant")}, "left is plumb_bob, right equidistant"),
+        ({"left": RawCamera(size_px=SIZE, k=np.zeros((3, 3)), d=RIG.d[0])}, "rig: left: K: found focal lengths"),
+        ({"right": RawCamera(size_px=SIZE, k=np.eye(2), d=RIG.d[0])}, "rig: right: K: found shape"),
+        ({"right": RawCamera(size_px=SIZE, k=RIG.k[1], d=np.zeros(3))}, "rig: right: D: found 3 coefficients"),
+        (
+            {"right": RawCamera(size_px=SIZE, k=RIG.k[1], d=RIG.d[1], model="equidistant")},
+            "left is plumb_bob, right equidistant",
+        ),
         ({"rotation": np.ones((3, 3))}, "rig: R: not a rotation"),
         ({"translation": np.zeros(3)}, r"rig: T: found \[0.0, 0.0, 0.0\]; expected three finite numbers"),
         ({"translation": np.array([-0.1, np.nan, 0])}, "rig: T: found .* expected three finite numbers"),
@@ -173,10 +176,10 @@ def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
     ],
 )
 def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, Any], message: str) -> None:
-    left, right = (Lens(k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
+    left, right = (RawCamera(size_px=SIZE, k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
     given = {"left": left, "right": right, "rotation": np.eye(3), "translation": RIG.translation_m, **changes}
     with pytest.raises(VfoaError, match=message):
-        rectify_pose(**given, size_px=SIZE, where="rig")
+        rectify_pose(**given, where="rig")
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -205,7 +208,7 @@ def test_a_byte_order_mark_and_line_ends_of_windows_change_nothing(tmp_path: Pat
 def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
     rows = "P0: 100 0 31 0 0 1e2 23 0 0 0 1 0\r\nP1: 100 0 31 -2.5e+01 0 100 23 0 0 0 1 0\r\n"
     path = write_text(tmp_path / "calib.txt", f"\ufeff{rows}")
-    found = read_cameras([path], _size, Options(cameras=(0, 1)))
+    found = read_cameras([path], _size, Options(calibration_cameras=(0, 1)))
     assert isinstance(found, Calibration)
     assert found.baseline_m == 0.25
 
@@ -277,12 +280,12 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     }
     chain = {"cam0": camera, "cam1": {**camera, "T_cn_cnm1": step.tolist()}}
     path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
-    assert _raw([path], Options(cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
-    assert _raw([path], Options(cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
+    assert _raw([path], Options(calibration_cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
+    assert _raw([path], Options(calibration_cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
     with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; .*left and right swapped"):
         read_cameras([path], _size)
     with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
-        read_cameras([path], _size, Options(cameras=(3, 0)))
+        read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
 
 
 @pytest.mark.parametrize(
@@ -312,7 +315,7 @@ def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
 def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
     nodes = opencv_nodes(RIG)
     path = write_opencv(tmp_path / "c.yml", nodes | {"T": nodes["T"] * 1000}, SIZE)
-    found = _raw([path], Options(unit="mm"))
+    found = _raw([path], Options(calibration_unit="mm"))
     assert found.rectified().baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m))
     _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
 
@@ -330,7 +333,7 @@ def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None
     rows = _kitti(*(_projection(50, 30, -50 * b) for b in (0, 0.1, 0, 0.3)), names=("P0", "P1", "P2", "P3"))
     write_text(tmp_path / "calib.txt", rows)
     write_opencv(tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 30, -10)})
-    found, _ = find_calibrations(tmp_path, _size, Options(cameras=(0, 1)))
+    found, _ = find_calibrations(tmp_path, _size, Options(calibration_cameras=(0, 1)))
     assert found == [("c.yml",), ("calib.txt",)]
     (tmp_path / "c.yml").unlink()
     assert find_calibrations(tmp_path, _size) == ([("calib.txt",)], [])
@@ -352,10 +355,10 @@ def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) 
     [
         (
             "opencv yaml",
-            Options(cameras=(0, 1)),
+            Options(calibration_cameras=(0, 1)),
             r"c\.yml: calibration_cameras: found \(0, 1\)",
         ),
-        ("zed", Options(cameras=(0, 1)), r"SN1\.conf: calibration_cameras: found"),
+        ("zed", Options(calibration_cameras=(0, 1)), r"SN1\.conf: calibration_cameras: found"),
         ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true"),
         ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true"),
     ],
@@ -388,8 +391,8 @@ def test_any_rig_is_rectified(
     k = calibrations.matrix(focal, focal * 1.01, 650, 350), calibrations.matrix(focal * 0.99, focal, 630, 365)
     d = np.array([*radial, 0.0003, -0.0002]), np.array([radial[0] * 0.9, radial[1], -0.0004, 0.0001])
     rig = Rig(k=k, d=d, rotation_vector=np.array(rotation), translation_m=np.array(shift), model=model)
-    lenses = (Lens(k=k_, d=d_, model=model) for k_, d_ in zip(k, d, strict=True))
-    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    lenses = (RawCamera(size_px=SIZE, k=k_, d=d_, model=model) for k_, d_ in zip(k, d, strict=True))
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, "rig")
     _assert_rows_match_and_depths_come_back(cameras, rig, _points(seed))
 
 
@@ -416,7 +419,7 @@ def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: P
     assert calibration.baseline_m == pytest.approx(0.532, abs=0.002)
     assert calibration.fx_px == 721.5377
     assert calibration.cx_px == calibration.cx_right_px == 609.5593
-    gray = _read(shared_data / "kitti_pair" / "calib.txt", Options(cameras=(0, 1)))
+    gray = _read(shared_data / "kitti_pair" / "calib.txt", Options(calibration_cameras=(0, 1)))
     assert gray.baseline_m == pytest.approx(0.537, abs=0.001)
 
 
@@ -434,7 +437,7 @@ def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
     )
     calibration = _read(path)
     assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
-    assert _read(path, Options(unit="mm")).baseline_m == pytest.approx(1e-4)
+    assert _read(path, Options(calibration_unit="mm")).baseline_m == pytest.approx(1e-4)
 
 
 def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:

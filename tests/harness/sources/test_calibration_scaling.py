@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.rectification import Lens, RawCalibration, rectify_pose, scaled_to, scaling_note
+from harness.sources.rectification import RawCalibration, RawCamera, rectify_pose, scaled_to, scaling_note
 from tests.calibrations import RIG, SIZE
 from vfoa.errors import VfoaError
 
@@ -14,8 +14,8 @@ HALF = (SIZE[0] // 2, SIZE[1] // 2)
 
 
 def _cameras() -> RawCalibration:
-    left, right = (Lens(k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
-    return rectify_pose(left, right, RIG.rotation, RIG.translation_m, SIZE, "rig")
+    left, right = (RawCamera(size_px=SIZE, k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
+    return rectify_pose(left, right, RIG.rotation, RIG.translation_m, "rig")
 
 
 def test_points_of_half_size_images_are_rectified_to_half_the_place() -> None:
