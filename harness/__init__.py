@@ -6,10 +6,16 @@
     print(run.frr[["clip", "configuration", "frr", "interval_low", "interval_high"]])
     print(run.failures)
 
-Modules are imported when a name of theirs is first used; this one imports nothing, so that the command starts at once.
+Modules are imported when a name of theirs is first used; this one imports none of them: the command starts at once.
 """
 
 from __future__ import annotations
+
+import os
+
+# Two views of 8K side by side have as many pixels; a file of a few kB can claim a thousand times more. OpenCV reads the
+# variable on import.
+os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(2**26)
 
 _HOMES = {
     "RunResults": "harness.api",

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import harness  # noqa: F401  # sets the limit of OpenCV, which other tests import before it
 from tests.repository import REPOSITORY
 
 # Compiled modules are kept, whatever the surroundings say: the suite starts hundreds of processes, each of which would

@@ -95,17 +95,12 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     by its rule. People whose instance is not known (or not of the category) get none.
     """
     people = _people(result)
-    by_source = {person.own_name: person.key for person in people if person.own_name in rules}
+    by_source = {person.own_name: person.key for person in people if person.own_name and person.own_name in rules}
     by_track = {track: name for track, name in memory.by_track.items() if name not in by_source}
-    by_track |= {track: name for name, track in by_source.items() if name is not None}
-    taken = {by_track[person.key] for person in people if person.key in by_track}
-    free = {name: rule for name, rule in rules.items() if name not in taken}
-    unnamed = [person for person in people if person.key not in by_track]
-    assigned = _assign(_returning(free, memory), unnamed, people)
-    unnamed = [person for person in unnamed if person.key not in assigned]
-    new = {name: rule for name, rule in free.items() if name not in assigned.values()}
-    assigned |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
-    by_track = {track: name for track, name in by_track.items() if name not in assigned.values()} | assigned
+    by_track |= {track: name for name, track in by_source.items()}
+    present = {person.key: by_track[person.key] for person in people if person.key in by_track}
+    named = _named(present, _in_turn(rules, memory), people)
+    by_track = {track: name for track, name in by_track.items() if name not in named.values()} | named
     seen = {
         by_track[candidate.key]: place
         for candidate in people
@@ -128,14 +123,10 @@ def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: S
         own, known = target.instance.name, {**subjects, **targets}
         if own in known and own not in names.values():
             names.setdefault(target.instance.id, own)
-    unseen = {name: rule for name, rule in subjects.items() if name not in names.values()}
-    names |= _assign(_returning(unseen, memory), _without(things, names), things)
-    unseen = {name: rule for name, rule in unseen.items() if name not in memory.last_seen_px}
-    names |= _assign(unseen, _without(things, names), things)
-    exact = {name: rule for name, rule in targets.items() if not rule.is_shared and name not in names.values()}
-    names |= _assign(exact, _without(things, names), things)
+    exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
+    names = _named(names, (*_in_turn(subjects, memory), exact), things)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
-    names |= {thing.key: shared[thing.label] for thing in _without(things, names) if thing.label in shared}
+    names |= {thing.key: shared[thing.label] for thing in things if thing.key not in names and thing.label in shared}
     return {thing.key: names.get(thing.key, f"{thing.label}#{thing.key}") for thing in things}
 
 
@@ -179,17 +170,23 @@ def _people(result: FrameResult) -> list[_Candidate]:
     return people
 
 
-def _without(candidates: Iterable[_Candidate], named: Mapping[int, str]) -> list[_Candidate]:
-    return [candidate for candidate in candidates if candidate.key not in named]
-
-
-def _returning(free: Rules, memory: SubjectNames) -> dict[str, NameRule]:
-    """Rules that find names seen before: by the source's own id, else by the last position."""
-    return {
+def _in_turn(rules: Rules, memory: SubjectNames) -> tuple[Rules, Rules]:
+    """Rules that find names seen before, by the source's own id, else by the last position; then those of new names."""
+    returning = {
         name: rule if rule.instance is not None else NameRule(category=rule.category, at_px=memory.last_seen_px[name])
-        for name, rule in free.items()
+        for name, rule in rules.items()
         if name in memory.last_seen_px
     }
+    return returning, {name: rule for name, rule in rules.items() if name not in returning}
+
+
+def _named(names: Mapping[int, str], rounds: Iterable[Rules], everyone: Sequence[_Candidate]) -> dict[int, str]:
+    """The names by candidates' keys: those given, then those that the rules find, round by round."""
+    named = dict(names)
+    for rules in rounds:
+        free = {name: rule for name, rule in rules.items() if name not in named.values()}
+        named |= _assign(free, [candidate for candidate in everyone if candidate.key not in named], everyone)
+    return named
 
 
 def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_Candidate]) -> dict[int, str]:

@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
-from harness.sources.media.images import png_size_px, read_raw, read_rgb
+from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_disparity, relabel, small_ids
 from harness.sources.stereo_views import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
@@ -180,25 +180,28 @@ class SintelClip:
         if number not in self.frames:
             raise VfoaError(f"{self._scene}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
 
-    def _check_size(self, path: Path, pixels: NDArray[Any], number: int) -> None:
-        """Reject a map that has not the left image's size."""
-        left = self._path(f"{self._pass}_left", number)
-        width, height = png_size_px(left)
+    def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
+        """Reject a map that has not the images' size."""
+        height, width = self._size
         if pixels.shape != (height, width):
-            raise VfoaError(
-                f"{path}: found {pixels.shape[1]} x {pixels.shape[0]} pixels, {left} has {width} x {height}"
-            )
+            found = f"{pixels.shape[1]} x {pixels.shape[0]}"
+            raise VfoaError(f"{path}: found {found} pixels; expected {width} x {height}, as the scene's images have")
+
+    @cached_property
+    def _size(self) -> tuple[int, int]:
+        """(height, width) of the scene's images."""
+        return read_rgb(self._path(f"{self._pass}_left", self.frames[0])).shape[:2]
 
     def _disparity(self, number: int) -> Disparity:
         path = self._path("disparities", number)
         disparity_px = read_disparity(path)
-        self._check_size(path, disparity_px, number)
+        self._check_size(path, disparity_px)
         return Disparity(disparity_px=disparity_px)
 
     def _instances(self, number: int) -> Instances:
         path = self._path("segmentation", number)
         ids = relabel(read_segments(path), self._small_ids)
-        self._check_size(path, ids, number)
+        self._check_size(path, ids)
         segments = (
             Instance(id=int(number), label="segment", category_id=0, is_thing=True, score=1.0)
             for number in np.unique(ids)

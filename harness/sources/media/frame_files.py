@@ -25,26 +25,8 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 _IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
-class PatternNames(Mapping[int, str]):
-    """Names that differ in a number of at least so many digits, by this number: an hour of video has 90,000."""
-
-    def __init__(self, numbers: range, before: str, digits: int, after: str) -> None:
-        self._numbers, self._before, self._digits, self._after = numbers, before, digits, after
-
-    def __getitem__(self, number: int) -> str:
-        if number not in self._numbers:
-            raise KeyError(number)
-        return f"{self._before}{number:0{self._digits}d}{self._after}"
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._numbers)
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-
 class FolderFiles(Mapping[int, Path]):
-    """Files of one folder by frame number."""
+    """Files of one folder by frame number: names take less memory than paths, and an hour of video has 90,000."""
 
     def __init__(self, folder: Path, names: Mapping[int, str]) -> None:
         self._folder, self._names = folder, names
@@ -106,12 +88,12 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
 
 
-def number_names(names: Iterable[str], where: str) -> Mapping[int, str]:
+def number_names(names: Iterable[str], where: str) -> dict[int, str]:
     """File names by frame number, ascending: the number is the one run of digits that differs between them."""
     names = sorted(names)
     runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
     if len(names) == 1:
-        return _compact(_unique([((runs[names[0]] or [0])[-1], names[0])], where))
+        return _unique([((runs[names[0]] or [0])[-1], names[0])], where)
     first = names[0]
     if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
         raise VfoaError(
@@ -124,19 +106,7 @@ def number_names(names: Iterable[str], where: str) -> Mapping[int, str]:
             f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; "
             "expected one, or a pattern with %d for the frame number"
         )
-    return _compact(_unique(((runs[name][varying[0]], name) for name in names), where))
-
-
-def _compact(names: dict[int, str]) -> Mapping[int, str]:
-    """The names; those with numbers at equal steps that follow one pattern are not kept."""
-    first, last = min(names), max(names)
-    numbers = range(first, last + 1, max(1, (last - first) // max(1, len(names) - 1)))
-    if [*numbers] == [*names]:
-        for run in _DIGITS.finditer(names[first]):
-            pattern = PatternNames(numbers, names[first][: run.start()], len(run[0]), names[first][run.end() :])
-            if all(pattern[number] == name for number, name in names.items()):
-                return pattern
-    return names
+    return _unique(((runs[name][varying[0]], name) for name in names), where)
 
 
 def printf_name(pattern: str, number: int) -> str:

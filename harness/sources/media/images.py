@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
+import os
 import struct
 import zlib
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,13 @@ from vfoa.types import Image
 
 _CORNER_PX = 4
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_SIZE = slice(16, 24)  # the first fields of the chunk IHDR
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 _PROGRESSIVE = b"\xff\xc2"
 _POINTER = b"version https://git-lfs.github.com/spec/"
 
-MOST_PIXELS = 2**26
-"""Most pixels of an image: two views of 8K side by side have as many. A few kB can claim a thousand times more."""
+MOST_PIXELS = int(os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"])
+"""Most pixels of an image: :mod:`harness` sets OpenCV's limit."""
 
 
 def read_rgb(path: Path) -> Image:
@@ -65,15 +63,6 @@ def read_raw(path: Path) -> NDArray[Any]:
     return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
 
 
-def png_size_px(path: Path) -> tuple[int, int]:
-    """(width, height) of a PNG, without decoding it; raises a :class:`VfoaError` for another file."""
-    data = read_bytes(path)
-    if len(data) < _PNG_SIZE.stop or not data.startswith(_PNG):
-        raise VfoaError(f"{path}: not a PNG: it starts with {data[:8]!r}")
-    width, height = struct.unpack(">II", data[_PNG_SIZE])
-    return width, height
-
-
 def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     """Decode an image file's bytes with OpenCV's flags; raises as :func:`read_rgb`."""
     # OpenCV 4 silently fills the missing part of a truncated file with black or gray.
@@ -82,7 +71,9 @@ def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
-        raise VfoaError(f"{where}: not a readable image: {error.err}") from None
+        is_large = "CV_IO_MAX_IMAGE" in error.err
+        problem = f"it claims more than {MOST_PIXELS} pixels" if is_large else f"not a readable image: {error.err}"
+        raise VfoaError(f"{where}: {problem}") from None
     if image is None:
         raise VfoaError(f"{where}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
     if data.startswith(_JPEG) and _ends_early(data, image):
@@ -98,8 +89,6 @@ def _damage(data: bytes) -> str | None:
         return "a pointer of Git LFS, not the image; expected its content: git lfs pull fetches it"
     if data.startswith(_PNG) and (problem := _png_damage(data)):
         return problem
-    if (size := _size_px(data)) is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
-        return too_many_pixels(*size)
     # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
     # mark cannot occur.
     if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
@@ -135,33 +124,6 @@ def too_many_pixels(width_px: int, height_px: int) -> str:
     return f"it claims {width_px} x {height_px} pixels; expected 1 to {MOST_PIXELS}"
 
 
-def _size_px(data: bytes) -> tuple[int, int] | None:
-    """(width, height) in the head of a PNG, JPEG, TIFF, BMP or WebP; None for others, and if it cannot be read."""
-    if data.startswith(_PNG):
-        width, height = struct.unpack(">II", data[_PNG_SIZE])
-        return width, height
-    if data.startswith(b"RIFF"):  # of WebP, Pillow would allocate the image
-        head = int.from_bytes(data[20:30].ljust(10, b"\0"), "little")
-        shift, bits, less = {b"VP8X": (32, 24, 1), b"VP8L": (8, 14, 1)}.get(data[12:16], (48, 16, 0))
-        width, height = (head >> at & (1 << bits) - 1 for at in (shift, shift + bits))
-        return (width & 0x3FFF, height & 0x3FFF) if not less else (width + 1, height + 1)
-    kind = next((kind for magic, kind in _pillow().items() if data.startswith(magic)), None)
-    try:
-        return None if kind is None else kind(io.BytesIO(data)).size
-    except Exception:  # errors of Pillow have no common base class; OpenCV says what is wrong
-        return None
-
-
-@lru_cache
-def _pillow() -> dict[bytes, Any]:
-    """Pillow's readers of heads, by the first bytes; they do not decode."""
-    from PIL.BmpImagePlugin import BmpImageFile
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.TiffImagePlugin import TiffImageFile
-
-    return {_JPEG: JpegImageFile, b"II*\0": TiffImageFile, b"MM\0*": TiffImageFile, b"BM": BmpImageFile}
-
-
 def _png_damage(data: bytes) -> str | None:
     """Check the chunks of a PNG (length, type, data, CRC) up to IEND."""
     at = len(_PNG)
@@ -172,6 +134,8 @@ def _png_damage(data: bytes) -> str | None:
             break
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             return f"damaged PNG: wrong checksum of chunk {kind.decode('latin-1')!r} at byte {at}"
+        if kind == b"IHDR" and 0 in struct.unpack_from(">II", data, at + 8):
+            return "a PNG without pixels"  # libpng would write to the terminal
         if kind == b"IEND":
             return None
         at = end

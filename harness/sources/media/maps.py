@@ -207,21 +207,17 @@ def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
     return {number: number if number in kept else next(free) for number in distinct}
 
 
-def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Every id that an id map (H, W) has, ascending."""
-    if ids.size and ids.max() <= _LARGEST:  # for few different numbers, counting is ten times as fast as sorting
-        return np.flatnonzero(np.bincount(ids.ravel())).astype(np.uint32)
-    return np.unique(ids)
+def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.intp]:
+    """Every id that an id map (H, W) has, ascending; counting is ten times as fast as sorting."""
+    is_present = np.zeros(int(ids.max(initial=0)) + 1, np.bool_)
+    is_present[ids] = True
+    return np.flatnonzero(is_present)
 
 
 def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
     """Convert an id map (H, W) to 16 bits; ids that are not in ``small`` become 0, no instance."""
-    if ids.size and ids.max() <= _LARGEST:
-        table = np.zeros(_LARGEST + 1, np.uint16)
-        for number, other in small.items():
-            if number <= _LARGEST:
-                table[number] = other
-        return table[ids]
-    present, where = np.unique(ids, return_inverse=True)
-    table = np.array([small.get(int(number), 0) for number in present], dtype=np.uint16)
-    return table[where].reshape(ids.shape)
+    table = np.zeros(int(ids.max(initial=0)) + 1, np.uint16)
+    for number, other in small.items():
+        if number < len(table):
+            table[number] = other
+    return table[ids]

@@ -142,7 +142,7 @@ def test_an_image_that_claims_too_many_pixels_is_not_decoded(tmp_path: Path, kin
         data[at : at + len(size)] = size
     if kind == "png":
         data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
-    with pytest.raises(VfoaError, match=f"it claims {most} x {most} pixels; expected 1 to"):
+    with pytest.raises(VfoaError, match="it claims more than 67108864 pixels"):
         read_rgb(write_bytes(tmp_path / "bomb", bytes(data)))
 
 
