@@ -28,6 +28,22 @@ def located(where: object) -> Iterator[None]:
         raise VfoaError(f"{where}: {error}") from None
 
 
+@contextmanager
+def reported_as(problem: object) -> Iterator[None]:
+    """Turn errors of libraries in the block into a :class:`VfoaError`: the problem, then the error's first line."""
+    try:
+        yield
+    except VfoaError:
+        raise
+    except Exception as error:
+        raise VfoaError(f"{problem}: {first_line(error)}") from None
+
+
+def first_line(error: Exception) -> str:
+    """An error's text in one line; its kind if it has no text."""
+    return (str(error) or type(error).__name__).splitlines()[0]
+
+
 _LONGEST = 2000
 """Most characters of a message."""
 

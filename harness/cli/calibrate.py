@@ -68,11 +68,11 @@ def calibrate(
     for note in views.notes:
         say(note)
     seen, unseen, size_px = find_views(views.frames[::every], views.read, board)
-    for dropped in unseen:
-        say(f"frame {dropped.number} dropped: {dropped.reason}")
+    for number, reason in unseen.items():
+        say(f"frame {number} dropped: {reason}")
     calibration = solve(seen, size_px)
-    for dropped in calibration.dropped:
-        say(f"frame {dropped.number} dropped: {dropped.reason}")
+    for number, reason in calibration.dropped.items():
+        say(f"frame {number} dropped: {reason}")
     for number, error in calibration.errors.items():
         say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
     rectifier = Rectifier(calibration.rectification)

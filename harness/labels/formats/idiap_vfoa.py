@@ -16,7 +16,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import check_archive
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
 from harness.labels.labels import NOWHERE, Label, LabelRange, ranges_of
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 
 MEANINGS = ("unfocused", "robot", "other person")
 """Meaning of the codes, in their order."""
@@ -62,11 +62,9 @@ def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
 def _arrays(path: Path) -> dict[str, Sequence[int]]:
     data = read_bytes(path)
     check_archive(data, path)
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
-    except Exception as error:  # errors of the archive, and of each array's header, which is Python
-        raise VfoaError(f"{path}: not a .npz file: {error}") from None
+    # errors of the archive, and of each array's header, which is Python
+    with reported_as(f"{path}: not a .npz file"), np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays = {name: np.asarray(file[name]) for name in file.files}
     for name, array in arrays.items():
         is_column = array.ndim == 1 or array.shape[1:] == (1,)
         if not is_column or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):

@@ -9,7 +9,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from harness.sources.calibrate.views import Dropped, View
+from harness.sources.calibrate.views import View
 from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
@@ -33,7 +33,8 @@ class ViewErrors:
 class StereoCalibration:
     """The pair in OpenCV's terms: x_right = R x_left + T, metres.
 
-    ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame.
+    ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame,
+    ``dropped`` the reasons of the others.
     """
 
     size_px: tuple[int, int]
@@ -45,7 +46,7 @@ class StereoCalibration:
     T: Float
     rms_px: float
     errors: dict[int, ViewErrors]
-    dropped: tuple[Dropped, ...] = ()
+    dropped: dict[int, str]
 
     @cached_property
     def rectification(self) -> RawCalibration:
@@ -70,34 +71,34 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
         If there are fewer than three views, or fewer remain, or OpenCV finds no solution.
     """
     kept = list(views)
-    dropped: list[Dropped] = []
+    dropped: dict[int, str] = {}
     while True:
         if len(kept) < MIN_VIEWS:
             raise VfoaError(
                 f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS} (--columns, --rows right?)"
             )
-        calibration = _solve(kept, size_px, tuple(dropped))
+        calibration = _solve(kept, size_px, dropped)
         worst = _worst(calibration.errors)
-        if worst is None:
+        if not worst:
             return calibration
-        kept = [view for view in kept if view.number != worst.number]
-        dropped.append(worst)
+        dropped |= worst
+        kept = [view for view in kept if view.number not in worst]
 
 
-def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
-    """Return the view that exceeds its limit most, relative to the limit; None if none does."""
-    worst, excess = None, 1.0
+def _worst(errors: dict[int, ViewErrors]) -> dict[int, str]:
+    """Return the view that exceeds its limit most, relative to the limit, and the reason; empty if none does."""
+    worst, excess = dict[int, str](), 1.0
     for kind, name in (("rms_px", "re-projection"), ("epipolar_px", "epipolar")):
         values = {number: float(getattr(view_errors, kind)) for number, view_errors in errors.items()}
         limit = max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median([*values.values()])))
         for number, value in values.items():
             if value / limit > excess:
                 excess = value / limit
-                worst = Dropped(number=number, reason=f"{name} error {value:.2f} px; expected at most {limit:.2f}")
+                worst = {number: f"{name} error {value:.2f} px; expected at most {limit:.2f}"}
     return worst
 
 
-def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropped, ...]) -> StereoCalibration:
+def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: dict[int, str]) -> StereoCalibration:
     points = [view.points_m.astype(np.float32) for view in views]
     left = [view.left_px.astype(np.float32)[:, None] for view in views]
     right = [view.right_px.astype(np.float32)[:, None] for view in views]

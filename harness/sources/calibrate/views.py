@@ -102,17 +102,9 @@ class View:
     right_px: Float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dropped:
-    """A frame that was not used, and the reason."""
-
-    number: int
-    reason: str
-
-
 def find_views(
     numbers: Iterable[int], read: Callable[[int], tuple[Image, Image]], board: Board
-) -> tuple[list[View], list[Dropped], tuple[int, int]]:
+) -> tuple[list[View], dict[int, str], tuple[int, int]]:
     """Find the board in pairs of pictures of one size, that of the first one that can be read.
 
     Parameters
@@ -127,9 +119,9 @@ def find_views(
     Returns
     -------
     tuple
-        The views, the frames without one, and (width, height) of the pictures.
+        The views, the reason of each frame without one, and (width, height) of the pictures.
     """
-    views, dropped, size_px = [], [], (0, 0)
+    views, dropped, size_px = list[View](), dict[int, str](), (0, 0)
     for number in numbers:
         try:
             left, right = read(number)
@@ -139,7 +131,7 @@ def find_views(
                 raise VfoaError(f"{own_px} pixels; expected {size_px} as in the first pair")
             views.append(_view(number, left, right, board))
         except VfoaError as error:
-            dropped.append(Dropped(number=number, reason=str(error)))
+            dropped[number] = str(error)
     return views, dropped, size_px
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.files.io import read_bytes
 from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 from vfoa.types import Map
 
 _DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)
@@ -167,7 +167,7 @@ def _counts(path: Path) -> NDArray[Any]:
 
 def _read_exr(path: Path) -> NDArray[Any]:
     read_bytes(path)  # gives a clear error for a damaged file before the library tries
-    try:
+    with reported_as(f"{path}: not a readable EXR"):
         with OpenEXR.File(str(path), header_only=True) as file:
             low, high = file.header()["dataWindow"]
             width, height = (high - low + 1).tolist()
@@ -175,10 +175,6 @@ def _read_exr(path: Path) -> NDArray[Any]:
             raise VfoaError(f"{path}: {too_many_pixels(width, height)}")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except VfoaError:
-        raise
-    except Exception as error:  # errors of the library have no common base class
-        raise VfoaError(f"{path}: not a readable EXR: {str(error).splitlines()[0]}") from None
     name = next((channel for channel in _CHANNELS if channel in channels), None)
     if name is None:
         raise VfoaError(

@@ -21,14 +21,13 @@ from harness.sources.recordings.containers import (
     MOST_BYTES,
     TopicIndex,
     Window,
-    first_line,
     starts_with,
     unpack,
     zstd_size,
 )
 from harness.sources.recordings.messages import BY_NAME, MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line, reported_as
 
 _ROS1 = b"#ROSBAG V2.0"
 _SQLITE = b"SQLite format 3\0"
@@ -113,14 +112,11 @@ def _bound_messages(reader: Any) -> None:
 
 
 def _check_connections(reader: Any) -> None:
-    """Check names, types, definitions and counts: a bag's metadata is YAML, where they can be anything."""
+    """Check names, types, counts and definitions: a bag's metadata is YAML, where they can be anything."""
     for connection in reader.connections:
-        if not isinstance(connection.topic, str) or not isinstance(connection.msgtype, str):
-            raise TypeError(f"found the topic {connection.topic!r} of type {connection.msgtype!r}; expected names")
-        if not isinstance(connection.msgdef.data, str):
-            raise TypeError(f"{connection.topic}: found no definition of {connection.msgtype}; expected one")
-        if not isinstance(connection.msgcount, int):
-            raise TypeError(f"{connection.topic}: found {connection.msgcount!r} messages; expected a whole number")
+        found = connection.topic, connection.msgtype, connection.msgcount
+        if not all(map(isinstance, (*found, connection.msgdef.data), (str, str, int, str))):
+            raise TypeError(f"found the topic {found}; expected a name, a type with a definition, and a whole number")
 
 
 def bag_parts(path: Path) -> tuple[Path, ...]:
@@ -198,18 +194,12 @@ class BagContainer:
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message by its log time."""
         part = self._parts[place.file]
-        try:
-            with self._lock:
-                reader = self._reader(part)
-                connections = [connection for connection in reader.connections if connection.topic == topic.name]
-                messages = reader.messages(connections, place.offset, place.offset + 1)
-                return bytes([data for _, _, data in messages][place.place])
-        except VfoaError:
-            raise
-        except Exception as error:  # errors of struct, SQLite, the decompressors, or an index outside of the list
-            raise VfoaError(
-                f"{part}: {topic.name} at {place.offset} ns can no longer be read: {first_line(error)}"
-            ) from None
+        # errors of struct, SQLite, the decompressors, or an index outside of the list
+        with reported_as(f"{part}: {topic.name} at {place.offset} ns can no longer be read"), self._lock:
+            reader = self._reader(part)
+            connections = [connection for connection in reader.connections if connection.topic == topic.name]
+            messages = reader.messages(connections, place.offset, place.offset + 1)
+            return bytes([data for _, _, data in messages][place.place])
 
     def _reader(self, part: Path) -> Any:
         if part not in self._readers:

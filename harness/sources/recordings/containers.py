@@ -59,11 +59,6 @@ def starts_with(path: Path, magic: bytes) -> bool:
         return False
 
 
-def first_line(error: Exception) -> str:
-    """An error's text in one line; its kind if it has no text."""
-    return (str(error) or type(error).__name__).splitlines()[0]
-
-
 def zstd_size(head: bytes) -> int | None:
     """The size that the head of data in Zstandard states, bytes; None if it states none. Raises as :func:`unpack`."""
     size: int = zstandard.get_frame_parameters(head).content_size

@@ -20,10 +20,10 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import check_readable, unreadable
-from harness.sources.recordings.containers import TopicIndex, Window, first_line, unpack
+from harness.sources.recordings.containers import TopicIndex, Window, unpack
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line, reported_as
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode and length of every record
@@ -190,12 +190,9 @@ class McapContainer:
     def read(self, topic: Topic, place: Place) -> bytes:
         """Read one message of the record at this offset."""
         path = self.files[place.file]
-        try:
+        with reported_as(f"{path}: the record at byte {place.offset} can no longer be read"):
             status = path.stat()
             return _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place].data
-        except Exception as error:
-            reason = f"the record at byte {place.offset} can no longer be read: {first_line(error)}"
-            raise VfoaError(f"{path}: {reason}") from None
 
 
 def files_in(folder: Path) -> tuple[Path, ...]:

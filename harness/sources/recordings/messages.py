@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from harness.sources.calibration_files.documents import camera_of_ros
 from harness.sources.rectification import RawCamera
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 
 Kind = Literal["raw", "compressed", "video", "calibration", "transforms", "extrinsics"]
 IMAGES: frozenset[Kind] = frozenset({"raw", "compressed", "video"})
@@ -99,22 +99,9 @@ def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any
     return field
 
 
-@contextmanager
-def reading(kind: MessageType, where: str) -> Iterator[None]:
-    """Turn every error in the block into one: the message does not match its topic's schema.
-
-    Raises
-    ------
-    VfoaError
-        In place of any other exception.
-    """
-    try:
-        yield
-    except VfoaError:
-        raise
-    except Exception as error:  # errors of the decoders, and of fields that are missing or of another kind
-        text = (str(error) or type(error).__name__).splitlines()[0]
-        raise VfoaError(f"{where}: not a {kind.name} in {kind.message_encoding}: {text}") from None
+def reading(kind: MessageType, where: str) -> AbstractContextManager[None]:
+    """Turn every error in the block into one :class:`VfoaError`: the message does not match its topic's schema."""
+    return reported_as(f"{where}: not a {kind.name} in {kind.message_encoding}")
 
 
 @lru_cache(maxsize=64)

@@ -128,7 +128,7 @@ def test_a_count_of_messages_that_is_no_number_is_refused(tmp_path: Path, count:
     noted = (path / "metadata.yaml").read_text(encoding="utf-8")
     changed = re.sub(r"message_count: \d+(?=\n    topic_metadata)", f"message_count: {count}", noted)
     write_text(path / "metadata.yaml", changed)
-    with pytest.raises(VfoaError, match="messages; expected a whole number"):
+    with pytest.raises(VfoaError, match="expected a name, a type with a definition, and a whole number"):
         open_clip(path)
 
 
