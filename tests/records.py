@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.report.record_logs import RecordLogs
+from harness.report.record_parts import RecordParts
 from harness.report.stages import stage_times
-from harness.report.write import write_scores
+from harness.report.write import render_tables, run_tables, write_scores
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
 from harness.run.results import read_results
-from harness.score.outcomes import OutcomeLog, Outcomes, Reference
+from harness.score.outcomes import Outcomes, Reference, to_outcomes
+from harness.score.score import Scores
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -112,15 +113,16 @@ def run_manifest(clips: Iterable[str]) -> dict[str, Any]:
 
 def score_run(results: Path, reference: Reference) -> None:
     """Score a ``results.jsonl``, and write the tables and the page beside it."""
-    logs = RecordLogs(reference)
-    logs.watch(read_results(results))
+    parts = RecordParts(reference, read_results(results))
     directory = RunDirectory(results.parent)
-    write_scores(directory, logs, run_manifest(reference.labels), stage_times(directory.timings))
+    write_scores(directory, parts, run_manifest(reference.labels), stage_times(directory.timings))
+
+
+def texts_of(scores: Scores) -> dict[str, str]:
+    """Every table of a run but ``frames.csv``, by file name."""
+    return render_tables(scores, run_tables(scores))
 
 
 def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
     """Judge records, reading each of them once."""
-    log = OutcomeLog(reference)
-    for record in records:
-        log.take(record)
-    return log.outcomes()
+    return to_outcomes(RecordParts(reference, records).of("judged"), reference)

@@ -111,14 +111,15 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     from rich.console import Console
 
     from harness.report.comparisons import published_table, terminal_ablation
-    from harness.report.stages import terminal_measures
+    from harness.report.stages import stage_measures_table, terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
     from harness.report.verdict import headline, next_steps, verdict_sentence
     from harness.score.oracle_ablation import without_oracles
 
     ablation = terminal_ablation(scores)
     if verbose:
-        others = (seeds_table(scores), published_table(scores), ablation, terminal_measures(scores))
+        stages = terminal_measures(stage_measures_table(scores), scores)
+        others = (seeds_table(scores), published_table(scores), ablation, stages)
         print_reports((terminal_table(scores), *(table for table in others if table.rows)))
     console = Console(highlight=False)
     table, best = summary_table(scores)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from operator import attrgetter
 
 from harness.report.formats import Table, csv_cell, csv_share
-from harness.run.records import FrameRecord, PartLog, SubjectRecord
+from harness.run.directory import Pair
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
-from harness.score.calibration import prediction_set
 from harness.score.metrics import load_metrics
+from harness.score.probabilities import prediction_set
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
@@ -162,40 +163,34 @@ FrameLines = tuple[int, str | None, list[str]]
 """A frame, a subject in it, and the beginnings of their rows."""
 
 
-class FrameRows(PartLog[list[FrameLines]]):
-    """Collects the rows of ``frames.csv`` from passing records, so that a long run is read once."""
+def frame_lines(record: FrameRecord) -> Iterator[FrameLines]:
+    """Yield the beginnings of a record's rows in ``frames.csv``, subject by subject."""
+    start = _start(record.clip, record.configuration, record.frame, time=f"{record.time_ns / 1e9:.3f}")
+    names = {target.instance_id: _cell(target.name) for target in record.targets}
+    for subject in record.subjects:
+        lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
+        yield record.frame, subject.name, lines
 
-    def __init__(self) -> None:
-        super().__init__(list)
 
-    def take(self, record: FrameRecord) -> None:
-        """Add the rows of a record."""
-        start = _start(record.clip, record.configuration, record.frame, time=f"{record.time_ns / 1e9:.3f}")
-        names = {target.instance_id: _cell(target.name) for target in record.targets}
-        rows = self.part(record.clip, record.configuration)
-        for subject in record.subjects:
-            lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
-            rows.append((record.frame, subject.name, lines))
+def frames_csv(begun: Mapping[Pair, Iterable[FrameLines]], verdicts: Iterable[Verdict]) -> str:
+    """Return ``frames.csv`` in the order of the records: one row per target, ``focus`` 1 for the one looked at.
 
-    def to_csv(self, verdicts: Iterable[Verdict]) -> str:
-        """Return the table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
-
-        A subject without attention values has one row without a target. Labelled frames that have no such subject, or
-        no record, come last. ``set_90`` is 1 for the targets of the smallest set with 90 % of the probability, and
-        blank if attention is no probability. Attention has four decimals, time three. A person that the manifest does
-        not know has a track and no name.
-        """
-        judged = {_JUDGED(verdict): verdict for verdict in verdicts}
-        text = [",".join(FRAMES_COLUMNS) + "\n"]
-        for pair, rows in self.parts.items():
-            for frame, subject, lines in rows:
-                # removed when used: if tracks share a name, the first is the one that was judged
-                end = _judgement(judged.pop((*pair, frame, subject), None) if subject is not None else None)
-                text += (end.join(lines), end) if lines else ()
-        for verdict in judged.values():
-            start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
-            text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")
-        return "".join(text)
+    A subject without attention values has one row without a target. Labelled frames that have no such subject, or
+    no record, come last. ``set_90`` is 1 for the targets of the smallest set with 90 % of the probability, and
+    blank if attention is no probability. Attention has four decimals, time three. A person that the manifest does
+    not know has a track and no name.
+    """
+    judged = {_JUDGED(verdict): verdict for verdict in verdicts}
+    text = [",".join(FRAMES_COLUMNS) + "\n"]
+    for pair, rows in begun.items():
+        for frame, subject, lines in rows:
+            # removed when used: if tracks share a name, the first is the one that was judged
+            end = _judgement(judged.pop((*pair, frame, subject), None) if subject is not None else None)
+            text += (end.join(lines), end) if lines else ()
+    for verdict in judged.values():
+        start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
+        text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")
+    return "".join(text)
 
 
 def _start(clip: str, configuration: str, frame: int, time: str) -> str:

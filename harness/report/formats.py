@@ -1,8 +1,8 @@
 """Tables and pictures of a report. Tables are printed to a terminal, CSV, Markdown or LaTeX; equal ones as equal bytes.
 
-Panels are the foldable sections of the page under "More measures": one file and one line of :data:`PANELS` each. A
-panel is a function of the scores that gives a table or a picture. Another distribution adds one through the entry-point
-group ``vfoa.panels``.
+Panels are more foldable sections of the page under "More measures": one file and one line of :data:`PANELS` each. A
+panel is a function of the scores that gives a table or a picture. Another distribution adds one through the
+entry-point group ``vfoa.panels``.
 """
 
 from __future__ import annotations
@@ -91,24 +91,15 @@ class Panel(Protocol):
 
 PANELS = Registry(
     kind="report panel",
-    builtin={
-        "subjects": "harness.report.tables:subjects_table",
-        "agreement": "harness.report.tables:measures_table",
-        "baselines": "harness.report.tables:baselines_table",
-        "stages": "harness.report.stages:stage_measures_table",
-        "objects": "harness.report.stages:object_measures_table",
-    },
+    builtin={},
     group="vfoa.panels",
 )
 
 
-def draw_panels(scores: Scores) -> Iterator[Table | Picture]:
-    """Yield every panel with content: those of this project, then those of other distributions, sorted."""
-    for name in PANELS.builtin_first():
-        panel: Panel = PANELS.load(name)
-        drawn = panel(scores)
-        if isinstance(drawn, Picture) or drawn.rows:
-            yield drawn
+def draw_panels(scores: Scores) -> list[Table | Picture]:
+    """Draw every panel: those of this project, then those of other distributions, sorted."""
+    panels: list[Panel] = [PANELS.load(name) for name in PANELS.builtin_first()]
+    return [panel(scores) for panel in panels]
 
 
 def to_csv(table: Table) -> str:

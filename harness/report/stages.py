@@ -7,7 +7,6 @@ import io
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from harness.files.io import read_text
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
-from harness.run.results import MeasureLog
+from harness.run.results import measures_by_thing, pooled_measures
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from vfoa.errors import VfoaError
@@ -42,15 +41,14 @@ def stage_measures_table(scores: Scores) -> Table:
         "Stages against the truth",
         "Clip | Configuration | Disparity px | Over 2 px % | Known % | Mask IoU | Box IoU | Centre cm | Head box IoU | "
         "Eyes cm | Eyes 95 % | Head deg | Head 95 % | Gaze deg | Gaze 95 %",
-        _configuration_rows(scores.measures),
+        ((clip or ALL, name, *_cells(frames)) for (clip, name), frames in pooled_measures(scores.measures).items()),
         words=2,
         notes=_NOTES,
     )
 
 
-def terminal_measures(scores: Scores) -> Table:
-    """The rows over all clips, with the columns that fit a terminal or a printed page; without the oracle ablation."""
-    table = stage_measures_table(scores)
+def terminal_measures(table: Table, scores: Scores) -> Table:
+    """Of :func:`stage_measures_table`: the rows over all clips without the oracle ablation, and columns that fit."""
     shown = without_oracles(scores.configurations)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
     chosen = replace(table, rows=tuple(row for row in rows if row[1] in shown)).only(
@@ -73,23 +71,10 @@ def object_measures_table(scores: Scores) -> Table:
     return Table.of(
         "Objects against the ground truth",
         "Clip | Object | Configuration | Frames | Mask IoU | Box IoU | Centre cm",
-        _object_rows(scores.measures),
+        ((*key, len(found), *_object_cells(found)) for key, found in measures_by_thing(scores.measures).items()),
         words=3,
         notes=_NOTES[1:2],
     )
-
-
-_Rows = tuple[tuple[str, ...], ...]
-
-
-@lru_cache(maxsize=1)  # tables and page show the same rows, and a long run has a million values
-def _configuration_rows(measures: MeasureLog) -> _Rows:
-    return tuple((clip or ALL, name, *_cells(frames)) for (clip, name), frames in measures.pooled().items())
-
-
-@lru_cache(maxsize=1)
-def _object_rows(measures: MeasureLog) -> _Rows:
-    return tuple((*key, str(len(frames)), *_object_cells(frames)) for key, frames in measures.by_thing().items())
 
 
 def _cells(frames: Sequence[FrameMeasures]) -> Iterator[str]:

@@ -16,7 +16,6 @@ from harness.score.calibration import (
     MOST_SHARE,
     MOST_SURPRISES,
     MOST_TIMES_CLAIMED,
-    SET_LEVEL,
     SMALL_TAIL,
     DirectionCheck,
     Reliability,
@@ -25,6 +24,7 @@ from harness.score.calibration import (
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import LEAST_PROBABILITY, load_metrics
 from harness.score.oracle_ablation import without_oracles
+from harness.score.probabilities import SET_LEVEL
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES
 

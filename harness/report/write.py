@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,11 +17,11 @@ from harness.report.comparisons import (
     published_table,
     terminal_ablation,
 )
-from harness.report.csv_tables import scores_table
-from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markdown
+from harness.report.csv_tables import frames_csv, scores_table
+from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
-from harness.report.page.render import render_page
-from harness.report.record_logs import KeptParts, RecordLogs
+from harness.report.page.render import RunTables, render_page
+from harness.report.record_parts import KeptParts, RecordParts
 from harness.report.stages import (
     StageTimes,
     object_measures_table,
@@ -31,36 +31,40 @@ from harness.report.stages import (
 )
 from harness.report.tables import (
     baselines_table,
+    direction_check_table,
     error_types_table,
     frr_table,
     measures_table,
     nowhere_table,
     paper_table,
+    prediction_set_table,
     reliability_table,
     seeds_table,
+    subject_reliability_table,
     subjects_table,
     terminal_table,
     visible_table,
 )
 from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
-from harness.score.calibration import Reliability
+from harness.score.calibration import coverages, reliabilities
 from harness.score.finished_run import FinishedRun
 from harness.score.score import Scores
 
 
-def write_scores(directory: RunDirectory, logs: RecordLogs, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
-    """Write the tables and the page of records that the logs have seen into the run's directory, all or none.
+def write_scores(directory: RunDirectory, run: RecordParts, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
+    """Write the tables and the page of a run's records into its directory, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
     ``comparisons.csv .md`` and ``report.html``. ``manifest`` and ``times`` are as for
     :func:`harness.report.page.render.render_page`.
     """
-    scores = logs.scores()
+    scores = run.scores()
+    tables = run_tables(scores)
     texts = {
-        **render_tables(scores, logs.calibration.reliabilities(), logs.tables()),
-        "frames.csv": logs.frames.to_csv(scores.verdicts),
-        "report.html": _page(directory, logs, scores, manifest, times),
+        **render_tables(scores, tables),
+        "frames.csv": frames_csv(run.of("frames"), scores.verdicts),
+        "report.html": _page(directory, run, scores, tables, manifest, times),
     }
     write_together({directory.path / name: text for name, text in texts.items()})
     return scores
@@ -68,22 +72,16 @@ def write_scores(directory: RunDirectory, logs: RecordLogs, manifest: Mapping[st
 
 def _page(
     directory: RunDirectory,
-    logs: RecordLogs,
+    run: RecordParts,
     scores: Scores,
+    tables: RunTables,
     manifest: Mapping[str, Any],
     times: StageTimes,
     served: Served | None = None,
 ) -> str:
-    return render_page(
-        scores,
-        logs.attention,
-        manifest,
-        times=times,
-        reliabilities=logs.calibration.reliabilities(),
-        checks=logs.tables(),
-        thumbnails=read_thumbnails(directory.path, scores.verdicts, logs.names_now),
-        served=served,
-    )
+    thumbnails = read_thumbnails(directory.path, scores.verdicts, run.reference.names_now)
+    attention = run.of("attention")
+    return render_page(scores, tables, attention, manifest, times=times, thumbnails=thumbnails, served=served)
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -103,7 +101,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
         kept = KeptParts(run, reference)
-        scores = write_scores(directory, kept.logs(), run.manifest, kept.times())
+        scores = write_scores(directory, kept.read(), run.manifest, kept.times())
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
@@ -119,10 +117,11 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
     Raises the errors of :func:`rescore`.
     """
     run = FinishedRun.read(directory)
-    logs = RecordLogs(run.reference())
-    logs.watch(run.records())
+    parts = RecordParts(run.reference(), run.records())
+    scores = parts.scores()
     served = Served(run=str(directory.path.resolve()), recordings=recordings)
-    return _page(directory, logs, logs.scores(), run.manifest, stage_times(directory.timings), served)
+    times = stage_times(directory.timings)
+    return _page(directory, parts, scores, run_tables(scores), run.manifest, times, served)
 
 
 @contextmanager
@@ -137,47 +136,57 @@ def _collector_paused() -> Iterator[None]:
             gc.enable()
 
 
-def render_tables(
-    scores: Scores, reliabilities: Sequence[Reliability] = (), checks: Sequence[Table] = ()
-) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; ``checks`` are on the page. Tables without rows are left out."""
+def run_tables(scores: Scores) -> RunTables:
+    """Every table of a run by name, also those without rows."""
     comparisons = compare_configurations(scores)
-    compared = comparison_table(comparisons)
-    sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)
-    pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
-    ablation, measures = ablation_table(scores), stage_measures_table(scores)
-    more = (
-        seeds_table(scores),
-        visible_table(scores),
-        nowhere_table(scores),
-        published_table(scores),
-        ablation,
-        measures,
-        reliability_table(reliabilities),
-        *checks,
-    )
-    pages += [to_markdown(table, level=2) for table in more if table.rows]
-    programs = {
-        "oracle_ablation.csv": ablation_csv(scores),
-        "measures.csv": measures,
-        "objects.csv": object_measures_table(scores),
-    }
     return {
-        "frr.csv": to_csv(scores_table(scores)),
-        "frr.md": "\n".join(pages),
-        "frr.tex": _latex_tables(scores),
-        **{name: to_csv(table) for name, table in programs.items() if table.rows},
-        "comparisons.csv": to_csv(comparisons_csv(comparisons)),
-        "comparisons.md": to_markdown(compared),
+        "frr": frr_table(scores),
+        "paper": paper_table(scores),
+        "agreement": measures_table(scores),
+        "baselines": baselines_table(scores),
+        "errors": error_types_table(scores),
+        "subjects": subjects_table(scores),
+        "seeds": seeds_table(scores),
+        "visible": visible_table(scores),
+        "nowhere": nowhere_table(scores),
+        "published": published_table(scores),
+        "ablation": ablation_table(scores),
+        "stages": stage_measures_table(scores),
+        "calibration": reliability_table(reliabilities(scores.outcomes)),
+        "calibration by subject": subject_reliability_table(reliabilities(scores.outcomes, by_subject=True)),
+        "sets": prediction_set_table(coverages(scores.outcomes)),
+        "directions": direction_check_table(scores.directions),
+        "comparisons": comparison_table(comparisons),
+        "objects": object_measures_table(scores),
+        "frr.csv": scores_table(scores),
+        "comparisons.csv": comparisons_csv(comparisons),
+        "oracle_ablation.csv": ablation_csv(scores),
     }
 
 
-def _latex_tables(scores: Scores) -> str:
-    """The tables that fit a page of paper."""
+_NOT_IN_MARKDOWN = ("comparisons", "objects", "frr.csv", "comparisons.csv", "oracle_ablation.csv")
+_ALWAYS = ("frr.csv", "comparisons.csv")
+"""The files that are written also without rows."""
+
+
+def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
+    """Every table but ``frames.csv``, by file name; tables without rows are left out."""
+    first, *others = (table for name, table in tables.items() if name not in _NOT_IN_MARKDOWN)
+    programs = {
+        **{name: table for name, table in tables.items() if name.endswith(".csv")},
+        "measures.csv": tables["stages"],
+        "objects.csv": tables["objects"],
+    }
     papers = {
         "frr": terminal_table(scores),
-        "paper": paper_table(scores),
+        "paper": tables["paper"],
         "oracle_ablation": terminal_ablation(scores),
-        "measures": terminal_measures(scores),
+        "measures": terminal_measures(tables["stages"], scores),
     }
-    return LATEX_HEAD + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows)
+    return {
+        "frr.md": "\n".join([to_markdown(first), *(to_markdown(table, level=2) for table in others if table.rows)]),
+        "frr.tex": LATEX_HEAD
+        + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows),
+        "comparisons.md": to_markdown(tables["comparisons"]),
+        **{name: to_csv(table) for name, table in programs.items() if table.rows or name in _ALWAYS},
+    }

@@ -222,7 +222,7 @@ class RunDirectory:
 
     @property
     def score_cache(self) -> Path:
-        """What a scoring keeps for the next one (:mod:`harness.report.record_logs`)."""
+        """What a scoring keeps for the next one (:mod:`harness.report.record_parts`)."""
         return self.path / "score_cache"
 
     @property

@@ -1,4 +1,4 @@
-"""The record of a frame: named, plain values, made from a frame's result; and logs of passing records.
+"""The record of a frame: named, plain values, made from a frame's result.
 
 Everything the scores, tables and pages need is here, so that none of them needs images or models.
 """
@@ -6,19 +6,16 @@ Everything the scores, tables and pages need is here, so that none of them needs
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from harness.clips.naming import Names
 from harness.pipeline.frame_measures import FrameMeasures
-from harness.run.directory import Pair
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
 
 Vector = tuple[float, float, float]
 BoxPx = tuple[float, float, float, float]
-P = TypeVar("P")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,48 +212,19 @@ def _box_px(array: Float) -> BoxPx:
     return u0, v0, u1, v1
 
 
-class PartLog(ABC, Generic[P]):
-    """What a log takes from records: a part, of plain values, for each clip and configuration.
+def merge(ours: Any, more: Any) -> None:
+    """Add the plain values taken from later records of one configuration on one clip to those of earlier ones.
 
-    The parts are stored, so that a run is scored again from those that have not changed.
+    Lists and bytes are extended, dictionaries by key, dataclasses by field; of two other values the first stays.
     """
-
-    def __init__(self, new: Callable[[], P]) -> None:
-        self._new = new
-        self.parts: dict[Pair, P] = {}
-
-    def part(self, clip: str, configuration: str) -> P:
-        """The part of a configuration on a clip so far."""
-        pair = clip, configuration
-        if pair not in self.parts:
-            self.parts[pair] = self._new()
-        return self.parts[pair]
-
-    @abstractmethod
-    def take(self, record: FrameRecord) -> None:
-        """Add a record."""
-
-    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Yield the records unchanged and take them."""
-        for record in records:
-            self.take(record)
-            yield record
-
-    def add(self, clip: str, configuration: str, part: P) -> None:
-        """Add a part of another log."""
-        _merge(self.part(clip, configuration), part)
-
-
-def _merge(ours: Any, more: Any) -> None:
-    """Extend lists and bytes, dictionaries by key, and dataclasses by field; of two other values the first stays."""
     if isinstance(ours, list | bytearray):
         ours.extend(more)
     elif isinstance(ours, dict):
         for key, value in more.items():
             if key in ours:
-                _merge(ours[key], value)
+                merge(ours[key], value)
             else:
                 ours[key] = value
     elif is_dataclass(ours):
         for field in fields(ours):
-            _merge(getattr(ours, field.name), getattr(more, field.name))
+            merge(getattr(ours, field.name), getattr(more, field.name))

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_readable, unreadable
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord, PartLog, renamed
+from harness.run.records import FrameRecord, renamed
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import PROBABILISTIC
 
@@ -260,49 +260,44 @@ class MeasuredPart:
     frames: list[FrameMeasures] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
 
-
-class MeasureLog(PartLog[MeasuredPart]):
-    """Collects measures from passing records. The seeds of a configuration are taken together."""
-
-    def __init__(self) -> None:
-        super().__init__(MeasuredPart)
-
-    def part(self, clip: str, configuration: str) -> MeasuredPart:
-        """The measures of all seeds of a configuration on a clip so far."""
-        return super().part(clip, base_of(configuration))
-
     def take(self, record: FrameRecord) -> None:
         """Add a record's measures, and the names of the instances that were matched with true objects."""
         if record.measures is None:
             return
-        part = self.part(record.clip, record.configuration)
-        part.frames.append(record.measures)
+        self.frames.append(record.measures)
         names = {target.instance_id: target.name for target in record.targets}
         for target in record.measures.targets:
             if target.instance_id in names:
-                part.names.setdefault(target.truth_id, names[target.instance_id])
+                self.names.setdefault(target.truth_id, names[target.instance_id])
 
-    def pooled(self) -> dict[tuple[str | None, str], list[FrameMeasures]]:
-        """The measures of each (clip, configuration) and, of several clips, of all together under the clip None."""
-        by_pair = {pair: part.frames for pair, part in self.parts.items() if part.frames}
-        pooled: dict[tuple[str | None, str], list[FrameMeasures]] = dict(by_pair.items())
-        if len({clip for clip, _ in by_pair}) > 1:
-            for (_, configuration), frames in by_pair.items():
-                pooled[None, configuration] = [*pooled.get((None, configuration), []), *frames]
-        return pooled
 
-    def by_thing(self) -> dict[tuple[str, str, str], list[TargetMeasure]]:
-        """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
-        names: dict[tuple[str, int], str] = {}
-        for (clip, _), part in self.parts.items():
-            for number, name in part.names.items():
-                names.setdefault((clip, number), name)
-        by_thing: dict[tuple[str, str, str], list[TargetMeasure]] = {}
-        for (clip, configuration), part in self.parts.items():
-            by_id: dict[int, list[TargetMeasure]] = {}
-            for target in (target for frame in part.frames for target in frame.targets):
-                by_id.setdefault(target.truth_id, []).append(target)
-            for number, measures in by_id.items():
-                name = names.get((clip, number), f"{measures[0].label}#{number}")
-                by_thing.setdefault((clip, name, configuration), []).extend(measures)
-        return dict(sorted(by_thing.items(), key=lambda item: item[0][:2]))
+def pooled_measures(parts: Mapping[Pair, MeasuredPart]) -> dict[tuple[str | None, str], list[FrameMeasures]]:
+    """The measures of each (clip, configuration) and, of several clips, of all together under the clip None.
+
+    The seeds of a configuration are taken together, here and below.
+    """
+    pooled: dict[tuple[str | None, str], list[FrameMeasures]] = {}
+    for (clip, configuration), part in parts.items():
+        if part.frames:
+            pooled.setdefault((clip, base_of(configuration)), []).extend(part.frames)
+    if len({clip for clip, _ in pooled}) > 1:
+        for (_, name), frames in list(pooled.items()):
+            pooled.setdefault((None, name), []).extend(frames)
+    return pooled
+
+
+def measures_by_thing(parts: Mapping[Pair, MeasuredPart]) -> dict[tuple[str, str, str], list[TargetMeasure]]:
+    """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
+    names: dict[tuple[str, int], str] = {}
+    for (clip, _), part in parts.items():
+        for number, name in part.names.items():
+            names.setdefault((clip, number), name)
+    by_thing: dict[tuple[str, str, str], list[TargetMeasure]] = {}
+    for (clip, configuration), part in parts.items():
+        by_id: dict[int, list[TargetMeasure]] = {}
+        for target in (target for frame in part.frames for target in frame.targets):
+            by_id.setdefault(target.truth_id, []).append(target)
+        for number, measures in by_id.items():
+            name = names.get((clip, number), f"{measures[0].label}#{number}")
+            by_thing.setdefault((clip, name, base_of(configuration)), []).extend(measures)
+    return dict(sorted(by_thing.items(), key=lambda item: item[0][:2]))

@@ -3,11 +3,9 @@
 **Calibration**: whether 70 % of the frames with a confidence of 70 % are right. Guo et al. (2017): predictions are
 sorted into ten bins by confidence, the probability of the predicted target. The expected calibration error is the mean
 distance between a bin's share of right frames and its mean confidence. If probabilities are high, equal bins put most
-frames in one bin; adaptive bins (Nguyen and O'Connor 2015) hold the same number of frames each. Brier's score (1950) is
-the squared distance between all probabilities and the truth, 0 to 2.
+frames in one bin; adaptive bins (Nguyen and O'Connor 2015) hold the same number of frames each.
 
-**Sets**: a set of answers is the smallest set of objects (including "nowhere") that together have 90 % of a subject's
-probability.
+**Sets** and Brier's score are those of :mod:`harness.score.probabilities`.
 
 **Directions** are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
 probability of directions that fit worse than the measured ones. If the model is right, these tail probabilities are
@@ -19,25 +17,20 @@ not explain the head.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
-from itertools import chain
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, Label, Labels
+from harness.run.directory import Pair
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord, PartLog, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
+from harness.score.outcomes import JudgedPart, Outcomes
 from harness.score.statistics import UNKNOWN, Codes, Interval
-from harness.score.verdicts import find_subject, right_answers
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.types import DirectionFit, Float
 
 BINS = 10
-
-SET_LEVEL = 0.9
-"""The least probability of a set."""
 
 SMALL_TAIL = 0.05
 """A smaller tail probability is a surprise; if the model is right, this share of the frames has one."""
@@ -49,12 +42,6 @@ MOST_SHARE = PLAUSIBLE_SHARE
 """Implied share of the head above which a note says that the targets do not explain the head."""
 FEWEST_FRAMES = 20
 """Fewer frames give no check."""
-
-_ROUNDING = 1e-9
-
-
-Sureness = tuple[float, bool, float]
-"""Confidence, whether it was right, and Brier's score of one frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,107 +115,59 @@ class DirectionCheck:
         explained = self.share is None or self.share <= MOST_SHARE
         return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
-    def misfit(self) -> str:
-        """What does not fit, or how far it is from it."""
-        parts = [f"{100 * self.surprises:.0f} % of {self.n} frames surprise it (expected {100 * SMALL_TAIL:.0f} %)"]
-        if self.claimed_deg is not None and self.implied_deg is not None:
-            claimed, implied = (f"{angle:.0f} deg" for angle in (self.claimed_deg, self.implied_deg))
-            parts.append(f"the gaze claims an error of {claimed}, the directions imply {implied}")
-        if self.share is not None and self.share > MOST_SHARE:
-            parts.append(f"heads turn {100 * self.share:.0f} % of the way to targets (people: 35 to 75 %)")
-        return "; ".join(parts)
 
+def reliabilities(outcomes: Iterable[Outcomes], *, by_subject: bool = False) -> list[Reliability]:
+    """One over all clips for each configuration with probabilities, or one for each subject of each clip.
 
-@dataclass(slots=True)
-class CalibrationData:
-    """The frames of one configuration on one clip, in plain values.
-
-    ``sureness`` of the scored frames by subject, ``sets``: whether each set of answers holds the truth, and its size.
-    ``fits`` of the directions are those of all frames of named subjects.
+    The seeds of a configuration are taken together, here and below. Configurations are in the order of the outcomes.
     """
+    groups: dict[tuple[str | None, str | None, str], list[Outcomes]] = {}
+    for outcome in sorted(outcomes, key=lambda outcome: (outcome.clip, outcome.subject)) if by_subject else outcomes:
+        if not np.isnan(outcome.confidence).all():
+            place = (outcome.clip, outcome.subject) if by_subject else (None, None)
+            groups.setdefault((*place, base_of(outcome.configuration)), []).append(outcome)
+    found = []
+    for (clip, subject, name), group in groups.items():
+        frames = np.concatenate([np.stack([of.confidence, of.correct, of.brier], axis=1) for of in group])
+        clips = list(dict.fromkeys(outcome.clip for outcome in group))
+        codes = np.repeat([clips.index(outcome.clip) for outcome in group], [len(outcome.frames) for outcome in group])
+        known = ~np.isnan(frames[:, 0])
+        found.append(reliability(name, frames[known], codes[known], clip=clip, subject=subject))
+    return found
 
-    sureness: dict[str, list[Sureness]] = field(default_factory=dict)
-    sets: list[tuple[bool, int]] = field(default_factory=list)
-    fits: list[DirectionFit] = field(default_factory=list)
+
+def coverages(outcomes: Iterable[Outcomes]) -> list[SetCoverage]:
+    """One coverage for each configuration that gives probabilities."""
+    groups: dict[str, list[Outcomes]] = {}
+    for outcome in outcomes:
+        if not np.isnan(outcome.set_size).all():
+            groups.setdefault(base_of(outcome.configuration), []).append(outcome)
+    found = []
+    for name, group in groups.items():
+        sizes = np.concatenate([outcome.set_size for outcome in group])
+        covered, n = sum(int(outcome.is_covered.sum()) for outcome in group), int((~np.isnan(sizes)).sum())
+        found.append(SetCoverage(configuration=name, n=n, covered=covered, mean_size=float(np.nanmean(sizes))))
+    return found
 
 
-class CalibrationLog(PartLog[CalibrationData]):
-    """Collects probabilities from passing records. The seeds of a configuration are taken together.
-
-    ``configurations`` are those whose attention is a probability.
-    """
-
-    def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
-        super().__init__(CalibrationData)
-        self._names = dict.fromkeys(map(base_of, configurations))
-        self._labels = labels_by_clip
-
-    def take(self, record: FrameRecord) -> None:
-        """Add a record."""
-        data, labels = self.part(record.clip, record.configuration), self._labels.get(record.clip)
-        data.fits += [person.fit for person in record.subjects if person.fit is not None and person.name is not None]
-        has_probabilities = base_of(record.configuration) in self._names
-        for _, name, label in labels.labelled([record.frame]) if labels is not None else ():
-            subject = find_subject(record, name)
-            if subject is None or label.target == IGNORED:
-                continue
-            if has_probabilities and subject.missing is None:
-                data.sureness.setdefault(name, []).append(_sureness(record, subject, label))
-            if (held := prediction_set(subject)) is not None:
-                data.sets.append((not set(held).isdisjoint(right_answers(record, label)), len(held)))
-
-    def part(self, clip: str, configuration: str) -> CalibrationData:
-        """The data of all seeds of a configuration on a clip so far."""
-        return super().part(clip, base_of(configuration))
-
-    def reliabilities(self) -> list[Reliability]:
-        """One over all clips for each configuration with a scored frame, in the order of the configurations."""
-        reliabilities = []
-        for name in self._names:
-            clips = [data.sureness for (_, of), data in self.parts.items() if of == name and data.sureness]
-            frames = [list(chain.from_iterable(by_subject.values())) for by_subject in clips]
-            if frames:
-                codes = np.repeat(np.arange(len(frames)), [len(of_clip) for of_clip in frames])
-                reliabilities.append(reliability(name, np.concatenate(frames), codes))
-        return reliabilities
-
-    def by_subject(self) -> list[Reliability]:
-        """One for each subject of each clip, then by configuration."""
-        keys = sorted({(clip, subject) for (clip, _), data in self.parts.items() for subject in data.sureness})
-        return [
-            reliability(name, np.array(data.sureness[subject]), clip=clip, subject=subject)
-            for clip, subject in keys
-            for name in self._names
-            if (data := self.parts.get((clip, name))) and subject in data.sureness
-        ]
-
-    def coverages(self) -> list[SetCoverage]:
-        """One coverage for each configuration that gives probabilities."""
-        by_name: dict[str, list[tuple[bool, int]]] = {}
-        for (_, name), data in self.parts.items():
-            if data.sets:
-                by_name.setdefault(name, []).extend(data.sets)
-        sums = {name: np.sum(sets, axis=0).tolist() for name, sets in by_name.items()}
-        return [
-            SetCoverage(configuration=name, n=len(by_name[name]), covered=covered, mean_size=size / len(by_name[name]))
-            for name, (covered, size) in sums.items()
-        ]
-
-    def direction_checks(self) -> list[DirectionCheck]:
-        """One check for each clip and configuration with a posterior, over the named subjects."""
-        return [
-            DirectionCheck(
-                clip=clip,
-                configuration=configuration,
-                n=len(data.fits),
-                surprises=float(np.mean([fit.tail < SMALL_TAIL for fit in data.fits])),
-                claimed_deg=_median_deg([fit.claimed_error_rad for fit in data.fits]),
-                implied_deg=_median_deg([fit.implied_error_rad for fit in data.fits]),
-                share=_median([fit.implied_share for fit in data.fits]),
-            )
-            for (clip, configuration), data in self.parts.items()
-            if data.fits
-        ]
+def direction_checks(judged: Mapping[Pair, JudgedPart]) -> list[DirectionCheck]:
+    """One check for each clip and configuration with a posterior, over the named subjects."""
+    fits: dict[Pair, list[DirectionFit]] = {}
+    for (clip, name), part in judged.items():
+        if part.fits:
+            fits.setdefault((clip, base_of(name)), []).extend(part.fits)
+    return [
+        DirectionCheck(
+            clip=clip,
+            configuration=name,
+            n=len(of_name),
+            surprises=float(np.mean([fit.tail < SMALL_TAIL for fit in of_name])),
+            claimed_deg=_median_deg([fit.claimed_error_rad for fit in of_name]),
+            implied_deg=_median_deg([fit.implied_error_rad for fit in of_name]),
+            share=_median([fit.implied_share for fit in of_name]),
+        )
+        for (clip, name), of_name in fits.items()
+    ]
 
 
 def reliability(
@@ -282,47 +221,6 @@ def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
     return Interval(low=low, high=high, unit="clip")
 
 
-NO_PROBABILITIES = (0.0, 1.0)
-"""Probability of the truth, and Brier's score, where a method gives no probabilities: it has none anywhere."""
-
-
-def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
-    """The probability of each target by instance id. None stands for nowhere, which has the rest up to 1."""
-    chances: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
-    chances[None] = max(0.0, 1 - sum(chances.values()))
-    return chances
-
-
-def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label) -> tuple[float, float]:
-    """Probability of the true answer, and Brier's score (0 to 2, Brier 1950), of a subject's probabilities.
-
-    A true target that the frame does not have has probability 0.
-    """
-    if subject is None or subject.missing is not None:
-        return NO_PROBABILITIES
-    chances, true = probabilities(subject), right_answers(record, label)
-    on_truth = sum(chances.get(key, 0.0) for key in true)
-    return on_truth, (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in true)
-
-
-def _sureness(record: FrameRecord, subject: SubjectRecord, label: Label) -> Sureness:
-    confidence = min(probabilities(subject)[subject.focus], 1.0)
-    return confidence, subject.focus in right_answers(record, label), worth_of(record, subject, label)[1]
-
-
-def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
-    """Instance ids of the smallest set, the likeliest first; None stands for nowhere. None: no probabilities.
-
-    Of equally likely objects those with the lower id come first, and nowhere last.
-    """
-    if subject.fit is None or not subject.attention:
-        return None
-    chances = probabilities(subject)
-    ranked = sorted(chances, key=lambda key: (-chances[key], key is None, key or 0))
-    reached = np.cumsum([chances[key] for key in ranked])
-    return tuple(ranked[: 1 + int(np.argmax(reached >= SET_LEVEL * reached[-1] - _ROUNDING))])
-
-
 def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     """A note for each configuration whose directions do not fit on some of its clips."""
     notes, by_name = [], dict[str, list[DirectionCheck]]()
@@ -330,9 +228,10 @@ def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
         by_name.setdefault(check.configuration, []).append(check)
     for name, of_name in by_name.items():
         if unfit := [check for check in of_name if not check.fits]:
-            clips = f"{len(unfit)} of {len(of_name)} clips ({', '.join(check.clip for check in unfit)})"
-            where = f"{clips}, on the first" if len(unfit) > 1 else unfit[0].clip
-            notes.append(f"{name}: directions do not fit the posterior on {where}: {unfit[0].misfit()}.")
+            where = f"{len(unfit)} of {len(of_name)} clips ({', '.join(check.clip for check in unfit)})"
+            notes.append(
+                f"{name}: directions do not fit the posterior on {where}: see the table of measured directions."
+            )
     return notes
 
 

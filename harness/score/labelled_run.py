@@ -14,8 +14,8 @@ from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import Baselines
-from harness.score.calibration import probabilities
 from harness.score.finished_run import FinishedRun
+from harness.score.probabilities import probabilities
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import NOWHERE, Label, Labels
-from harness.run.directory import Published
-from harness.run.records import FrameRecord, PartLog
+from harness.labels.labels import NOWHERE, Labels
+from harness.run.directory import Pair, Published
+from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
-from harness.score.calibration import NO_PROBABILITIES, worth_of
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
+from harness.score.probabilities import NO_PROBABILITIES, UNKNOWN_WORTH, Worth, worth_of
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, right_answers
-from vfoa.types import Float
+from vfoa.types import DirectionFit, Float
 
 NO_PREDICTION = -1
 
@@ -54,10 +54,10 @@ class Outcomes:
     ``positions`` count the clip's frames, so that a difference above 1 is a gap; ``frames`` are their numbers.
     ``looks`` number the looks (see :mod:`harness.score.looks`). ``no_hit`` are the frames in which nothing got any
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
-    so, ``blocked`` those whose line of sight the label calls blocked. ``on_truth`` is the probability of the true
-    answer, ``brier`` Brier's score; NaN for a method without probabilities. ``baselines`` (n, baselines) says which
-    baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest
-    angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
+    so, ``blocked`` those whose line of sight the label calls blocked. ``confidence``, ``on_truth``, ``brier``,
+    ``set_size`` and ``is_covered`` are as in :class:`harness.score.probabilities.Worth`. ``baselines`` (n, baselines)
+    says which baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is
+    the smallest angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
     ``rate_hz`` is the rate of the clip's frames, None if unknown.
     """
 
@@ -75,8 +75,11 @@ class Outcomes:
     nowhere: Flags
     says_nowhere: Flags
     blocked: Flags
+    confidence: Float
     on_truth: Float
     brier: Float
+    set_size: Float
+    is_covered: Flags
     baselines: Flags
     angles_rad: Float
     error_types: tuple[str, ...]
@@ -84,11 +87,10 @@ class Outcomes:
 
 
 NO_HITS = Choices().hits(())
-UNKNOWN_WORTH = (math.nan, math.nan)
 
 
 class Judgement(NamedTuple):
-    """Truth and prediction of a subject in a frame, and what its probabilities are worth (NaN: it has none).
+    """Truth and prediction of a subject in a frame, and what its probabilities are worth.
 
     ``hits`` says which baselines that use the frame are right, ``angle_rad`` is as in :class:`Choices`.
     """
@@ -97,8 +99,7 @@ class Judgement(NamedTuple):
     is_blocked: bool
     hits: tuple[bool, ...] = NO_HITS
     angle_rad: float = math.nan
-    on_truth: float = math.nan
-    brier: float = math.nan
+    worth: Worth = UNKNOWN_WORTH
 
 
 Judged = dict[int, Judgement]
@@ -107,65 +108,72 @@ Judged = dict[int, Judgement]
 
 @dataclass(slots=True)
 class JudgedPart:
-    """The judgements of a configuration on a clip by subject, and the time of each frame."""
+    """The judgements of a configuration on a clip by subject, the time of each frame, and the fits of the directions.
+
+    ``fits`` are those of all frames of named subjects, labelled or not.
+    """
 
     by_subject: dict[str, Judged] = field(default_factory=dict)
     times_ns: dict[int, int] = field(default_factory=dict)
+    fits: list[DirectionFit] = field(default_factory=list)
 
-
-class OutcomeLog(PartLog[JudgedPart]):
-    """Judges records against a reference."""
-
-    def __init__(self, reference: Reference) -> None:
-        super().__init__(JudgedPart)
-        self._reference = reference
-
-    def take(self, record: FrameRecord) -> None:
+    def take(self, record: FrameRecord, reference: Reference) -> None:
         """Judge every labelled or named subject of a record."""
-        part = self.part(record.clip, record.configuration)
-        part.times_ns[record.frame] = record.time_ns
-        reference, labels = self._reference, self._reference.labels.get(record.clip)
-        judgements = _judgements(
-            record,
-            {subject: label for _, subject, label in labels.labelled([record.frame])} if labels else {},
-            says_nowhere=record.configuration in reference.says_nowhere,
-            has_probabilities=record.configuration in reference.probabilistic,
-        )
-        for subject, judgement in judgements:
-            part.by_subject.setdefault(subject, {})[record.frame] = judgement
+        self.times_ns[record.frame] = record.time_ns
+        named = [subject for subject in record.subjects if subject.name is not None]
+        self.fits += [subject.fit for subject in named if subject.fit is not None]
+        of_clip = reference.labels.get(record.clip)
+        labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
+        baselines = Baselines(record) if labels else None
+        for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
+            label = labels.get(subject)
+            verdict = judge(record, subject, label)
+            if record.configuration in reference.says_nowhere:
+                verdict = _as_said(verdict)
+            judgement = Judgement(verdict, label is not None and label.is_blocked)
+            if baselines and label and verdict.outcome != "unscored":
+                person = find_subject(record, subject)
+                choices = baselines.choose(person)
+                hits = choices.hits(right_answers(record, label))
+                has_probabilities = record.configuration in reference.probabilistic
+                worth = worth_of(record, person, label, has_probabilities=has_probabilities)
+                judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
+            self.by_subject.setdefault(subject, {})[record.frame] = judgement
 
-    def outcomes(self) -> list[Outcomes]:
-        """The outcomes of all judged records, and of every labelled frame without a record.
 
-        In order of clip, configuration (both as they first appear in the records) and subject (by name).
-        """
-        codes: dict[str, int] = {}
-        outcomes = []
-        for name in dict.fromkeys(clip for clip, _ in self.parts):
-            parts = {configuration: part for (clip, configuration), part in self.parts.items() if clip == name}
-            wanted = self._wanted(name)
-            times_ns = {frame: time for part in parts.values() for frame, time in part.times_ns.items()}
-            places = {frame: place for place, frame in enumerate(sorted({*wanted, *times_ns}))}
-            labels = self._reference.labels.get(name)
-            wanted_labels = list(labels.labelled(wanted)) if labels else []
-            for configuration, part in parts.items():
-                worth = NO_PROBABILITIES if configuration in self._reference.probabilistic else UNKNOWN_WORTH
-                for frame, subject, label in wanted_labels:
-                    judged = part.by_subject.setdefault(subject, {})
-                    if frame not in judged:
-                        verdict = judge_absent(name, configuration, frame, subject, label)
-                        judged[frame] = Judgement(verdict, label.is_blocked, NO_HITS, math.nan, *worth)
-                for subject, judged in sorted(part.by_subject.items()):
-                    key = name, configuration, subject
-                    outcomes.append(_outcomes(key, judged, places, _rate_hz(times_ns), codes))
-        return _with_limits(_with_longer_looks(outcomes))
+def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference) -> list[Outcomes]:
+    """The outcomes of all judged records, and of every labelled frame without a record.
 
-    def _wanted(self, clip: str) -> list[int]:
-        """The frames of a clip that are scored if they have a label."""
-        if (frames := self._reference.frames.get(clip)) is not None:
-            return sorted(set(frames))
-        ranges = labels.ranges if (labels := self._reference.labels.get(clip)) else ()
-        return sorted({frame for row in ranges for frame in range(row.first_frame, row.last_frame + 1)})
+    In order of clip, configuration (both as they first appear in the records) and subject (by name).
+    """
+    codes: dict[str, int] = {}
+    outcomes = []
+    for name in dict.fromkeys(clip for clip, _ in judged):
+        parts = {configuration: part for (clip, configuration), part in judged.items() if clip == name}
+        wanted = _wanted(name, reference)
+        times_ns = {frame: time for part in parts.values() for frame, time in part.times_ns.items()}
+        places = {frame: place for place, frame in enumerate(sorted({*wanted, *times_ns}))}
+        labels = reference.labels.get(name)
+        wanted_labels = list(labels.labelled(wanted)) if labels else []
+        for configuration, part in parts.items():
+            worth = NO_PROBABILITIES if configuration in reference.probabilistic else UNKNOWN_WORTH
+            for frame, subject, label in wanted_labels:
+                of_subject = part.by_subject.setdefault(subject, {})
+                if frame not in of_subject:
+                    verdict = judge_absent(name, configuration, frame, subject, label)
+                    of_subject[frame] = Judgement(verdict, label.is_blocked, worth=worth)
+            for subject, of_subject in sorted(part.by_subject.items()):
+                key = name, configuration, subject
+                outcomes.append(_outcomes(key, of_subject, places, _rate_hz(times_ns), codes))
+    return _with_limits(_with_longer_looks(outcomes))
+
+
+def _wanted(clip: str, reference: Reference) -> list[int]:
+    """The frames of a clip that are scored if they have a label."""
+    if (frames := reference.frames.get(clip)) is not None:
+        return sorted(set(frames))
+    ranges = labels.ranges if (labels := reference.labels.get(clip)) else ()
+    return sorted({frame for row in ranges for frame in range(row.first_frame, row.last_frame + 1)})
 
 
 def _rate_hz(times_ns: Mapping[int, int]) -> float | None:
@@ -186,27 +194,6 @@ def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
     ]
 
 
-def _judgements(
-    record: FrameRecord, labels: Mapping[str, Label], *, says_nowhere: bool, has_probabilities: bool
-) -> Iterator[tuple[str, Judgement]]:
-    """Yield the judgement of every labelled or named subject of a record."""
-    baselines = Baselines(record) if labels else None
-    named = [subject.name for subject in record.subjects if subject.name is not None]
-    for subject in dict.fromkeys((*labels, *named)):
-        label = labels.get(subject)
-        verdict = judge(record, subject, label)
-        if says_nowhere:
-            verdict = _as_said(verdict)
-        judgement = Judgement(verdict, label is not None and label.is_blocked)
-        if baselines and label and verdict.outcome != "unscored":
-            person = find_subject(record, subject)
-            choices = baselines.choose(person)
-            hits = choices.hits(right_answers(record, label))
-            worth = worth_of(record, person, label) if has_probabilities else UNKNOWN_WORTH
-            judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, *worth)
-        yield subject, judgement
-
-
 def _as_said(verdict: Verdict) -> Verdict:
     """For a method that can say "looks at nothing", count no attention as that answer; for cones it is no answer."""
     if verdict.predicted != NO_HIT:
@@ -225,6 +212,8 @@ def _outcomes(
     truths = [str(verdict.truth) for verdict in verdicts]
     truth = _coded(truths, codes)
     positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
+    worths = np.array([judgement.worth for judgement in scored], dtype=np.float64)
+    confidence, on_truth, brier, set_size, is_covered = worths.reshape(-1, len(UNKNOWN_WORTH)).T
     always = commonest(truths)
     baselines = [(truth == always, *judgement.hits) for truth, judgement in zip(truths, scored, strict=True)]
     return Outcomes(
@@ -242,8 +231,11 @@ def _outcomes(
         nowhere=np.array([name == NOWHERE for name in truths], dtype=np.bool_),
         says_nowhere=np.array([verdict.predicted == NOWHERE for verdict in verdicts], dtype=np.bool_),
         blocked=np.array([judgement.is_blocked for judgement in scored], dtype=np.bool_),
-        on_truth=np.array([judgement.on_truth for judgement in scored], dtype=np.float64),
-        brier=np.array([judgement.brier for judgement in scored], dtype=np.float64),
+        confidence=confidence,
+        on_truth=on_truth,
+        brier=brier,
+        set_size=set_size,
+        is_covered=is_covered.astype(np.bool_),
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
         angles_rad=np.array([judgement.angle_rad for judgement in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),

@@ -7,7 +7,7 @@ such a pair below. Pooled over subjects or clips means all their pairs together:
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -15,15 +15,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.run.directory import Published
+from harness.run.directory import Pair, Published
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
-from harness.run.results import MeasureLog
+from harness.run.results import MeasuredPart
 from harness.score.baselines import BASELINES
+from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import OutcomeLog, Outcomes, Reference
+from harness.score.outcomes import JudgedPart, Outcomes, Reference, to_outcomes
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.types import Float
@@ -102,7 +103,8 @@ class Scores:
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
     are shown with every table; ``published`` are published figures. ``measures`` compare the stages with the ground
-    truth. ``outcomes`` are the input of the rows. ``unknown_names`` and ``factors`` are as in :class:`Reference`.
+    truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
+    ``unknown_names`` and ``factors`` are as in :class:`Reference`.
     """
 
     clips: tuple[str, ...]
@@ -112,7 +114,8 @@ class Scores:
     notes: tuple[str, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    measures: MeasureLog = field(default_factory=MeasureLog, compare=False, repr=False)
+    measures: Mapping[Pair, MeasuredPart] = field(default_factory=dict, compare=False, repr=False)
+    directions: tuple[DirectionCheck, ...] = ()
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
@@ -166,15 +169,19 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
-    measures, log = MeasureLog(), OutcomeLog(reference)
+    judged, measured = defaultdict[Pair, JudgedPart](JudgedPart), defaultdict[Pair, MeasuredPart](MeasuredPart)
     for record in records:
-        measures.take(record)
-        log.take(record)
-    return score_outcomes(log.outcomes(), measures, reference)
+        pair = record.clip, record.configuration
+        judged[pair].take(record, reference)
+        measured[pair].take(record)
+    return score_parts(judged, measured, reference)
 
 
-def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference: Reference) -> Scores:
-    """Score judged outcomes; ``measures`` are those of the same records."""
+def score_parts(
+    judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, MeasuredPart], reference: Reference
+) -> Scores:
+    """Score judged records; ``measured`` are the measures of the same ones."""
+    outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
     clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
@@ -189,10 +196,11 @@ def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference
         configurations=configurations,
         verdicts=verdicts,
         rows=tuple(rows),
-        notes=reference.notes,
+        notes=(*reference.notes, *misfit_notes(directions)),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
-        measures=measures,
+        measures=measured,
+        directions=tuple(directions),
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
     )

@@ -9,7 +9,17 @@ from typing import Any
 
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
-from harness.report.page.packing import AttentionLog, Judged, frames_of, pack_attention, pack_json, runs, steps
+from harness.report.page.packing import (
+    Attention,
+    Judged,
+    attended,
+    frames_of,
+    pack_attention,
+    pack_json,
+    runs,
+    steps,
+    target_colours,
+)
 from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles
@@ -57,7 +67,7 @@ class Names(dict[str, int]):
 
 def page_data(
     scores: Scores,
-    attention: AttentionLog,
+    attention: Attention,
     thumbnails: Thumbnails,
     served: Served | None,
     rates_hz: Mapping[str, float | None],
@@ -142,7 +152,7 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], names: Names, attention: AttentionLog
+    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], names: Names, attention: Attention
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
@@ -170,13 +180,13 @@ def _clip_data(
                     "states": runs(states),
                     "predicted": runs(predicted),
                     "answers": runs(answers),
-                    "attended": [names.code(name) for name in attention.track(clip, configuration, subject)],
+                    "attended": [names.code(name) for name in attended(attention, (clip, configuration), subject)],
                 }
             )
         tracks.append(
             {"subject": subject, "frames": steps(frames), "truth": runs(truth), "configurations": configurations}
         )
-    return {"tracks": tracks, "colours": _colours(attention.colours(clip), tracks, names)}
+    return {"tracks": tracks, "colours": _colours(target_colours(attention, clip), tracks, names)}
 
 
 def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.record.appearance import Colours, attention_by_name
-from harness.run.records import FrameRecord, PartLog
+from harness.run.directory import Pair
+from harness.run.records import FrameRecord
 from harness.score.statistics import Codes
 from harness.score.verdicts import Verdict, find_subject
 
@@ -104,38 +105,35 @@ class AttentionPart:
     tracks: dict[str, Track] = field(default_factory=dict)
     targets: dict[str, None] = field(default_factory=dict)
 
-
-class AttentionLog(PartLog[AttentionPart]):
-    """Collects every named subject's attention from passing records, by the target's name."""
-
-    def __init__(self) -> None:
-        super().__init__(AttentionPart)
-
     def take(self, record: FrameRecord) -> None:
         """Add the attention of each named subject of a record."""
-        part = self.part(record.clip, record.configuration)
-        part.targets |= dict.fromkeys(target.name for target in record.targets)
+        self.targets |= dict.fromkeys(target.name for target in record.targets)
         for person in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
             if (subject := find_subject(record, person)) is not None and subject.attention:
-                track = part.tracks.setdefault(person, {})
+                track = self.tracks.setdefault(person, {})
                 for target, value in attention_by_name(record, subject).items():
                     columns = track.setdefault(target, {name: bytearray() for name in ("frames", *PARTS)})
                     columns["frames"].extend(record.frame.to_bytes(8, "little"))
                     for name in PARTS:
                         columns[name].append(_byte(getattr(value, name)))
 
-    def track(self, clip: str, configuration: str, subject: str) -> Track:
-        """A subject's attention to the targets that got any; empty if there is none."""
-        part = self.parts.get((clip, configuration), AttentionPart())
-        return {
-            name: columns
-            for name, columns in part.tracks.get(subject, {}).items()
-            if any(0 < value < UNKNOWN for value in columns["total"])
-        }
 
-    def colours(self, clip: str) -> Colours:
-        """The colours of a clip's targets, in order of appearance."""
-        return Colours(name for (of, _), part in self.parts.items() if of == clip for name in part.targets)
+Attention = Mapping[Pair, AttentionPart]
+"""The attention of a run by clip and configuration."""
+
+
+def attended(attention: Attention, pair: Pair, subject: str) -> Track:
+    """A subject's attention to the targets that got any; empty if there is none."""
+    return {
+        name: columns
+        for name, columns in attention.get(pair, AttentionPart()).tracks.get(subject, {}).items()
+        if any(0 < value < UNKNOWN for value in columns["total"])
+    }
+
+
+def target_colours(attention: Attention, clip: str) -> Colours:
+    """The colours of a clip's targets, in order of appearance."""
+    return Colours(name for (of, _), part in attention.items() if of == clip for name in part.targets)
 
 
 def frames_of(judged: Judged) -> list[int]:
@@ -157,7 +155,7 @@ def _byte(value: float | None) -> int:
 
 
 def pack_attention(
-    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: AttentionLog
+    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: Attention
 ) -> tuple[int, bool, dict[str, str]]:
     """Pack as much of the attention as fits: totals of every frame or every second, third ..., then gaze and head.
 
@@ -177,14 +175,14 @@ def pack_attention(
 
 
 def _values(
-    clip: str, subjects: Mapping[str, Judged], attention: AttentionLog, stride: int, parts: Sequence[str]
+    clip: str, subjects: Mapping[str, Judged], attention: Attention, stride: int, parts: Sequence[str]
 ) -> bytes:
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
         frames = np.array(frames_of(judged)[::stride])
         for configuration in judged:
-            for columns in attention.track(clip, configuration, subject).values():
+            for columns in attended(attention, (clip, configuration), subject).values():
                 total, *others = aligned(columns, frames, parts)
                 totals.append(total.tobytes())
                 cues += [row.tobytes() for row in others]

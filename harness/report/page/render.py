@@ -10,39 +10,39 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.comparisons import ablation_table, compare_configurations, comparison_table, published_table
+from harness.report.comparisons import comparison_table
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import Served, differing_settings, page_data
-from harness.report.page.packing import AttentionLog, bundle, pack_json
+from harness.report.page.packing import Attention, bundle, pack_json
 from harness.report.stages import StageTimes
-from harness.report.tables import (
-    error_types_table,
-    frr_table,
-    nowhere_table,
-    reliability_table,
-    remarks,
-    seeds_table,
-    visible_table,
-)
+from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import headline, next_steps, verdict_sentence
-from harness.score.calibration import Reliability
+from harness.score.calibration import reliabilities
 from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import Scores
 
 _FOLDER = Path(__file__).parent
+RunTables = Mapping[str, Table]
+"""Tables by name, as :func:`harness.report.write.run_tables` makes them."""
+_GROUPS = {
+    "rates": ("frr", "comparisons", "seeds", "visible", "nowhere", "published"),
+    "errors": ("errors",),
+    "oracle": ("ablation",),
+    "calibration": ("calibration", "calibration by subject", "sets", "directions"),
+}
+_MORE = ("subjects", "agreement", "baselines", "stages", "objects")
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 
 
 def render_page(
     scores: Scores,
-    attention: AttentionLog,
+    tables: RunTables,
+    attention: Attention,
     manifest: Mapping[str, Any],
     *,
     times: StageTimes = NO_TIMES,
-    reliabilities: Sequence[Reliability] = (),
-    checks: Sequence[Table] = (),
     thumbnails: Thumbnails = NO_THUMBNAILS,
     served: Served | None = None,
 ) -> str:
@@ -50,14 +50,14 @@ def render_page(
 
     Parameters
     ----------
+    tables
+        All tables, from :func:`harness.report.write.run_tables`.
     attention
-        A log that has watched the scored records.
+        That of the scored records.
     manifest
         The run's, from :meth:`harness.run.directory.RunDirectory.read_manifest`.
     times
         Times of the stages; without any, the section is left out.
-    reliabilities
-        Calibration of the configurations that give probabilities; ``checks`` are further tables about these.
     thumbnails
         Thumbnails of wrong frames.
     served
@@ -66,27 +66,17 @@ def render_page(
     rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]}
     data, packs = page_data(scores, attention, thumbnails, served, rates)
     asked = without_oracles(scores.configurations)
-    panels = list(draw_panels(scores))
+    panels = draw_panels(scores)
     differing = differing_settings(manifest["configurations"])
-    groups, tables = _numbered(
+    groups, shown = _numbered(
         {
-            "rates": [
-                frr_table(scores),
-                comparison_table(compare_configurations(scores)),
-                seeds_table(scores),
-                visible_table(scores),
-                nowhere_table(scores),
-                published_table(scores),
-            ],
-            "errors": [error_types_table(scores)],
-            "oracle": [ablation_table(scores)],
-            "calibration": [reliability_table(reliabilities), *checks],
+            **{group: [tables[name] for name in names] for group, names in _GROUPS.items()},
             "speed": [times.table()],
-            "more": [panel for panel in panels if isinstance(panel, Table)],
+            "more": [*(tables[name] for name in _MORE), *(panel for panel in panels if isinstance(panel, Table))],
             "settings": [_clips(manifest["clips"]), differing],
         }
     )
-    packs["tables"] = pack_json([plain_table(table) for table in tables])
+    packs["tables"] = pack_json([plain_table(table) for table in shown])
     packs["manifest"] = pack_json(_printed(manifest))
     return template("page.html.jinja").render(
         title=f"Run {manifest['experiment']}",
@@ -99,17 +89,17 @@ def render_page(
         notes=scores.notes,
         versions=manifest["versions"],
         groups=groups,
-        titles=[table.title for table in tables],
+        titles=[table.title for table in shown],
         drawings=[panel for panel in panels if isinstance(panel, Picture)],
         thumbnails=thumbnails,
         served=served is not None,
         script=script("main"),
         packs=packs,
-        data={**data, **_figures(scores, reliabilities, times)},
+        data={**data, **_figures(scores, times)},
     )
 
 
-def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageTimes) -> dict[str, Any]:
+def _figures(scores: Scores, times: StageTimes) -> dict[str, Any]:
     """Data of the small figures.
 
     ``oracle``: steps ``{configuration, replaced or null, frr, gained, low, high, reads}``. ``calibration``:
@@ -141,7 +131,7 @@ def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageT
                     if count
                 ],
             }
-            for reliability in reliabilities
+            for reliability in reliabilities(scores.outcomes)
         ],
         "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
         if times.ms

@@ -20,10 +20,10 @@ from harness.record.composed import RecordedClip, find_clips
 from harness.record.web_app import failures_routes, site
 from harness.record.web_viewer import WebFile, web_viewer_files
 from harness.report.page.data import Served
-from harness.report.page.packing import AttentionLog
 from harness.report.page.render import render_page
+from harness.report.record_parts import RecordParts
+from harness.report.write import run_tables
 from harness.score.outcomes import Reference
-from harness.score.score import score
 from harness.score.verdicts import Verdict
 from tests.annotating import wait_for
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width
@@ -64,11 +64,11 @@ def clip(frames: list[Any], record_run: Callable[..., Any]) -> RecordedClip:
 def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, WebFile]) -> Iterator[str]:
     """The address of a report on four frames, the last one wrong."""
     recording = clip.compose()
-    attention = AttentionLog()
     truth = labels(*["red cup"] * 14, subject=ANN)
-    scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
+    run = RecordParts(Reference(labels={"clip": truth}), (shown.record for shown in frames))
+    scores = run.scores()
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
-    page = render_page(scores, attention, run_manifest(scores.clips), served=served)
+    page = render_page(scores, run_tables(scores), run.of("attention"), run_manifest(scores.clips), served=served)
     with running(site({recording.name: recording}, viewer_files, page=lambda: page)) as server:
         yield server.address
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from harness.report.comparisons import published_table, terminal_comparisons
-from harness.report.write import render_tables
 from harness.run.directory import Published
 from harness.run.experiment import load_experiment
 from harness.score.comparison import Comparison
@@ -15,7 +14,7 @@ from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.statistics import Interval
 from tests.disk import write_text
-from tests.records import answers, labels
+from tests.records import answers, labels, texts_of
 from vfoa.errors import VfoaError
 
 
@@ -81,11 +80,11 @@ def test_fishers_test_of_a_written_out_table() -> None:
 
 
 def test_the_tables_have_both_rates_and_their_distance() -> None:
-    page = render_tables(scored(38))["frr.md"]
+    page = texts_of(scored(38))["frr.md"]
     (line,) = [line for line in page.splitlines() if line.startswith("| one") and "+20.0" in line]
     assert [cell.strip() for cell in line.split("|")[1:-1]][:6] == ["one", "56.0", "42–69", "76.0", "63–86", "+20.0"]
     assert "Somebody, 2022" in page
-    assert "published" not in render_tables(scored(38, None))["frr.md"]
+    assert "published" not in texts_of(scored(38, None))["frr.md"]
 
 
 @pytest.mark.parametrize(

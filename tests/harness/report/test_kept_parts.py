@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.report import record_logs
+from harness.report import record_parts
 from harness.report.write import rescore
 from harness.run import results
 from harness.run.directory import RunDirectory
@@ -61,7 +61,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> Read:
         seen.append((block.configuration, block.frames[0]))
         return real(path, block)
 
-    monkeypatch.setattr(record_logs, "read_block", watched)
+    monkeypatch.setattr(record_parts, "read_block", watched)
     return seen
 
 
@@ -132,9 +132,9 @@ def test_lines_are_digested_only_if_the_file_looks_different(
     run: RunDirectory, settled: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     digested: list[Block] = []
-    real = record_logs._is_unchanged
+    real = record_parts._is_unchanged
     monkeypatch.setattr(
-        record_logs, "_is_unchanged", lambda path, block: (digested.append(block), real(path, block))[1]
+        record_parts, "_is_unchanged", lambda path, block: (digested.append(block), real(path, block))[1]
     )
     counts = []
     for touched in (False, False, True):
@@ -202,5 +202,5 @@ def test_scoring_imports_what_it_needs_alone() -> None:
     }
     code = "import sys, harness.report.write; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "harness.report.record_logs" in found
+    assert "harness.report.record_parts" in found
     assert heavy.isdisjoint(found)

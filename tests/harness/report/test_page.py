@@ -16,22 +16,26 @@ import pytest
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page import packing
 from harness.report.page.data import LETTERS, STATES, differing_settings
-from harness.report.page.packing import AttentionLog, bundle, runs, steps
-from harness.report.page.render import render_page
+from harness.report.page.packing import Attention, bundle, runs, steps
+from harness.report.page.render import RunTables, render_page
+from harness.report.record_parts import RecordParts
+from harness.report.write import run_tables
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
-from harness.score.score import Scores, score
+from harness.score.score import Scores
 from harness.score.verdicts import NO_HIT, answered
 from tests.records import answers, frame_record, labels, run_manifest, subject_record, target_record
 
 EVIL = "</script><script>alert(1)</script>"
 
 
-def _scored(records: Iterable[FrameRecord], truth: Mapping[str, Labels]) -> tuple[Scores, AttentionLog, dict[str, Any]]:
+def _scored(
+    records: Iterable[FrameRecord], truth: Mapping[str, Labels]
+) -> tuple[Scores, RunTables, Attention, dict[str, Any]]:
     """What a page is made of."""
-    attention = AttentionLog()
-    scores = score(attention.watch(records), Reference(labels=truth))
-    return scores, attention, run_manifest(scores.clips)
+    run = RecordParts(Reference(labels=truth), records)
+    scores = run.scores()
+    return scores, run_tables(scores), run.of("attention"), run_manifest(scores.clips)
 
 
 class _Page(HTMLParser):
@@ -179,10 +183,10 @@ def test_only_settings_that_differ_are_listed() -> None:
 
 
 def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
-    scores, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
+    scores, tables, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
     clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None, "citation": "Doe 2020"}
     about = {"experiment": "e", "configurations": {}, "versions": {}, "finished": "2026-01-02T03:04:05+00:00"}
-    text = render_page(scores, attention, {**about, "clips": [clip], "commit": "0123456789abcdef"})
+    text = render_page(scores, tables, attention, {**about, "clips": [clip], "commit": "0123456789abcdef"})
     (table,) = (each for each in _Page(text).pack("tables") if each["title"] == "Clips, licences")
     assert table["rows"] == [["clip", "CC-BY 4.0", "Doe 2020", "1", "–"]]
     facts = re.findall(r"<span>(.*?)</span>", text.split('<p class="meta">')[1].split("</p>")[0])

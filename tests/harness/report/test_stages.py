@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
-from harness.report.page.packing import AttentionLog
 from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
+from harness.report.write import run_tables
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
@@ -49,7 +49,7 @@ def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> 
     assert (row["Mask IoU"], row["Box IoU"], row["Centre cm"]) == ("0.50", "0.30", "2.0")
     assert (row["Eyes cm"], row["Eyes 95 %"]) == ("6.0", "6.9")
     assert (row["Head deg"], row["Gaze deg"]) == ("–", "12.0")
-    assert [row[0] for row in terminal_measures(scores).rows] == ["one"]
+    assert [row[0] for row in terminal_measures(stage_measures_table(scores), scores).rows] == ["one"]
 
 
 def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
@@ -65,7 +65,9 @@ def test_a_run_that_knows_no_truth_has_no_rows() -> None:
 
 
 def test_the_page_has_every_table_once(scores: Scores) -> None:
-    titles = re.findall(r"<summary>([^<]*)</summary>", render_page(scores, AttentionLog(), run_manifest(scores.clips)))
+    titles = re.findall(
+        r"<summary>([^<]*)</summary>", render_page(scores, run_tables(scores), {}, run_manifest(scores.clips))
+    )
     assert "Stages against the truth" in titles
     assert sorted(set(titles)) == sorted(titles)
 

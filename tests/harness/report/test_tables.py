@@ -9,16 +9,16 @@ import pytest
 from rich.console import Console
 
 from harness.labels.labels import Labels
-from harness.report.csv_tables import FrameRows
+from harness.report.csv_tables import frames_csv
 from harness.report.formats import to_rich
+from harness.report.record_parts import RecordParts
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
-from harness.report.write import render_tables
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
-from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
+from tests.records import answers, frame_record, labels, score_run, subject_record, target_record, texts_of
 from vfoa.errors import VfoaError
 
 PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}
@@ -95,7 +95,7 @@ def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None
 
 
 def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
-    page = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.md"]
+    page = texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.md"]
     lines = page.splitlines()
     assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration"
     assert lines[2] == "- bandage_2: the right view is re-projected"
@@ -105,13 +105,13 @@ def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
 
 
 def test_the_notes_stand_in_the_latex_table_too() -> None:
-    text = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.tex"]
+    text = texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.tex"]
     assert r"bandage\_2: the right view is re-projected" in text
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
 
 
 def test_the_numbers_for_programs_add_up() -> None:
-    rows = _csv(render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))["frr.csv"])
+    rows = _csv(texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS)))["frr.csv"])
     assert [(row["clip"], row["subject"], row["configuration"]) for row in rows][:5] == [
         *(("bandage_2", "(all)", name) for name in PAPER),
         ("bandage_2", "girl", "BM, 1 cone"),
@@ -130,7 +130,7 @@ def test_the_numbers_for_programs_add_up() -> None:
 
 
 def test_comparisons_are_said_in_words() -> None:
-    texts = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))
+    texts = texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS)))
     sentence = (
         "BM, 2 cones vs BM, 1 cone: +6.0 points (no interval), 1 joined look of 1 clip, this clip only, p = 1, "
         "corrected for 6 comparisons: cannot be told apart; with so few units no difference can be significant"
@@ -146,7 +146,7 @@ def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
 
 
 def test_nothing_scored_still_makes_tables() -> None:
-    texts = render_tables(score(answers(["cup"]), Reference(labels={})))
+    texts = texts_of(score(answers(["cup"]), Reference(labels={})))
     assert "Nothing to show." in texts["frr.md"]
     assert texts["frr.csv"].count("\n") == 1
 
@@ -176,7 +176,7 @@ def test_the_oracle_ablation_has_a_table_of_its_own_and_is_not_between_the_confi
     scores = score(records, Reference(labels={"clip": labels("cup", "cup")}))
     assert [row[1] for row in terminal_table(scores).rows] == ["bm", "sgbm"]
     assert [row[0] for row in paper_table(scores).rows] == ["bm", "sgbm"]
-    texts = render_tables(scores)
+    texts = texts_of(scores)
     assert [row["configuration"] for row in _csv(texts["oracle_ablation.csv"])] == list(names[:3])
     (pair,) = _csv(texts["comparisons.csv"])
     assert (pair["reference"], pair["configuration"]) == ("bm", "sgbm")
@@ -212,11 +212,9 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
 
 def test_frames_csv_judges_one_track_of_a_name() -> None:
     twins = [subject_record("girl", track_id=track, totals={1: 0.5}, focus=1) for track in (1, 2)]
-    rows = FrameRows()
-    scores = score(
-        rows.watch([frame_record([target_record(1, "cup")], twins)]), Reference(labels={"clip": labels("cup")})
-    )
-    shown = [(row["track"], row["outcome"]) for row in _csv(rows.to_csv(scores.verdicts))]
+    run = RecordParts(Reference(labels={"clip": labels("cup")}), [frame_record([target_record(1, "cup")], twins)])
+    written = frames_csv(run.of("frames"), run.scores().verdicts)
+    shown = [(row["track"], row["outcome"]) for row in _csv(written)]
     assert shown == [("1", "correct"), ("2", "")]
 
 

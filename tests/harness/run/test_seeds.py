@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from harness.pipeline.frame_measures import FrameMeasures
-from harness.report.record_logs import RecordLogs
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
+from harness.run.results import pooled_measures
+from harness.score.calibration import coverages, reliabilities
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from harness.score.score import score
@@ -88,18 +89,16 @@ def test_rows_are_means_over_seeds_and_looks_are_counted_once() -> None:
 def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None:
     seeds = ("bayes.seed1", "bayes.seed2")
     reference = Reference(labels={"clip": labels("cup", "cup", "can")}, probabilistic=seeds)
-    logs = RecordLogs(reference)
-    for configuration, said in zip(seeds, (["cup", "can", "can"], ["cup", "cup", "can"]), strict=True):
-        of_seed = RecordLogs(reference)
-        of_seed.watch(map(fitted_and_measured, answers(said, configuration=configuration)))
-        logs.add("clip", configuration, of_seed.part("clip", configuration))
-    (calibration,) = logs.calibration.reliabilities()
+    said = zip(seeds, (["cup", "can", "can"], ["cup", "cup", "can"]), strict=True)
+    records = [record for configuration, words in said for record in answers(words, configuration=configuration)]
+    scores = score(map(fitted_and_measured, records), reference)
+    (calibration,) = reliabilities(scores.outcomes)
     assert (calibration.configuration, calibration.n) == ("bayes", 6)
     assert calibration.share_right == pytest.approx(5 / 6)
-    assert [(each.configuration, each.n) for each in logs.calibration.by_subject()] == [("bayes", 6)]
-    assert [(each.configuration, each.n) for each in logs.calibration.coverages()] == [("bayes", 6)]
-    assert [(each.configuration, each.n) for each in logs.calibration.direction_checks()] == [("bayes", 6)]
-    assert {key: len(frames) for key, frames in logs.measures.pooled().items()} == {("clip", "bayes"): 6}
+    assert [(each.configuration, each.n) for each in reliabilities(scores.outcomes, by_subject=True)] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in coverages(scores.outcomes)] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in scores.directions] == [("bayes", 6)]
+    assert {key: len(frames) for key, frames in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}
 
 
 def fitted_and_measured(record: FrameRecord) -> FrameRecord:

@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.calibration import CalibrationLog, adaptive_error, misfit_notes, prediction_set, reliability
+from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
+from harness.score.outcomes import Reference
+from harness.score.probabilities import prediction_set
+from harness.score.score import Scores, score
 from tests.records import frame_record, subject_record, target_record
 from vfoa.types import DirectionFit
 
@@ -21,6 +24,10 @@ def frame(number, totals, focus, configuration="bayes", missing=None):
     targets = (target_record(1, "cup"), target_record(2, "book"))
     subject = subject_record("anna", totals=totals, focus=focus, missing=missing)
     return frame_record(targets, [subject], frame=number, configuration=configuration)
+
+
+def scored(records, truth, *probabilistic) -> Scores:
+    return score(records, Reference(labels=truth, probabilistic=probabilistic))
 
 
 def labels(*targets):
@@ -50,7 +57,6 @@ def test_the_error_is_the_distance_of_each_bin_by_its_weight():
 
 def test_briers_score_counts_every_target_and_nowhere():
     truth = labels("cup", "none", "ignore", "cup")
-    log = CalibrationLog(["bayes"], truth)
     records = [
         frame(1, {1: 0.5, 2: 0.3}, 1),
         frame(2, {1: 0.5, 2: 0.3}, 1),
@@ -58,17 +64,14 @@ def test_briers_score_counts_every_target_and_nowhere():
         frame(4, {}, None, missing="no_direction"),
         frame(1, {1: 0.5, 2: 0.3}, 1, configuration="cones"),
     ]
-    assert list(log.watch(records)) == records
-    (found,) = log.reliabilities()
+    (found,) = reliabilities(scored(records, truth, "bayes").outcomes)
     assert found.n == 2
     assert found.brier == pytest.approx(((0.25 + 0.09 + 0.04) + (0.64 + 0.25 + 0.09)) / 2)
     assert (found.share_right, found.mean_confidence) == (0.5, 0.5)
 
 
 def test_a_run_without_probabilities_has_no_calibration():
-    log = CalibrationLog([], labels("cup"))
-    list(log.watch([frame(1, {1: 0.5}, 1)]))
-    assert log.reliabilities() == []
+    assert reliabilities(scored([frame(1, {1: 0.5}, 1)], labels("cup")).outcomes) == []
 
 
 def test_the_table_has_rate_confidence_and_both_errors():
@@ -85,21 +88,18 @@ def test_confidences_fall_into_tenths_of_which_the_last_holds_certainty():
 
 
 def test_a_target_that_the_frame_has_not_was_given_no_probability():
-    log = CalibrationLog(["bayes"], labels("vase"))
-    list(log.watch([frame(1, {1: 0.5, 2: 0.3}, 1)]))
-    (found,) = log.reliabilities()
+    (found,) = reliabilities(scored([frame(1, {1: 0.5, 2: 0.3}, 1)], labels("vase"), "bayes").outcomes)
     assert found.brier == pytest.approx(1 + 0.25 + 0.09 + 0.04)
     assert (found.share_right, found.mean_confidence) == (0, 0.5)
 
 
 def test_clips_without_labels_and_configurations_without_frames_have_no_calibration():
-    log = CalibrationLog(["bayes", "idle"], labels("cup", "cup", "none"))
     frames = [frame(number, {1: 0.5, 2: 0.3}, 1) for number in (1, 2, 3)]
     free = frame_record(
         [target_record(1, "cup")], [subject_record("anna", focus=1)], clip="free", configuration="bayes"
     )
-    list(log.watch([*frames, free]))
-    (found,) = log.reliabilities()
+    truth = labels("cup", "cup", "none")
+    (found,) = reliabilities(scored([*frames, free], truth, "bayes", "idle").outcomes)
     assert (found.configuration, found.n) == ("bayes", 3)
     assert found.share_right == pytest.approx(2 / 3)
 
@@ -171,19 +171,16 @@ def test_coverage_and_size_are_over_the_scored_frames() -> None:
         LabelRange(first_frame=frame, last_frame=frame, subject="ann", label=Label(target=target))
         for frame, target in ((1, "cup"), (2, "none"), (3, "ignore"), (4, "book"))
     )
-    log = CalibrationLog([], {"c": truth})
     records = [_record(1, _subject(0.95, 0.05)), _record(2, _subject(0.3, 0.1)), _record(3, _subject(0.0, 1.0)),
                _record(4, _subject(0.95, 0.05))]  # fmt: skip
-    assert list(log.watch(records)) == records
-    (found,) = log.coverages()
+    (found,) = coverages(scored(records, {"c": truth}).outcomes)
     assert (found.configuration, found.n, found.covered, found.mean_size) == ("p", 3, 2, 4 / 3)
 
 
 def test_surprising_directions_are_said_in_one_line() -> None:
-    log = CalibrationLog([], {})
     wrong = DirectionFit(tail=0.01, claimed_error_rad=0.2, implied_error_rad=0.6)
-    list(log.watch([_record(frame, _subject(1.0, 0.0, fit=wrong if frame % 2 else FIT)) for frame in range(40)]))
-    (check,) = log.direction_checks()
+    records = [_record(frame, _subject(1.0, 0.0, fit=wrong if frame % 2 else FIT)) for frame in range(40)]
+    (check,) = scored(records, {}).directions
     assert (check.n, check.surprises, check.fits) == (40, 0.5, False)
     other = replace(check, clip="d")
     fitting = replace(check, configuration="q", surprises=0.0, implied_deg=None)
@@ -193,17 +190,13 @@ def test_surprising_directions_are_said_in_one_line() -> None:
 
 
 def test_directions_that_fit_need_no_words() -> None:
-    log = CalibrationLog([], {})
-    list(log.watch([_record(frame, _subject(1.0, 0.0)) for frame in range(40)]))
-    assert [check.fits for check in log.direction_checks()] == [True]
-    assert misfit_notes(log.direction_checks()) == []
+    found = scored([_record(frame, _subject(1.0, 0.0)) for frame in range(40)], {})
+    assert [check.fits for check in found.directions] == [True]
+    assert found.notes == ()
 
 
 @pytest.mark.parametrize(("share", "fits"), [(None, True), (0.65, True), (0.93, False)])
 def test_heads_that_turn_farther_than_people_do_are_not_explained(share: float | None, fits: bool) -> None:
-    log = CalibrationLog([], {})
     fit = replace(FIT, implied_share=share)
-    list(log.watch([_record(frame, _subject(1.0, 0.0, fit=fit)) for frame in range(40)]))
-    (check,) = log.direction_checks()
+    (check,) = scored([_record(frame, _subject(1.0, 0.0, fit=fit)) for frame in range(40)], {}).directions
     assert check.fits == fits
-    assert ("93 % of the way" in check.misfit()) != fits

@@ -15,6 +15,7 @@ from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.ground_truth import OracleSettings
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
+from harness.run.results import pooled_measures
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
@@ -175,7 +176,7 @@ def test_on_a_rendered_clip_no_step_falls_and_the_truth_is_all_right(tmp_path: P
     assert [step.replaced for step in climbed] == [None, "disparity", "head_pose", "gaze"]
     assert "falls" not in [step.reads for step in climbed]
     assert climbed[-1].row.frr == 1
-    measured = {name: frames for (_, name), frames in scores.measures.pooled().items()}
+    measured = {name: frames for (_, name), frames in pooled_measures(scores.measures).items()}
     wrong = {
         what: [any(of(frame) for frame in measured[step.configuration]) for step in climbed]
         for what, of in _ERRORS.items()

@@ -1,11 +1,11 @@
-"""The logs of a run's records for the tables and the page, and the parts of them that are stored between two scorings.
+"""What tables and page take from a run's records: parts in plain values, which are stored between two scorings.
 
-The parts are in ``score_cache/`` in a run's directory, so that only changed results are read again::
+They are in ``score_cache/`` in a run's directory, so that only changed results are read again::
 
     blocks.noted    the blocks of results.jsonl, each with the digest of its lines
     times.noted     the times of the stages from timings.csv
     inputs.noted    digests of the inputs, which the run notes
-    <key>.part      the logs of a block; the key depends on its lines, its labels and the code
+    <key>.part      the part of a block; the key depends on its lines, its labels and the code
 
 All of it can be removed at any time. A file is read again unless it has the stamp noted
 (:mod:`harness.files.digests`); a damaged part is rebuilt.
@@ -14,8 +14,9 @@ All of it can be removed at any time. A file is read again unless it has the sta
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,75 +25,54 @@ import harness
 import vfoa
 from harness.files.digests import file_digest
 from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
-from harness.report.csv_tables import FrameLines, FrameRows
-from harness.report.formats import Table
-from harness.report.page.packing import AttentionLog, AttentionPart
+from harness.report.csv_tables import FrameLines, frame_lines
+from harness.report.page.packing import AttentionPart
 from harness.report.stages import StageTimes, stage_times
-from harness.report.tables import direction_check_table, prediction_set_table, subject_reliability_table
-from harness.run.records import FrameRecord, PartLog, renamed
-from harness.run.results import Block, MeasuredPart, MeasureLog, block_bytes, find_blocks, lines_digest, read_block
-from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
+from harness.run.directory import Pair
+from harness.run.records import FrameRecord, merge, renamed
+from harness.run.results import Block, MeasuredPart, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import JudgedPart, OutcomeLog, Reference
-from harness.score.score import Scores, score_outcomes
+from harness.score.outcomes import JudgedPart, Reference
+from harness.score.score import Scores, score_parts
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True)
 class Part:
-    """The logs' parts of some records of one configuration on one clip."""
+    """Everything that scores, tables and the page take from the records of one configuration on one clip."""
 
-    outcomes: JudgedPart
-    measures: MeasuredPart
-    frames: list[FrameLines]
-    calibration: CalibrationData
-    attention: AttentionPart
+    judged: JudgedPart = field(default_factory=JudgedPart)
+    measured: MeasuredPart = field(default_factory=MeasuredPart)
+    frames: list[FrameLines] = field(default_factory=list)
+    attention: AttentionPart = field(default_factory=AttentionPart)
+
+    def take(self, record: FrameRecord, reference: Reference) -> None:
+        """Add a record."""
+        self.judged.take(record, reference)
+        self.measured.take(record)
+        self.frames.extend(frame_lines(record))
+        self.attention.take(record)
 
 
-class RecordLogs:
-    """The logs of a run, which is scored against the reference."""
+class RecordParts:
+    """The parts of a run that is scored against the reference, by clip and configuration."""
 
-    def __init__(self, reference: Reference) -> None:
-        self._reference, self.names_now = reference, reference.names_now
-        self.measures, self.outcomes = MeasureLog(), OutcomeLog(reference)
-        self.frames, self.attention = FrameRows(), AttentionLog()
-        self.calibration = CalibrationLog(reference.probabilistic, reference.labels)
-
-    def watch(self, records: Iterable[FrameRecord]) -> None:
-        """Look at each record once."""
+    def __init__(self, reference: Reference, records: Iterable[FrameRecord] = ()) -> None:
+        self.reference = reference
+        self.parts = defaultdict[Pair, Part](Part)
         for record in records:
-            for log in self._logs.values():
-                log.take(record)
+            self.parts[record.clip, record.configuration].take(record, reference)
 
-    @property
-    def _logs(self) -> dict[str, PartLog[Any]]:
-        return {name: getattr(self, name) for name in ("outcomes", "measures", "frames", "attention", "calibration")}
+    def of(self, name: str) -> dict[Pair, Any]:
+        """One field of all parts."""
+        return {pair: getattr(part, name) for pair, part in self.parts.items()}
 
     def scores(self) -> Scores:
-        """The scores of all records watched or added; notes say where directions do not fit the posterior."""
-        scores = score_outcomes(self.outcomes.outcomes(), self.measures, self._reference)
-        return replace(scores, notes=(*scores.notes, *misfit_notes(self.calibration.direction_checks())))
-
-    def tables(self) -> tuple[Table, ...]:
-        """Tables of the calibration by subject, of prediction sets, and of measured directions."""
-        log = self.calibration
-        return (
-            subject_reliability_table(log.by_subject()),
-            prediction_set_table(log.coverages()),
-            direction_check_table(log.direction_checks()),
-        )
-
-    def part(self, clip: str, configuration: str) -> Part:
-        """Return the parts of one configuration on one clip, for other logs."""
-        return Part(**{name: log.part(clip, configuration) for name, log in self._logs.items()})
-
-    def add(self, clip: str, configuration: str, part: Part) -> None:
-        """Add the parts that other logs have of one configuration on one clip."""
-        for name, log in self._logs.items():
-            log.add(clip, configuration, getattr(part, name))
+        """The scores of all records."""
+        return score_parts(self.of("judged"), self.of("measured"), self.reference)
 
 
 class KeptParts:
-    """The blocks of a run's results, and the stored part of the logs for each; ``reference`` holds the labels."""
+    """The blocks of a run's results, and the stored part of each; ``reference`` holds the labels."""
 
     def __init__(self, run: FinishedRun, reference: Reference) -> None:
         self._results, self._timings = run.directory.results, run.directory.timings
@@ -102,21 +82,21 @@ class KeptParts:
         self.blocks = _indexed(self._results, self._folder / "blocks.noted")
         self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
 
-    def logs(self) -> RecordLogs:
-        """Return the logs of all blocks. New parts are stored, and parts that are no longer used are removed."""
-        logs = RecordLogs(self._reference)
+    def read(self) -> RecordParts:
+        """Return the parts of all blocks. New ones are stored, and those that are no longer used are removed."""
+        run = RecordParts(self._reference)
         for block, key in self._scored:
             path = self._folder / f"{key}.part"
             part = read_value(path, Part)
             if part is None:
                 part = self._watched(block)
                 write_value(path, part)
-            logs.add(block.clip, block.configuration, part)
+            merge(run.parts[block.clip, block.configuration], part)
         needed = {key for _, key in self._scored}
         for path in self._folder.glob("*.part"):
             if path.stem not in needed:
                 path.unlink(missing_ok=True)
-        return logs
+        return run
 
     def times(self) -> StageTimes:
         """Return the times of the stages. Raises as :func:`harness.report.stages.stage_times` does."""
@@ -124,10 +104,10 @@ class KeptParts:
         return kept_while_unchanged(path, self._timings, StageTimes, _code_digest(), lambda: stage_times(self._timings))
 
     def _watched(self, block: Block) -> Part:
-        logs = RecordLogs(self._reference)
-        names = self._reference.names_now.get(block.clip, {})
-        logs.watch(renamed(record, names) for record in read_block(self._results, block))
-        return logs.part(block.clip, block.configuration)
+        names, part = self._reference.names_now.get(block.clip, {}), Part()
+        for record in read_block(self._results, block):
+            part.take(renamed(record, names), self._reference)
+        return part
 
     def _key(self, block: Block) -> str:
         name = block.configuration
