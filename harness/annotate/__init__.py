@@ -2,7 +2,7 @@
 
 marks          the marks of frames, and their conversion to and from the CSV
 actions        a person's actions, and the marks that they set
-journal        a file that is changed step by step: every change is on disk before it is answered
+journal        a file that is changed step by step: every change is on disk before it is answered; undo and redo
 label_store    an annotator's labels, so kept; drawing_store: the shapes drawn on a clip
 clip_stores    the stores of a clip's annotators
 targets        new, renamed and deleted targets, written into the manifest, the labels and the drawing

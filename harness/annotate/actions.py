@@ -96,7 +96,7 @@ def move_change(track: Sequence[Mark | None], at: int, to: int) -> list[Stretch]
     Suggestions do not move.
     """
     change, last = stretch_at(track, at, same_target=True)
-    if change == 0 or any(mark is not None and mark.suggested for mark in (track[change - 1], track[change])):
+    if change == 0 or any(mark is not None and mark.is_suggested for mark in (track[change - 1], track[change])):
         return []
     first, _ = stretch_at(track, change - 1, same_target=True)
     to = min(max(to, first), last)
@@ -113,7 +113,7 @@ def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: 
     Frames after the last one that was ``seen``, to which a mark was only carried on, count as unlabelled, too.
     """
     filled: Track = [
-        mark if target is None or counts(mark, at, seen) else Mark(target=target, suggested=True)
+        mark if target is None or counts(mark, at, seen) else Mark(target=target, is_suggested=True)
         for at, (mark, target) in enumerate(zip(track, suggested, strict=True))
     ]
     return _differing(track, filled)
@@ -123,7 +123,7 @@ def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
     """Confirm the suggestion at a position, for as long as it is the same."""
     first, last = stretch_at(track, at, same_target=True)
     mark = track[at]
-    return [] if mark is None or not mark.suggested else mark_range(first, last, mark.target)
+    return [] if mark is None or not mark.is_suggested else mark_range(first, last, mark.target)
 
 
 def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
@@ -135,7 +135,7 @@ def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
 
 def _is_given(mark: Mark | None) -> bool:
     """Whether a person has labelled the frame itself."""
-    return mark is not None and not mark.suggested and not mark.carried
+    return mark is not None and not mark.is_suggested and not mark.carried
 
 
 def _differing(old: Sequence[Mark | None], new: Sequence[Mark | None]) -> list[Stretch]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.label_store import LabelStore
@@ -12,6 +13,8 @@ from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
 from harness.labels.files import read_annotations, target_names
 from harness.labels.labels import RESERVED, Labels, Timeline
+
+Store = TypeVar("Store", LabelStore, DrawingStore)
 
 
 def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline) -> LabelStore:
@@ -25,15 +28,8 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
         If the file is wrong, or another process labels it.
     """
     files = manifest.annotations
-    path, present = files.place(annotator), files.find(annotator)
-    return LabelStore(
-        path,
-        _journal_of(path),
-        timeline=timeline,
-        subjects=tuple(manifest.subjects),
-        targets=_targets(manifest, present),
-        origin=_origin(manifest, path, present),
-    )
+    present = files.find(annotator)
+    return _open(LabelStore, files.place(annotator), present, manifest, timeline, _targets(manifest, present))
 
 
 def read_for_store(manifest: ClipManifest, path: Path, timeline: Timeline) -> Labels:
@@ -50,21 +46,13 @@ def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:
     return [*manifest.targets, *(name for name in (target_names(path) if path else ()) if name not in known)]
 
 
-def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[str] = ()) -> DrawingStore:
+def open_drawing(manifest: ClipManifest, timeline: Timeline, also: Sequence[str] = ()) -> DrawingStore:
     """Open the drawing of a clip, which all annotators share; ``also``: targets that the manifest no longer has.
 
     Raises as :class:`DrawingStore`.
     """
     files = manifest.annotations
-    path, present = files.place_drawn(), files.find_drawn()
-    return DrawingStore(
-        path,
-        _journal_of(path),
-        frames=frames,
-        subjects=manifest.subjects,
-        targets=[*manifest.targets, *also],
-        origin=_origin(manifest, path, present),
-    )
+    return _open(DrawingStore, files.place_drawn(), files.find_drawn(), manifest, timeline, [*manifest.targets, *also])
 
 
 def open_stores(manifest: ClipManifest, timeline: Timeline, but: Path | None = None) -> Iterator[LabelStore]:
@@ -84,11 +72,16 @@ def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -
         yield [store, *(stack.enter_context(closing(label_store)) for label_store in others)]
 
 
-def _journal_of(path: Path) -> Path:
-    """The journal of a file that is changed in the page."""
-    return path.parent / ".journal" / f"{path.stem}.jsonl"
-
-
-def _origin(manifest: ClipManifest, path: Path, present: Path | None) -> Path | None:
-    """The file that came with the program or the clip, if the new file at ``path`` begins with its content."""
-    return present if present != path and (came_with_program(manifest.path) or manifest.labels_file) else None
+def _open(
+    kind: type[Store], path: Path, present: Path | None, manifest: ClipManifest, timeline: Timeline, targets: list[str]
+) -> Store:
+    """Open a file of the clip; a new one begins with the ``present`` file that came with the program or the clip."""
+    begins = present != path and (came_with_program(manifest.path) or manifest.labels_file)
+    return kind(
+        path,
+        path.parent / ".journal" / f"{path.stem}.jsonl",
+        timeline=timeline,
+        subjects=manifest.subjects,
+        targets=targets,
+        origin=present if begins else None,
+    )

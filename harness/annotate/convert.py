@@ -89,7 +89,7 @@ def import_labels(
         with closing(open_store(manifest, annotator, timeline)) as store:
             for subject in new.subjects:
                 track = from_labels(new, subject, frames)
-                store.put(store.revision, subject, stretches(track, 0, len(track) - 1))
+                store.put(subject, stretches(track, 0, len(track) - 1))
     else:
         write_annotations(place, new)
     if taken:

@@ -94,7 +94,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
     stretch = mark_range(frames.index(correction.first), frames.index(correction.last), correction.target)
     with closing(open_store(manifest, directory.read_manifest().get("annotator"), timeline)) as store:
-        store.put(store.revision, correction.subject, stretch)
+        store.put(correction.subject, stretch)
         path = store.path
     rescore(directory)
     return path

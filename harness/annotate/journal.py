@@ -15,7 +15,7 @@ import os
 import stat
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
@@ -23,11 +23,13 @@ from typing import Any, Generic, Literal, TypeVar
 from harness.files.digests import file_digest
 from harness.files.io import take_lock
 from harness.files.parsing import parse_json
+from harness.labels.labels import Timeline
 from vfoa.errors import VfoaError
 
 Entry = dict[str, Any]
+StepBack = Literal["undo", "redo"]
+TimedStep = tuple[float, Entry]
 Content = TypeVar("Content")
-Step = TypeVar("Step")
 
 
 class StaleRevisionError(Exception):
@@ -115,62 +117,24 @@ class Journal:
         self._file.close()
 
 
-class Undo(Generic[Step]):
-    """Steps that were made and undone, each with its time, seconds since 1970, which orders the steps of two stores."""
-
-    def __init__(self) -> None:
-        self._done: list[tuple[Step, float]] = []
-        self._undone: list[tuple[Step, float, float]] = []
-
-    def make(self, step: Step, entry: Entry) -> None:
-        """Add a new step; nothing can be redone after it."""
-        self._done.append((step, float(entry.get("time_s", 0))))
-        self._undone.clear()
-
-    def undo(self, entry: Entry) -> Step:
-        """Take the last step back and return it (IndexError if there is none)."""
-        step, made_s = self._done.pop()
-        self._undone.append((step, made_s, float(entry.get("time_s", 0))))
-        return step
-
-    def redo(self) -> Step:
-        """Make the last undone step again and return it (IndexError if there is none)."""
-        step, made_s, _ = self._undone.pop()
-        self._done.append((step, made_s))
-        return step
-
-    def next(self, kind: Literal["undo", "redo"]) -> Step | None:
-        """The step that is undone, or made again, next."""
-        steps: Sequence[tuple[Any, ...]] = self._done if kind == "undo" else self._undone
-        return steps[-1][0] if steps else None
-
-    def clear(self) -> None:
-        """Forget all steps: nothing can be undone or redone."""
-        self._done.clear()
-        self._undone.clear()
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON: whether undo and redo are possible, and when their steps were made and undone."""
-        return {
-            "can_undo": bool(self._done),
-            "can_redo": bool(self._undone),
-            "made_s": self._done[-1][1] if self._done else None,
-            "undone_s": self._undone[-1][2] if self._undone else None,
-        }
-
-
-class JournaledStore(ABC, Generic[Content, Step]):
+class JournaledStore(ABC, Generic[Content]):
     """A file, its journal, and the state that is the sum of the journal's entries. Not for several threads at once.
 
-    An entry ``{"base": ..., "revision": r}`` begins anew with the content of the file; ``{"undo": true}`` and
-    ``{"redo": true}`` take the last step back and make it again. The same entries give the same state.
+    An entry of the journal is one of
+
+    {"base": ..., "revision": r}     begin anew with the content of the file
+    {"set": ...}                     a change that cannot be undone
+    {"undo": true}                   take back the last step
+    {"redo": true}                   make the last step that was undone again
+
+    or a step, whose form is the store's own. The same entries give the same state, and each of them is a revision.
 
     Parameters
     ----------
     path, journal
         The file and its journal, neither of which needs to exist. ``origin`` is read without a file.
-    may_be_read_only
-        If another process has the journal, :attr:`read_only` says so, and nothing can be changed.
+    timeline, subjects, targets
+        The clip's frames and the manifest's names; :attr:`targets` can be replaced. A subject may be a target, too.
 
     Raises
     ------
@@ -178,40 +142,54 @@ class JournaledStore(ABC, Generic[Content, Step]):
         If file or journal are wrong, or another process changes the file.
     """
 
+    may_be_read_only = False
+    """If another process has the journal, :attr:`read_only` says so, and nothing can be changed."""
+
     def __init__(
         self,
         path: Path,
         journal: Path,
         *,
+        timeline: Timeline,
+        subjects: Iterable[str],
+        targets: Iterable[str],
         origin: Path | None = None,
-        may_be_read_only: bool = False,
-        clock: Callable[[], float] = time.time,
     ) -> None:
-        self.path = path
+        self.path, self.subjects, self.targets = path, tuple(subjects), list(targets)
+        self.timeline, self.frames = timeline, tuple(timeline.frames)
         self.revision = 0
         """Number of changes; it continues after a restart."""
-        self.steps = Undo[Step]()
         self.read_only: str | None = None
-        self._origin, self._clock = origin, clock
+        self._steps: dict[StepBack, list[TimedStep]] = {"undo": [], "redo": []}
+        self._origin = origin
         self._journal: Journal | None = None
         self._request = ""
         try:
             self._journal = Journal(journal, of=path)
         except VfoaError as error:
-            if not may_be_read_only:
+            if not self.may_be_read_only:
                 raise
             self.read_only = str(error)
         try:
             entries = self._journal.read() if self._journal else []
-            self._requests = {entry["id"] for entry in entries if "id" in entry}
+            self.requests = {entry["id"] for entry in entries if "id" in entry}
+            """The ids under which changes were made."""
             self._start(self._read(), entries)
         except BaseException:
             self.close()
             raise
 
     @abstractmethod
-    def apply(self, entry: Entry) -> None:
-        """Change the state by one entry; ValueError, KeyError and similar if it does not fit this clip."""
+    def begin(self, base: Any) -> None:
+        """Set the state to a base; ValueError, KeyError and similar if it does not fit this clip."""
+
+    @abstractmethod
+    def set(self, value: Any) -> None:
+        """Make a change that cannot be undone; errors as those of :meth:`begin`."""
+
+    @abstractmethod
+    def make(self, step: Entry, side: Literal["before", "after"]) -> None:
+        """Set the state to the one before or after a step; errors as those of :meth:`begin`."""
 
     @abstractmethod
     def content(self) -> Content:
@@ -219,7 +197,7 @@ class JournaledStore(ABC, Generic[Content, Step]):
 
     @abstractmethod
     def base_of(self, content: Content) -> Entry:
-        """The entry that begins anew with the content of the file."""
+        """The entry that begins anew with the content of the file, without the revision."""
 
     def fits(self, base: Entry) -> bool:
         """Whether a base belongs to this clip. If not, comparing its result with the file shows it, too."""
@@ -233,24 +211,55 @@ class JournaledStore(ABC, Generic[Content, Step]):
     def write(self, path: Path, content: Content) -> None:
         """Write all of it, or nothing."""
 
+    def apply(self, entry: Entry) -> None:
+        """Change the state by one entry; errors as those of :meth:`begin`."""
+        time_s = float(entry.get("time_s", 0))
+        if "base" in entry:
+            self.begin(entry["base"])
+            self.forget_steps()
+            self.revision = max(self.revision, entry["revision"])
+        elif "set" in entry:
+            self.set(entry["set"])
+        elif "undo" in entry:
+            _, step = self._steps["undo"].pop()
+            self._steps["redo"].append((time_s, step))
+            self.make(step, "before")
+        elif "redo" in entry:
+            _, step = self._steps["redo"].pop()
+            self._steps["undo"].append((float(step.get("time_s", 0)), step))
+            self.make(step, "after")
+        else:
+            self.make(entry, "after")
+            self._steps["undo"].append((time_s, entry))
+            self._steps["redo"].clear()
+        self.revision += 1
+
+    def last_step(self, kind: StepBack) -> TimedStep | None:
+        """The step that is undone, or made again, next, after the time at which it was made, or undone; or None.
+
+        Times are seconds since 1970, which order the steps of two stores.
+        """
+        return self._steps[kind][-1] if self._steps[kind] else None
+
+    def forget_steps(self) -> None:
+        """Forget all steps: nothing can be undone or redone."""
+        for steps in self._steps.values():
+            steps.clear()
+
     @contextmanager
-    def once(self, request: str) -> Iterator[bool]:
-        """Yield whether no change has this request's id yet; changes in the block get it. An empty id is always new."""
+    def under(self, request: str) -> Iterator[None]:
+        """Give changes in the block the id of a request, by which :attr:`requests` knows them. An empty one is none."""
         self._request = request
         try:
-            yield request not in self._requests
+            yield
         finally:
             self._request = ""
 
-    def knows(self, request: str) -> bool:
-        """Whether a change was made under this id."""
-        return request in self._requests
-
-    def check_revision(self, revision: int) -> None:
-        """Reject a change on an older revision (:class:`StaleRevisionError`)."""
-        self.refresh()
-        if revision != self.revision:
-            raise StaleRevisionError
+    def check_position(self, at: int) -> int:
+        """Return the position if the clip has it; else raise :class:`OutsideClipError`."""
+        if not 0 <= at < len(self.frames):
+            raise OutsideClipError(f"position {at} is outside the clip; expected 0 to {len(self.frames) - 1}")
+        return at
 
     def check_writable(self) -> None:
         """Refuse to change the file while another process does."""
@@ -265,34 +274,40 @@ class JournaledStore(ABC, Generic[Content, Step]):
         elif digest != self._digest:
             self._take_over(self._read())
 
-    def step_back(self, kind: Literal["undo", "redo"], revision: int) -> None:
-        """Take the last change back, or make the last undone one again; nothing if there is none."""
-        self.check_revision(revision)
-        if self.steps.next(kind) is not None:
+    def step_back(self, kind: StepBack) -> None:
+        """Take the last step back, or make the last undone one again; nothing if there is none."""
+        self.refresh()
+        if self.last_step(kind) is not None:
             self.commit({kind: True})
 
-    def commit(self, entry: Entry) -> float:
-        """Make a change, and return its time, seconds since 1970. A change that fails is not made.
+    def commit(self, entry: Entry) -> None:
+        """Make a change of the present state. A change that fails is not made.
 
         Raises
         ------
+        StaleRevisionError
+            If another program has changed the file.
         VfoaError
             If the journal or the file cannot be written, or another process changes the file.
         """
         self.check_writable()
+        revision = self.revision
+        self.refresh()
+        if revision != self.revision:
+            raise StaleRevisionError
         assert self._journal is not None
-        now_s, request = self._clock(), {"id": self._request} if self._request else {}
-        entry = {**entry, **request, "time_s": round(now_s, 3)}
+        request = {"id": self._request} if self._request else {}
+        entry = {**entry, **request, "time_s": _now_s()}
         offset = self._journal.append(entry)
-        self.apply(entry)
         try:
+            with self._reported(""):
+                self.apply(entry)
             self._write()
         except VfoaError:  # a change that is not in the file is not shown, and not repeated by a restart
             self._journal.take_back(offset)
             self._replay(self._journal.read())
             raise
-        self._requests.update(request.values())
-        return now_s
+        self.requests.update(request.values())
 
     def close(self) -> None:
         """Close the journal."""
@@ -301,7 +316,7 @@ class JournaledStore(ABC, Generic[Content, Step]):
 
     def _start(self, stored: Content, entries: list[Entry]) -> None:
         base = _last_base(entries)
-        with self._reported(base + 1):
+        with self._reported(f"{base + 1}:"):
             fits = bool(entries) and "base" in entries[base] and self.fits(entries[base])
         if not fits:
             self._take_over(stored)
@@ -320,23 +335,23 @@ class JournaledStore(ABC, Generic[Content, Step]):
         for number, entry in enumerate(entries[base:], start=base + 1):
             if number == len(entries) > base + 1:
                 before = self.content()
-            with self._reported(number):
+            with self._reported(f"{number}:"):
                 self.apply(entry)
         return before
 
     @contextmanager
-    def _reported(self, line: int) -> Iterator[None]:
-        """Report any error in a line of the journal in one line."""
+    def _reported(self, line: str) -> Iterator[None]:
+        """Report any error in an entry of the journal in one line."""
         try:
             yield
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             place = self._journal.path if self._journal else self.path
             hint = "move the journal away to continue"
-            raise VfoaError(f"{place}:{line}: not a change of this clip: {error!r}; {hint}") from None
+            raise VfoaError(f"{place}:{line} not a change of this clip: {error!r}; {hint}") from None
 
     def _take_over(self, content: Content) -> None:
         """Begin anew with the content of the file."""
-        entry = {**self.base_of(content), "time_s": round(self._clock(), 3)}
+        entry = {**self.base_of(content), "revision": self.revision, "time_s": _now_s()}
         if self._journal is not None:
             self._journal.append(entry)
         self.apply(entry)
@@ -357,6 +372,10 @@ class JournaledStore(ABC, Generic[Content, Step]):
 
     def _file_digest(self) -> str | None:
         return file_digest(self.path) if self.path.is_file() else None
+
+
+def _now_s() -> float:
+    return round(time.time(), 3)
 
 
 def _last_base(entries: list[Entry]) -> int:

@@ -5,31 +5,22 @@ Frames are counted by position here: 0 is the clip's first frame, whatever its n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, is_undecided, ranges_of
+from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, ranges_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mark:
-    """One frame's label. ``suggested``: no person has confirmed it.
+class Mark(Label):
+    """One frame's label.
 
     ``carried``: it is carried on from an earlier frame until the next change; it counts only after the frame was seen.
     """
 
-    target: str
-    note: str = ""
-    point_px: tuple[float, float] | None = None
-    suggested: bool = False
     carried: bool = False
-
-    @property
-    def undecided(self) -> bool:
-        """Whether a person must decide between annotators."""
-        return is_undecided(self.target, self.note)
 
 
 Track = list[Mark | None]
@@ -49,7 +40,7 @@ class Stretch:
         if self.mark is None:
             return [self.first, self.last]
         mark = self.mark
-        return [self.first, self.last, mark.target, mark.note, mark.point_px, mark.suggested, mark.carried]
+        return [self.first, self.last, mark.target, mark.note, mark.point_px, mark.is_suggested, mark.carried]
 
     @classmethod
     def parse(cls, plain: Sequence[Any]) -> Stretch:
@@ -61,7 +52,7 @@ class Stretch:
         if not (isinstance(target, str) and isinstance(note, str)):
             raise TypeError(f"expected the names of a target and a note, found {target!r} and {note!r}")
         point_px = (float(point[0]), float(point[1])) if point else None
-        mark = Mark(target=target, note=note, point_px=point_px, suggested=suggested, carried=carried)
+        mark = Mark(target=target, note=note, point_px=point_px, is_suggested=suggested, carried=carried)
         return cls(first=first, last=last, mark=mark)
 
 
@@ -69,6 +60,11 @@ def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stre
     """The part of a track between two positions, both included, as maximal stretches."""
     runs = (list(run) for _, run in groupby(range(first, last + 1), key=track.__getitem__))
     return tuple(Stretch(first=run[0], last=run[-1], mark=track[run[0]]) for run in runs)
+
+
+def plain_stretches(parts: Iterable[Stretch]) -> list[list[Any]]:
+    """Stretches as JSON."""
+    return [part.plain() for part in parts]
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:
@@ -81,7 +77,7 @@ def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = Fal
         mark = track[position]
         if not same_target or mark is None:
             return mark
-        return mark.target, mark.suggested, mark.note if mark.undecided else None
+        return mark.target, mark.is_suggested, mark.note if mark.is_undecided else None
 
     first = last = at
     while first > 0 and key(first - 1) == key(at):
@@ -99,7 +95,7 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
 def labelled(part: Stretch, seen: int) -> int:
     """Number of frames of a stretch that a person has labelled."""
     mark = part.mark
-    if mark is None or mark.suggested or mark.undecided:
+    if mark is None or mark.is_suggested or mark.is_undecided:
         return 0
     last = min(part.last, seen) if mark.carried else part.last
     return max(last - part.first + 1, 0)
@@ -122,7 +118,7 @@ def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Itera
 def _label(mark: Mark | None) -> Label:
     if mark is None:
         return Label(target=IGNORED, note=UNLABELLED)
-    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.suggested)
+    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.is_suggested)
 
 
 def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
@@ -133,4 +129,4 @@ def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
 def _mark(label: Label | None) -> Mark | None:
     if label is None or label.is_placeholder:
         return None
-    return Mark(target=label.target, note=label.note, point_px=label.point_px, suggested=label.is_suggested)
+    return Mark(target=label.target, note=label.note, point_px=label.point_px, is_suggested=label.is_suggested)

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, get_args
 
 from harness.annotate import targets
 from harness.annotate.actions import Action, edited
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
 from harness.annotate.drawing_store import DrawingStore
-from harness.annotate.journal import StaleRevisionError
+from harness.annotate.journal import Entry, StaleRevisionError, StepBack
 from harness.annotate.label_store import LabelStore
 from harness.annotate.suggestions import Block, Predictions, advice
 from harness.annotate.targets import TargetChange, finish_change
@@ -76,7 +76,7 @@ class Session:
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
         self._views = Views(self._clip, self.manifest, self._predictions)
-        self._drawing = open_drawing(self.manifest, self._frames)
+        self._drawing = open_drawing(self.manifest, self._timeline)
         try:
             self._store = open_store(self.manifest, annotator, self._timeline)
         except BaseException:
@@ -140,7 +140,7 @@ class Session:
         """The labels as JSON, read again if another program has changed the file."""
         with self.changing:
             self._store.refresh()
-            can = {f"can_{kind}": self._next(kind) is not None for kind in ("undo", "redo")}
+            can = {f"can_{kind}": self._next(kind) is not None for kind in get_args(StepBack)}
             return {**self._store.state(), **can}
 
     def make_all(self, actions: Sequence[Action], revision: int, drawn: int) -> None:
@@ -153,8 +153,8 @@ class Session:
         """
         stores = (self._store, self._drawing)
         with self.changing:
-            known = [any(store.knows(action.id) for store in stores) if action.id else False for action in actions]
-            made = [at for at, is_known in enumerate(known) if is_known]
+            known = self._store.requests | self._drawing.requests
+            made = [at for at, action in enumerate(actions) if action.id in known]
             rest = actions[made[-1] + 1 if made else 0 :]
             if not made:  # else, the first of them had the right revision
                 for store in stores:
@@ -165,9 +165,8 @@ class Session:
                 if kinds - {"draw", "seen"} and revision != self._store.revision:
                     raise StaleRevisionError
             for action in rest:
-                with self._store.once(action.id) as is_new, self._drawing.once(action.id) as is_undrawn:
-                    if is_new and is_undrawn:
-                        self.make(action)
+                with self._store.under(action.id), self._drawing.under(action.id):
+                    self.make(action)
 
     def make(self, action: Action) -> None:
         """Make a person's action on the present state.
@@ -182,7 +181,7 @@ class Session:
                 case "undo" | "redo":
                     self.step_back(action.kind)
                 case "draw":
-                    self._drawing.make(self._drawing.revision, action.draw)
+                    self._drawing.draw(action.draw)
                 case "seen":
                     self._store.see(action.subject, action.at)
                 case _:
@@ -190,33 +189,33 @@ class Session:
 
     def _edit(self, action: Action) -> None:
         at, subject, store = self._store.check_position(action.at), action.subject, self._store
-        store.check_revision(store.revision)
         suggested = self._suggestions(subject) if action.kind == "accept" else None
         if new := edited(action, store.track(subject), suggested, store.seen(subject)):
-            store.put(store.revision, subject, new, seen=at if action.kind == "look" else None)
+            store.put(subject, new, seen=at if action.kind == "look" else None)
 
-    def step_back(self, kind: Literal["undo", "redo"]) -> None:
+    def step_back(self, kind: StepBack) -> None:
         """Take back the last change of labels, targets or drawing, whichever is newest, or make it again.
 
         A change that was undone before a newer one was made cannot be made again.
         """
         with self.changing:
-            store = self._next(kind)
-            if store is None:
+            if (found := self._next(kind)) is None:
                 return
-            change = TargetChange.of_step(self._store.steps.next(kind)) if store is self._store else None
+            store, step = found
+            change = TargetChange.of_step(step)
             if change and kind == "undo":
                 change = change.inverse
-            self._with_targets(change, lambda: store.step_back(kind, store.revision))
+            self._with_targets(change, lambda: store.step_back(kind))
 
-    def _next(self, kind: Literal["undo", "redo"]) -> LabelStore | DrawingStore | None:
-        """Labels (with targets) or drawing, whichever has the next change to undo or redo; None if neither has."""
-        both: list[tuple[LabelStore | DrawingStore, dict[str, Any]]]
-        both = [(self._store, self._store.steps.plain()), (self._drawing, self._drawing.undo_state())]
-        last_made_s = max(plain["made_s"] or 0.0 for _, plain in both)
-        time, least_s = ("made_s", 0.0) if kind == "undo" else ("undone_s", last_made_s)
-        steps = [(plain[time], store) for store, plain in both if plain[f"can_{kind}"] and plain[time] >= least_s]
-        return max(steps, key=lambda step: step[0])[1] if steps else None
+    def _next(self, kind: StepBack) -> tuple[LabelStore | DrawingStore, Entry] | None:
+        """Labels (with targets) or drawing, whichever has the next step to undo or redo, and the step; or None."""
+        stores = (self._store, self._drawing)
+        last_made_s = max((made[0] for store in stores if (made := store.last_step("undo"))), default=0.0)
+        found = [(last, store) for store in stores if (last := store.last_step(kind)) and last[0] >= last_made_s]
+        if not found:
+            return None
+        (_, step), store = max(found, key=lambda timed: timed[0][0])
+        return store, step
 
     def drawn(self) -> dict[str, Any]:
         """The drawn shapes as JSON, read again if another program has changed the file."""
@@ -272,7 +271,7 @@ class Session:
             make()
             return
         if read_bytes(self.manifest.path).decode() != change.manifest[0]:
-            self._store.forget_steps()
+            self._store.commit({"set": []})  # no earlier step can be undone
             raise VfoaError(
                 f"{self.manifest.path} was edited since its targets were changed here: changes until then can no "
                 "longer be undone"

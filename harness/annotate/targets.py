@@ -18,7 +18,8 @@ from pydantic import Field
 from tomlkit.exceptions import TOMLKitError
 
 from harness.annotate.clip_stores import open_drawing, open_stores
-from harness.annotate.label_store import Change, LabelStore, Step
+from harness.annotate.journal import Entry
+from harness.annotate.label_store import Change, LabelStore
 from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
 from harness.clips.naming import NameRule, looks
 from harness.files.folders import came_with_program
@@ -37,7 +38,7 @@ class TargetChange(Settings):
     """
 
     manifest: tuple[str, str]
-    labels: dict[str, list[dict[str, Any]]] = Field(default_factory=dict)
+    labels: dict[str, list[Change]] = Field(default_factory=dict)
     drawn: tuple[list[list[Any]], list[list[Any]]] | None = None
 
     @property
@@ -46,16 +47,16 @@ class TargetChange(Settings):
         return TargetChange(
             manifest=self.manifest[::-1],
             labels={
-                name: [Change.parse(change).inverse.plain() for change in changes]
+                name: [{**change, "before": change["after"], "after": change["before"]} for change in changes]
                 for name, changes in self.labels.items()
             },
             drawn=None if self.drawn is None else self.drawn[::-1],
         )
 
     @classmethod
-    def of_step(cls, step: Step | None) -> TargetChange | None:
+    def of_step(cls, step: Entry) -> TargetChange | None:
         """The change that a step of the undo list is, if it is one."""
-        return parse(cls, step.targets, "journal") if step and step.targets else None
+        return parse(cls, step["targets"], "journal") if "targets" in step else None
 
     def check_names(self, manifest: ClipManifest, others: Iterable[LabelStore]) -> None:
         """Refuse (:class:`VfoaError`) to take back a target that labels of other annotators have gained since."""
@@ -71,7 +72,7 @@ class TargetChange(Settings):
     def in_labels(self, stores: Iterable[LabelStore]) -> None:
         """Set the labels, with no step to undo; a second time, nothing more happens."""
         for store in stores:
-            store.set_marks(self.labels.get(store.path.name, ()))
+            store.set_changes(self.labels.get(store.path.name, ()))
 
     @contextmanager
     def kept(self, manifest: ClipManifest) -> Iterator[None]:
@@ -105,7 +106,7 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
         change.in_labels(stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
     if change.drawn is not None:
         before = [name for name, _, _ in change.drawn[0] if name not in changed.subjects]
-        with closing(open_drawing(changed, timeline.frames, also=before)) as drawing:
+        with closing(open_drawing(changed, timeline, also=before)) as drawing:
             drawing.set_tracks(change.drawn[1])
     place.unlink()
     return changed

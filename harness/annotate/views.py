@@ -5,8 +5,7 @@ With a run, outlines are its boxes; without one, they come from the clip's own m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -27,6 +26,7 @@ RegionPx = tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt, NonNegativeInt]
 """u0, v0, u1, v1."""
 Outline = list[list[list[int]]]
 """Polygons of points (u, v)."""
+SceneObject = dict[str, Any]
 
 _CACHED_FRAMES = 2
 """A frame's picture and its scene are requested one after the other. Large images take tens of MB."""
@@ -38,18 +38,6 @@ _HEAD_MARGIN = 0.35
 """Margin around a head box, as a share of its side."""
 _SMOOTHING_PX = 0.8
 """Greatest distance of an outline from the mask's own edge."""
-
-
-@dataclass(frozen=True, slots=True)
-class SceneObject:
-    """One instance: its name (``label#id`` if no rule of the manifest names it), its outline and its box."""
-
-    instance_id: int
-    name: str
-    label: str
-    score: float
-    box_px: BoxPx
-    outline: Outline
 
 
 class Views:
@@ -87,26 +75,26 @@ class Views:
         else:
             objects, heads = self._of_run(self._predictions.records.get(number))
         height, width = self._left(number).shape[:2]
-        ordered = sorted(objects, key=lambda scene_object: (-_area(scene_object.box_px), scene_object.instance_id))
-        return {"objects": tuple(map(asdict, ordered)), "heads_px": heads, "size_px": (width, height)}
+        ordered = sorted(objects, key=lambda scene_object: -_area(scene_object["box_px"]))
+        return {"objects": ordered, "heads_px": heads, "size_px": (width, height)}
 
-    def _of_run(self, record: FrameRecord | None) -> tuple[Iterable[SceneObject], dict[str, BoxPx]]:
+    def _of_run(self, record: FrameRecord | None) -> tuple[list[SceneObject], dict[str, BoxPx]]:
         if record is None:
-            return (), {}
+            return [], {}
         names = _names_of_run(record, self._manifest)
-        objects = (
-            SceneObject(target.instance_id, names[target.instance_id], target.label, target.score, box, _rectangle(box))
+        objects = [
+            _scene_object(names[target.instance_id], target.label, box, _rectangle(box))
             for target in record.targets
             if (box := target.box_px) is not None
-        )
+        ]
         return objects, {
             subject.name: box for subject in record.subjects if subject.name and (box := subject.head_box_px)
         }
 
-    def _of_truth(self, number: int) -> tuple[Iterable[SceneObject], dict[str, BoxPx]]:
+    def _of_truth(self, number: int) -> tuple[list[SceneObject], dict[str, BoxPx]]:
         truth, subjects = self._clip.truth(number), self._manifest.subjects
         heads = {person.name: _box(person.head_box_px) for person in truth.people or () if person.name in subjects}
-        return () if truth.instances is None else _named(number, truth.instances, self._manifest), heads
+        return [] if truth.instances is None else _named(number, truth.instances, self._manifest), heads
 
     def _read_left(self, number: int) -> Image:
         return self._clip.left(number) if isinstance(self._clip, LeftClip) else self._frame(number).left
@@ -125,24 +113,17 @@ def outline(mask: Mask) -> Outline:
     return [cv2.approxPolyDP(edge, _SMOOTHING_PX, True)[:, 0].tolist() for edge in edges]
 
 
+def _scene_object(name: str, label: str, box_px: BoxPx, edges: Outline) -> SceneObject:
+    """As JSON; the name is ``label#id`` if no rule of the manifest names the instance."""
+    return {"name": name, "label": label, "box_px": box_px, "outline": edges}
+
+
 def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
     """Instances with their names by the manifest's rules, as in a run; stuff is left out."""
-    things = [
-        instance for instance in instances.instances if instance.is_thing and (instances.ids == instance.id).any()
-    ]
-    boxes = {thing.id: _extent(instances.mask(thing.id)) for thing in things}
-    names = _by_rules(number, [(thing, boxes[thing.id]) for thing in things], manifest)
-    return [
-        SceneObject(
-            thing.id,
-            names[thing.id],
-            thing.label,
-            float(thing.score),
-            boxes[thing.id],
-            outline(instances.mask(thing.id)),
-        )
-        for thing in things
-    ]
+    masks = {thing: instances.mask(thing.id) for thing in instances.instances if thing.is_thing}
+    boxes = {thing: _extent(mask) for thing, mask in masks.items() if mask.any()}
+    names = _by_rules(number, [*boxes.items()], manifest)
+    return [_scene_object(names[thing.id], thing.label, box, outline(masks[thing])) for thing, box in boxes.items()]
 
 
 def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]:

@@ -50,18 +50,11 @@ class KeyFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """The key frames of one name and kind. ``ValueError`` if there are none, or their frames do not ascend."""
+    """The key frames of one name and kind: at least one, their frames ascend."""
 
     name: str
     kind: Kind
     keys: tuple[KeyFrame, ...]
-
-    def __post_init__(self) -> None:
-        frames = [key.frame for key in self.keys]
-        if not frames or frames != sorted(set(frames)):
-            raise ValueError(f"Track.keys: expected key frames by ascending frame, found the frames {frames}")
-        if any(len(key.place) != size_of(self.kind) for key in self.keys):
-            raise ValueError(f"Track.keys: expected {size_of(self.kind)} numbers for a {self.kind}")
 
     @cached_property
     def _frames(self) -> list[int]:
@@ -100,11 +93,6 @@ class Drawn:
 
     tracks: tuple[Track, ...] = ()
 
-    def __post_init__(self) -> None:
-        tracks = [(track.name, track.kind) for track in self.tracks]
-        if len(set(tracks)) != len(tracks):
-            raise ValueError(f"Drawn.tracks: expected each name and kind once, found {tracks}")
-
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all drawn shapes, each once."""
@@ -114,10 +102,6 @@ class Drawn:
         """Return all shapes that are visible in a frame."""
         visible = ((track, place) for track in self.tracks if (place := track.at(frame)) is not None)
         return tuple(Shape(name=track.name, kind=track.kind, place=place) for track, place in visible)
-
-    def of(self, name: str, kind: Kind) -> Track | None:
-        """Return one track; None if there is none."""
-        return next((track for track in self.tracks if (track.name, track.kind) == (name, kind)), None)
 
 
 def size_of(kind: Kind) -> int:
@@ -178,7 +162,7 @@ def format_drawn(drawn: Drawn) -> str:
         check_text((track.name,), "drawn")
     rows = [
         (key.frame, track.name, track.kind, *_cells(key.place), "1" if key.outside else "")
-        for track in sorted(drawn.tracks, key=lambda track: (track.name, track.kind))
+        for track in drawn.tracks
         for key in track.keys
     ]
     return f"{VERSION_LINE}\n{format_rows(COLUMNS, rows)}"

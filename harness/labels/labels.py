@@ -53,6 +53,11 @@ class Label:
         return self.target == IGNORED and self.note == UNLABELLED
 
     @property
+    def is_undecided(self) -> bool:
+        """Whether it marks a disagreement of annotators that is not decided yet."""
+        return self.target == IGNORED and self.note.startswith(TO_DECIDE)
+
+    @property
     def is_blocked(self) -> bool:
         """Whether the note says that an object blocks the line of sight."""
         return self.note.split(maxsplit=1)[:1] == [BLOCKED]
@@ -138,25 +143,19 @@ class Labels:
         )
 
 
-def is_undecided(target: str, note: str) -> bool:
-    """Whether this target and note mark a disagreement that is not decided yet."""
-    return target == IGNORED and note.startswith(TO_DECIDE)
-
-
-def gaps(labels: Labels, subject: str, frames: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """First and last frame of every gap between two labels of a subject; ``frames`` are the clip's, ascending."""
-    for before, after in pairwise(labels.of(subject)):
-        low, high = bisect_right(frames, before.last_frame), bisect_left(frames, after.first_frame)
-        if low < high:
-            yield frames[low], frames[high - 1]
+def missing_between(last: int, first: int, frames: Sequence[int]) -> tuple[int, int] | None:
+    """First and last of these frames strictly between two; None if there is none. ``frames`` are ascending."""
+    low, high = bisect_right(frames, last), bisect_left(frames, first)
+    return (frames[low], frames[high - 1]) if low < high else None
 
 
 def fill_gaps(labels: Labels, frames: Sequence[int], label: Label) -> Labels:
     """Return labels in which every gap between two labels of a subject has this one."""
     filled = (
-        LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+        LabelRange(first_frame=gap[0], last_frame=gap[1], subject=subject, label=label)
         for subject in labels.subjects
-        for first, last in gaps(labels, subject, frames)
+        for before, after in pairwise(labels.of(subject))
+        if (gap := missing_between(before.last_frame, after.first_frame, frames))
     )
     return Labels([*labels.ranges, *filled])
 
@@ -192,7 +191,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Merg
 
 def to_decide(labels: Labels) -> list[LabelRange]:
     """Return the ranges that a person must decide."""
-    return [row for row in labels.ranges if is_undecided(row.label.target, row.label.note)]
+    return [row for row in labels.ranges if row.label.is_undecided]
 
 
 def _answers(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:

@@ -75,6 +75,6 @@ def label() -> None:
             target = ("cup", "none", "robot")[at % 3]
             track = store.track("anna")
             if (mark := track[at]) is None or mark.target != target:
-                store.put(store.revision, "anna", look(track, at, target), seen=at)
+                store.put("anna", look(track, at, target), seen=at)
     finally:
         store.close()

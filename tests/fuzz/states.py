@@ -88,8 +88,8 @@ def _store(folder: Path, journal: Path) -> LabelStore:
 def write_journal(path: Path) -> None:
     store = _store(path.parent, path)
     for at, target in ((0, "cup"), (3, "none"), (5, "ben")):
-        store.put(store.revision, "ann", look(store.track("ann"), at, target), seen=at)
-    store.step_back("undo", store.revision)
+        store.put("ann", look(store.track("ann"), at, target), seen=at)
+    store.step_back("undo")
     store.see("ann", 6)
     store.close()
 

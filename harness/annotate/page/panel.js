@@ -80,9 +80,7 @@ export function drawSubject(current) {
   for (const button of find("subjects").children) button.setAttribute("aria-pressed", button.textContent === current);
 }
 
-export function drawProgress({ labelled, total, seconds_left: left }) {
+export function drawProgress({ labelled, total }) {
   find("bar").value = labelled / total;
-  const duration = left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`;
-  const time = left === null || labelled === total ? "" : `, about ${duration} left`;
-  find("share").textContent = `${labelled} of ${total} labelled (${Math.floor(100 * labelled / total)} %)${time}`;
+  find("share").textContent = `${labelled} of ${total} labelled (${Math.floor(100 * labelled / total)} %)`;
 }

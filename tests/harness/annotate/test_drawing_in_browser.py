@@ -98,8 +98,7 @@ def _drawn(page: Page) -> Drawn:
 
 
 def _at(page: Page, name: str, kind: Any, frame: int) -> Place | None:
-    track = _drawn(page).of(name, kind)
-    assert track is not None
+    (track,) = (track for track in _drawn(page).tracks if (track.name, track.kind) == (name, kind))
     return track.at(frame)
 
 

@@ -15,6 +15,7 @@ from harness.annotate.drawing_store import Draw, DrawingStore
 from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
 from harness.labels.drawn import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
+from harness.labels.labels import Timeline
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -24,7 +25,10 @@ BOX = (1.0, 2.0, 11.0, 12.0)
 
 
 def _open(folder: Path) -> DrawingStore:
-    return DrawingStore(folder / "noise.drawn.csv", folder / ".journal" / "noise.drawn.jsonl", frames=FRAMES, **NAMES)
+    timeline = Timeline(frames=FRAMES, times_ns=())
+    return DrawingStore(
+        folder / "noise.drawn.csv", folder / ".journal" / "noise.drawn.jsonl", timeline=timeline, **NAMES
+    )
 
 
 def _file(folder: Path) -> Drawn:
@@ -33,9 +37,9 @@ def _file(folder: Path) -> Drawn:
 
 def _make(store: DrawingStore, do: str, **more: Any) -> None:
     if do in ("undo", "redo"):
-        store.step_back(do, store.revision)
+        store.step_back(do)
     else:
-        store.make(store.revision, Draw.model_validate({"do": do, **more}))
+        store.draw(Draw.model_validate({"do": do, **more}))
 
 
 @pytest.fixture
@@ -82,7 +86,8 @@ def test_all_is_there_again_after_a_kill_and_can_be_undone(store: DrawingStore, 
     (tmp_path / "noise.drawn.csv").write_bytes(before)  # a kill between the journal and the file
     again = _open(tmp_path)
     assert again.revision == revision
-    assert _file(tmp_path).of("cup", "box").keys == (KeyFrame(frame=10, place=(0, 0, 5, 5)),)
+    ann, cup = _file(tmp_path).tracks
+    assert (ann.name, cup.keys) == ("ann", (KeyFrame(frame=10, place=(0, 0, 5, 5)),))
     for _ in range(3):
         _make(again, "undo")
     assert _file(tmp_path) == Drawn()
@@ -94,22 +99,11 @@ def test_all_is_there_again_after_a_kill_and_can_be_undone(store: DrawingStore, 
 
 def test_what_was_drawn_elsewhere_wins(store: DrawingStore, tmp_path: Path) -> None:
     _make(store, "key", name="cup", kind="box", at=0, place=BOX)
-    revision = store.revision
     write_drawn(tmp_path / "noise.drawn.csv", Drawn())
     with pytest.raises(StaleRevisionError):
-        store.make(revision, Draw(do="key", name="cup", at=1, place=BOX))
-    store.refresh()
+        store.draw(Draw(do="key", name="cup", at=1, place=BOX))
     assert store.state()["tracks"] == []
-    assert not store.state()["can_undo"]
-    store.close()
-
-
-def test_what_comes_again_because_its_answer_was_lost_is_not_done_twice(store: DrawingStore) -> None:
-    with store.once("one") as is_new:
-        assert is_new
-        _make(store, "key", name="cup", at=0, place=BOX)
-    with store.once("one") as is_new:
-        assert not is_new
+    assert store.last_step("undo") is None
     store.close()
 
 
@@ -177,13 +171,13 @@ class Machine(RuleBasedStateMachine):
         u=st.integers(0, 50),
     )
     def draw(self, do: str, name: str, at: int, u: int) -> None:
-        if do != "outside" or self.store.content().of(name, "box"):
+        if do != "outside" or name in self.store.content().names:
             _make(self.store, do, name=name, kind="box", at=at, place=(u, 1, u + 5, 9) if do == "key" else ())
 
     @rule(do=st.sampled_from(["undo", "redo"]))
     def back(self, do: str) -> None:
         before = self.store.content()
-        can = self.store.state()[f"can_{do}"]
+        can = self.store.last_step(do) is not None
         _make(self.store, do)
         assert can or self.store.content() == before
         if can:

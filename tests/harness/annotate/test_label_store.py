@@ -52,7 +52,7 @@ def _file(folder: Path) -> Labels:
 
 
 def _look(store: LabelStore, at: int, target: str, subject: str = "ann") -> None:
-    store.put(store.revision, subject, actions.look(store.track(subject), at, target), seen=at)
+    store.put(subject, actions.look(store.track(subject), at, target), seen=at)
 
 
 def _targets(labels: Labels, subject: str = "ann") -> list[str | None]:
@@ -79,8 +79,8 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
     tmp_path: Path,
 ) -> None:
     store = _open(tmp_path)
-    store.put(0 + store.revision, "ann", actions.mark_range(0, 1, "cup"))
-    store.put(store.revision, "ann", actions.mark_range(5, 6, "book"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(5, 6, "book"))
     assert _targets(_file(tmp_path)) == ["cup", "cup", "ignore", "ignore", "ignore", "book", "book", None]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
@@ -91,16 +91,16 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
 def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -> None:
     store = _open(tmp_path)
     suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
-    store.put(store.revision, "ann", actions.accept(store.track("ann"), suggested, store.seen("ann")))
+    store.put("ann", actions.accept(store.track("ann"), suggested, store.seen("ann")))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", is_suggested=True)
     assert set(_targets(_file(tmp_path).confirmed())) == {"ignore"}
     assert store.state()["labelled"] == 0
-    store.put(store.revision, "ann", actions.confirm(store.track("ann"), 3))
+    store.put("ann", actions.confirm(store.track("ann"), 3))
     assert _targets(_file(tmp_path).confirmed()) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
     opened = _open(tmp_path)
-    assert [mark and (mark.target, mark.suggested) for mark in opened.track("ann")] == [
+    assert [mark and (mark.target, mark.is_suggested) for mark in opened.track("ann")] == [
         *[("cup", True)] * 2,
         *[("book", False)] * 2,
         *[None] * 3,
@@ -118,17 +118,17 @@ def test_only_suggestions_with_enough_attention_are_accepted(attention: float, a
 
 def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(1, 2, "none"))
-    store.put(store.revision, "ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    found = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    store.put("ann", actions.mark_range(1, 2, "none"))
+    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
     assert found == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
 
 
 def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> None:
     store = _open(tmp_path)
     _look(store, 1, "book")
-    store.put(store.revision, "ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    found = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
     assert found == [("cup", True), ("book", False), *[("cup", True)] * 6]
 
 
@@ -151,42 +151,22 @@ def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path:
 
 def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, LAST, "cup"))
-    store.put(store.revision, "ann", actions.mark_range(3, 4, "ignore"))
-    store.put(store.revision, "ann", actions.annotate(store.track("ann"), 4, "eyes shut, blinks"))
+    store.put("ann", actions.mark_range(0, LAST, "cup"))
+    store.put("ann", actions.mark_range(3, 4, "ignore"))
+    store.put("ann", actions.annotate(store.track("ann"), 4, "eyes shut, blinks"))
     assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(3, "ann") == Label(target="cup")
 
 
-def test_a_change_made_on_an_older_state_is_refused(tmp_path: Path) -> None:
+def test_the_id_of_a_change_is_known_also_after_a_restart(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    old = store.revision
-    _look(store, 0, "cup")
-    before = (tmp_path / "annotations" / "clip.csv").read_bytes()
-    for stale in (
-        lambda: store.put(old, "ann", actions.mark_range(0, LAST, "book")),
-        lambda: store.step_back("undo", old),
-        lambda: store.step_back("redo", old),
-    ):
-        with pytest.raises(StaleRevisionError):
-            stale()
-    assert (tmp_path / "annotations" / "clip.csv").read_bytes() == before
-
-
-def test_a_change_that_is_sent_again_is_not_made_twice_also_after_a_restart(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    with store.once("a") as is_new:
-        assert is_new
-        store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
-    with store.once("a") as is_new:
-        assert not is_new
+    with store.under("a"):
+        store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(2, 3, "cup"))
+    assert store.requests == {"a"}
     store.close()
-    again = _open(tmp_path)
-    with again.once("a") as is_new:
-        assert not is_new
-    with again.once("b") as is_new:
-        assert is_new
+    assert _open(tmp_path).requests == {"a"}
 
 
 def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
@@ -194,7 +174,7 @@ def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
     _look(store, 0, "cup")
     revision = store.revision
     store.see("ann", 4)
-    store.put(revision, "ben", actions.mark_range(0, 1, "cup"))
+    assert store.revision == revision
 
 
 @pytest.mark.parametrize("opened", [True, False], ids=["while open", "between"])
@@ -210,7 +190,7 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
         store = _open(tmp_path)
     else:
         with pytest.raises(StaleRevisionError):
-            store.put(revision, "ann", actions.mark_range(0, 0, "book"))
+            store.put("ann", actions.mark_range(0, 0, "book"))
     assert store.revision > revision
     assert [mark and mark.note for mark in store.track("ben")] == ["by hand"] * 8
     assert (tmp_path / "annotations" / "clip.csv").read_text() == text
@@ -242,24 +222,24 @@ def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_
     store.refresh()
     assert (tmp_path / "annotations" / "clip.csv").read_bytes() == kept
     (tmp_path / "annotations" / "clip.csv").unlink()
-    store.step_back("undo", store.revision)
+    store.step_back("undo")
     assert _targets(_file(tmp_path))[:2] == ["cup", "cup"]
-    assert store.state()["can_undo"]
+    assert store.last_step("undo") is not None
 
 
 def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_restart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
     files = [tmp_path / "journal.jsonl", tmp_path / "annotations" / "clip.csv"]
     before, shown = [path.read_bytes() for path in files], store.state()
     with monkeypatch.context() as patch:
         patch.setattr("harness.annotate.label_store.write_annotations", lambda path, labels: _refuse(0))
         for change in (
-            lambda: store.put(store.revision, "ann", actions.mark_range(4, 5, "book")),
-            lambda: store.step_back("undo", store.revision),
-            lambda: store.set_marks(
+            lambda: store.put("ann", actions.mark_range(4, 5, "book")),
+            lambda: store.step_back("undo"),
+            lambda: store.set_changes(
                 [{"subject": "ann", "before": [], "after": [[0, 1, "book", "", None, False, False]]}]
             ),
         ):
@@ -268,9 +248,9 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
             ):
                 change()
             assert [path.read_bytes() for path in files] == before
-            assert {**store.state(), "seconds_left": None} == {**shown, "seconds_left": None}
+            assert store.state() == shown
     assert store.names() == (*TARGETS, *SUBJECTS, "none", "ignore")
-    store.put(store.revision, "ann", actions.mark_range(6, 6, "book"))
+    store.put("ann", actions.mark_range(6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -279,14 +259,14 @@ def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
     before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", _refuse)
         with pytest.raises(VfoaError, match=r"journal\.jsonl: cannot be written: No space left on device"):
-            store.put(store.revision, "ann", actions.mark_range(4, 5, "book"))
+            store.put("ann", actions.mark_range(4, 5, "book"))
     assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
-    store.put(store.revision, "ann", actions.mark_range(6, 6, "book"))
+    store.put("ann", actions.mark_range(6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -302,7 +282,7 @@ def _refuse(handle: int) -> None:
         ("5", r":3: no entry; move the journal away"),
         ('{"redo":true}', r":3: not a change of this clip: IndexError.*; move the journal away"),
         ('{"seen":["bob",1]}', r":3: not a change of this clip: KeyError\('bob'\); move the journal away"),
-        ('{"change":{"subject":"ann"}}', r":3: not a change of this clip: KeyError\('before'\); move the journal away"),
+        ('{"change":{"subject":"ann"}}', r":3: not a change of this clip: KeyError\('after'\); move the journal away"),
         ('{"seen":["ann",1000000000000]}', r":3: not a change of this clip: ValueError.*; move the journal away"),
         (
             '{"change":{"subject":"ann","before":[],"after":[[5,1000000000000,"cup","",null,false,false]]}}',
@@ -317,7 +297,7 @@ def _refuse(handle: int) -> None:
 )
 def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
     store.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write(f"{line}\n")
@@ -325,11 +305,24 @@ def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: st
         _open(tmp_path)
 
 
+def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.close()
+    journal = tmp_path / "journal.jsonl"
+    journal.write_text(journal.read_text().replace('"before"', '"earlier"'))
+    again, before = _open(tmp_path), journal.read_bytes()
+    with pytest.raises(VfoaError, match=r"journal\.jsonl: not a change of this clip: KeyError\('before'\)"):
+        again.step_back("undo")
+    assert journal.read_bytes() == before
+    assert again.track("ann")[0] == Mark(target="cup")
+
+
 def test_a_note_may_hold_whatever_a_line_may(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
     note = "à\u00a0gauche \u200d 目"
-    store.put(store.revision, "ann", actions.annotate(store.track("ann"), 0, note))
+    store.put("ann", actions.annotate(store.track("ann"), 0, note))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", note=note)
 
 
@@ -352,24 +345,16 @@ def test_wrong_names_and_positions_are_refused_in_one_line(tmp_path: Path) -> No
         ("ann", 3, 2, "cup", "position 3 comes after position 2"),
     ):
         with pytest.raises(VfoaError, match=found):
-            store.put(store.revision, subject, actions.mark_range(first, last, target))
+            store.put(subject, actions.mark_range(first, last, target))
     assert not (tmp_path / "annotations").exists()
 
 
 def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_believed(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(0, 1, "cup"))
     store.close()
     longer = _open(tmp_path, (*FRAMES, 11), ("ann",))
     assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
-
-
-def test_the_time_that_is_left_follows_from_the_pace_without_the_breaks_once_it_means_something(tmp_path: Path) -> None:
-    now = iter([0.0, 0.0, 10.0, 1000.0, 1025.0])
-    store = _open(tmp_path, clock=lambda: next(now))
-    for last, left in ((3, None), (5, None), (7, (10 + 30 + 25) / 8 * 8)):
-        store.put(store.revision, "ann", actions.mark_range(0, last, "cup"))
-        assert store.state()["seconds_left"] == (left and pytest.approx(left))
 
 
 _STEP = st.one_of(
@@ -391,15 +376,15 @@ def _take(store: LabelStore, step: tuple[object, ...]) -> None:
             store.see(subject, at)
         case ("accept", str(subject), list(suggested)):
             if new := actions.accept(store.track(subject), suggested, store.seen(subject)):
-                store.put(store.revision, subject, new)
+                store.put(subject, new)
         case ("undo",):
-            store.step_back("undo", store.revision)
+            store.step_back("undo")
         case ("redo",):
-            store.step_back("redo", store.revision)
+            store.step_back("redo")
 
 
 def _known(store: LabelStore) -> dict[str, object]:
-    return {key: value for key, value in store.state().items() if key != "seconds_left"}
+    return store.state() | {"undo": store.last_step("undo"), "redo": store.last_step("redo")}
 
 
 @given(steps=st.lists(_STEP, max_size=12))
@@ -415,7 +400,7 @@ def test_a_restart_finds_everything_again_and_can_go_on_undoing(
     again = _open(folder)
     assert _known(again) == before
     for _ in steps:
-        again.step_back("undo", again.revision)
+        again.step_back("undo")
     assert {tuple(again.track(name)) for name in SUBJECTS} == {(None,) * 8}
     again.close()
 
@@ -442,6 +427,6 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
 
 def test_a_label_over_labels_that_a_person_gave_counts_at_once(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", actions.mark_range(0, 5, "book"))
+    store.put("ann", actions.mark_range(0, 5, "book"))
     _look(store, 2, "cup")
     assert _targets(_file(tmp_path)) == ["book"] * 2 + ["cup"] * 4 + [None] * 2

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from harness.annotate.actions import Action
 from harness.annotate.app import PageServer
+from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
 from harness.annotate.targets import with_target
 from harness.annotate.views import colour, head, outline
@@ -66,7 +67,7 @@ def test_without_a_run_the_clips_own_masks_are_shown_by_the_manifests_names(tmp_
 
 
 def test_a_clip_of_which_nothing_is_known_has_an_empty_scene(opened: Any) -> None:
-    assert opened().scene(3) == {"objects": (), "heads_px": {}, "size_px": (WIDTH, HEIGHT)}
+    assert opened().scene(3) == {"objects": [], "heads_px": {}, "size_px": (WIDTH, HEIGHT)}
 
 
 def test_the_head_is_enlarged_and_cut_at_the_edge() -> None:
@@ -235,3 +236,13 @@ def test_the_verb_says_what_is_wrong_before_it_serves(work: Path, monkeypatch: p
     result = CliRunner().invoke(app, ["annotate", "noise", "--no-open"])
     assert isinstance(result.exception, VfoaError)
     assert "noise.toml" in str(result.exception)
+
+
+@pytest.mark.parametrize("kind", ["look", "clear", "undo", "redo"])
+def test_a_change_made_on_an_older_state_is_refused(opened: Any, kind: str) -> None:
+    session = opened()
+    session.make(Action(kind="look", subject="ann", target="cup"))
+    before = session.path.read_bytes()
+    with pytest.raises(StaleRevisionError):
+        session.make_all([Action(kind=kind, subject="ann", target="book")], 1, 1)
+    assert session.path.read_bytes() == before

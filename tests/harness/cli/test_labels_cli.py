@@ -118,7 +118,7 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     assert new == Counter([*of("anna", rows), *of("ben", theirs)])
     manifest = load_manifest(CLIP)
     with closing(open_store(manifest, None, timeline_of(manifest.open()))) as store:
-        store.step_back("undo", store.revision)
+        store.step_back("undo")
     assert own.read_text().splitlines()[2:] == theirs
 
 
