@@ -75,8 +75,9 @@ def read_annotations(
     reader = RowReader(header, timeline, set(subjects), targets)
     if reader.in_time and not (timeline and timeline.times_ns):
         raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
-    rows = [(line, row) for line, cells in lines if (row := reader.read(cells, path, line)) is not None]
-    check_sequence(path, rows, timeline, allow_gaps=allow_gaps)
+    places = ((f"{path}:{line}", cells) for line, cells in lines)
+    rows = [(where, row) for where, cells in places if (row := reader.read(cells, where)) is not None]
+    check_sequence(rows, timeline, allow_gaps=allow_gaps)
     return Labels(row for _, row in rows)
 
 

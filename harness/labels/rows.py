@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 from harness.files.tables import INTEGER
-from harness.labels.labels import IGNORED, RESERVED, Label, LabelRange, Timeline, format_seconds, parse_seconds
+from harness.labels.labels import (
+    IGNORED,
+    RESERVED,
+    Label,
+    LabelRange,
+    Timeline,
+    format_seconds,
+    missing_between,
+    parse_seconds,
+)
 from vfoa.errors import VfoaError, did_you_mean
 
 FRAME_COLUMNS = ("first_frame", "last_frame")
@@ -37,8 +44,8 @@ class RowReader:
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
         self._labels: dict[tuple[str, ...], Label] = {}
 
-    def read(self, cells: list[str], path: Path, line: int) -> LabelRange | None:
-        """Parse one row; None for a range of time in which a partly known clip has no frame.
+    def read(self, cells: list[str], where: str) -> LabelRange | None:
+        """Parse the row at a place (for messages); None for a range of time in which a partly known clip has no frame.
 
         Raises
         ------
@@ -46,12 +53,12 @@ class RowReader:
             For the first wrong cell.
         """
         if len(cells) != self._width:
-            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {self._width}, as in the header")
-        ends = self._times(cells, path, line) if self.in_time else self._frames(cells, path, line)
+            raise VfoaError(f"{where}: found {len(cells)} cells; expected {self._width}, as in the header")
+        ends = self._times(cells, where) if self.in_time else self._frames(cells, where)
         words = tuple(cells[2:])
         label = self._labels.get(words)
         if label is None:  # long files repeat the same few texts
-            label = self._labels[words] = self._label(cells, f"{path}:{line}")
+            label = self._labels[words] = self._label(cells, where)
         if ends is None:
             return None
         first, last, span_ns = ends
@@ -73,35 +80,35 @@ class RowReader:
             is_suggested=self._with_states and _state(cells[-1], where),
         )
 
-    def _frames(self, cells: list[str], path: Path, line: int) -> tuple[int, int, None]:
+    def _frames(self, cells: list[str], where: str) -> tuple[int, int, None]:
         for name, cell in zip(FRAME_COLUMNS, cells, strict=False):
             if not INTEGER.fullmatch(cell) or abs(int(cell)) > _LARGEST:
-                raise VfoaError(f"{path}:{line}: {name}: found {cell[:40]!r}; expected a frame number")
+                raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected a frame number")
         first, last = int(cells[0]), int(cells[1])
         if first > last:
-            raise VfoaError(f"{path}:{line}: first_frame {first} comes after last_frame {last}")
+            raise VfoaError(f"{where}: first_frame {first} comes after last_frame {last}")
         if self._timeline is not None and self._timeline.is_whole:
             frames = self._timeline.frames
             for frame in (first, last):
                 if not frames or not frames[0] <= frame <= frames[-1]:
                     clip = f"{frames[0]} to {frames[-1]}" if frames else "none"
-                    raise VfoaError(f"{path}:{line}: frame {frame} is outside the clip; its frames: {clip}")
+                    raise VfoaError(f"{where}: frame {frame} is outside the clip; its frames: {clip}")
         return first, last, None
 
-    def _times(self, cells: list[str], path: Path, line: int) -> tuple[int, int, tuple[int, int]] | None:
+    def _times(self, cells: list[str], where: str) -> tuple[int, int, tuple[int, int]] | None:
         times = [parse_seconds(cell) for cell in cells[:2]]
         for name, cell, time in zip(TIME_COLUMNS, cells, times, strict=False):
             if time is None:
-                raise VfoaError(f"{path}:{line}: {name}: found {cell[:40]!r}; expected seconds, such as 12.5")
+                raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected seconds, such as 12.5")
         start_ns, end_ns = (time for time in times if time is not None)
         if start_ns >= end_ns:
-            raise VfoaError(f"{path}:{line}: start_s {cells[0]} does not come before end_s {cells[1]}")
+            raise VfoaError(f"{where}: start_s {cells[0]} does not come before end_s {cells[1]}")
         timeline = self._timeline
         assert timeline is not None
         frames = timeline.between(start_ns, end_ns)
         if frames is None and timeline.is_whole:
             clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1))
-            raise VfoaError(f"{path}:{line}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip} s")
+            raise VfoaError(f"{where}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip} s")
         return (*frames, (start_ns, end_ns)) if frames else None
 
 
@@ -112,36 +119,31 @@ def check_text(cells: Iterable[str], where: str) -> None:
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")
 
 
-def check_sequence(
-    path: Path, rows: Iterable[tuple[int, LabelRange]], timeline: Timeline | None, *, allow_gaps: bool
-) -> None:
-    """Reject overlaps, and gaps unless allowed; frames that the clip does not have need no label."""
-    last: dict[str, tuple[int, LabelRange]] = {}
-    for line, row in sorted(rows, key=lambda numbered: (numbered[1].first_frame, numbered[0])):
-        before_line, before = last.get(row.subject, (0, None))
-        last[row.subject] = line, row
-        if before is None:
+def check_sequence(rows: Sequence[tuple[str, LabelRange]], timeline: Timeline | None, *, allow_gaps: bool) -> None:
+    """Reject overlaps, and gaps unless allowed; frames that the clip does not have need no label.
+
+    Each row is preceded by its place for messages; of two rows, the later one is named first.
+    """
+    last: dict[str, int] = {}
+    for number in sorted(range(len(rows)), key=lambda number: (rows[number][1].first_frame, number)):
+        where, row = rows[number]
+        before_number = last.get(row.subject)
+        last[row.subject] = number
+        if before_number is None:
             continue
+        before_where, before = rows[before_number]
         if row.first_frame <= before.last_frame:
+            earlier, later = sorted((number, before_number))
             raise VfoaError(
-                f"{path}:{max(line, before_line)}: {row.subject!r} has two labels in frame {row.first_frame}: "
-                f"overlaps with line {min(line, before_line)}"
+                f"{rows[later][0]}: {row.subject!r} has two labels in frame {row.first_frame}: overlaps with "
+                f"{rows[earlier][0]}"
             )
-        gap = None if allow_gaps else _missing_between(before.last_frame, row.first_frame, timeline)
-        if gap is not None:
+        frames = timeline.frames if timeline else range(before.last_frame, row.first_frame + 1)
+        if not allow_gaps and (gap := missing_between(before.last_frame, row.first_frame, frames)):
             raise VfoaError(
-                f"{path}:{line}: {row.subject!r} has no label for frames {gap[0]} to {gap[1]}, after line "
-                f"{before_line}; expected no gap (target {IGNORED!r}: not scored)"
+                f"{where}: {row.subject!r} has no label for frames {gap[0]} to {gap[1]}, after {before_where}; "
+                f"expected no gap (target {IGNORED!r}: not scored)"
             )
-
-
-def _missing_between(last: int, first: int, timeline: Timeline | None) -> tuple[int, int] | None:
-    """First and last frame strictly between two ranges, None if there is none."""
-    if timeline is None:
-        return (last + 1, first - 1) if first > last + 1 else None
-    frames = timeline.frames
-    low, high = bisect_right(frames, last), bisect_left(frames, first)
-    return (frames[low], frames[high - 1]) if high > low else None
 
 
 def parse_point(cells: Sequence[str], where: str) -> tuple[float, float] | None:

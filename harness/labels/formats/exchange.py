@@ -9,10 +9,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, Timeline, fill_gaps
+from harness.labels.rows import check_sequence
 from vfoa.errors import VfoaError, did_you_mean
+
+MS = 1_000_000
+"""A millisecond in ns."""
 
 _SHOWN = 8
 _LARGEST = 1e9
@@ -132,8 +134,8 @@ class Exchange:
         return tuple(self.timeline.frames)
 
     @cached_property
-    def times_ms(self) -> list[int]:
-        """Time of each frame in the other program, to the millisecond of its formats.
+    def shown(self) -> Timeline:
+        """The clip's frames at their times in the other program, to the millisecond of its formats.
 
         Raises
         ------
@@ -148,7 +150,7 @@ class Exchange:
         else:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
-        return [(time + offset_ns + 500_000) // 1_000_000 for time in times_ns]
+        return Timeline(frames=self.frames, times_ns=[_rounded_ms(time + offset_ns) * MS for time in times_ns])
 
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""
@@ -204,26 +206,18 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
     VfoaError
         If a frame lies in two spans of a subject, or a span ends before it begins.
     """
-    rows: list[LabelRange] = []
-    outside: list[Span] = []
-    last: dict[str, tuple[int, Span]] = {}
+    rows, outside = list[tuple[str, LabelRange]](), list[Span]()
     for span in sorted(spans, key=lambda span: (span.start_ms, span.end_ms)):
         if span.end_ms < span.start_ms:
             raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
-        low, high = (bisect_left(exchange.times_ms, time_ms) for time_ms in (span.start_ms, span.end_ms))
-        if low >= high:
+        if covered := exchange.shown.between(span.start_ms * MS, span.end_ms * MS):
+            first, last = covered
+            row = LabelRange(first_frame=first, last_frame=last, subject=span.subject, label=span.label)
+            rows.append((span.where, row))
+        else:
             outside.append(span)
-            continue
-        before, other = last.get(span.subject, (-1, span))
-        if low <= before:
-            raise VfoaError(
-                f"{span.where}: {span.subject!r} has two labels in frame {exchange.frames[low]}: overlaps with "
-                f"{other.where}"
-            )
-        last[span.subject] = high - 1, span
-        first, final = exchange.frames[low], exchange.frames[high - 1]
-        rows.append(LabelRange(first_frame=first, last_frame=final, subject=span.subject, label=span.label))
-    imported = exchange.labels(rows, path)
+    check_sequence(rows, exchange.timeline, allow_gaps=True)
+    imported = exchange.labels((row for _, row in rows), path)
     if not outside:
         return imported
     note = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
@@ -238,17 +232,19 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
     VfoaError
         If the first frame would be shown before time 0.
     """
-    times = exchange.times_ms
-    if times and times[0] < 0:
-        raise VfoaError(f"--offset: the clip's first frame would be at {times[0] / 1000:g} s; expected 0 or later")
-    steps = np.diff(times)
-    last_ms = max(1, round(float(np.median(steps)))) if len(steps) else 1000
+    shown = exchange.shown
+    if shown.times_ns and shown.times_ns[0] < 0:
+        raise VfoaError(
+            f"--offset: the clip's first frame would be at {shown.times_ns[0] / 1e9:g} s; expected 0 or later"
+        )
     for row in labels.ranges:
-        positions = exchange.positions(row)
-        if positions:
-            after = positions[-1] + 1
-            end = times[after] if after < len(times) else times[-1] + last_ms
-            yield times[positions[0]], end, row
+        if exchange.positions(row):
+            start, end = map(_rounded_ms, shown.span_ns(row.first_frame, row.last_frame))
+            yield start, max(end, start + 1), row
+
+
+def _rounded_ms(time_ns: int) -> int:
+    return (time_ns + MS // 2) // MS
 
 
 def one_line(text: str | None) -> str:

@@ -91,7 +91,7 @@ def test_ranges_of_time_need_a_clip_that_can_be_opened(tmp_path: Path, timeline:
 
 def test_without_a_clip_every_number_between_two_ranges_is_a_frame(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", HEAD + "1,5,girl,bird,\n6,6,girl,cup,\n9,9,girl,cup,\n")
-    with pytest.raises(VfoaError, match=r"a\.csv:5: 'girl' has no label for frames 7 to 8, after line 4"):
+    with pytest.raises(VfoaError, match=r"a\.csv:5: 'girl' has no label for frames 7 to 8, after .*:4"):
         read_annotations(path, timeline=None, subjects=SUBJECTS, targets=TARGETS)
 
 
@@ -154,9 +154,9 @@ def test_a_run_of_equal_labels_is_a_range() -> None:
 @pytest.mark.parametrize(
     ("rows", "line", "message"),
     [
-        ("1,5,girl,bird,\n5,9,girl,cup,\n", 4, "two labels in frame 5: overlaps with line 3"),
-        ("5,9,girl,cup,\n1,5,girl,bird,\n", 4, "overlaps with line 3"),
-        ("1,5,girl,bird,\n8,9,girl,cup,\n", 4, "no label for frames 6 to 7, after line 3"),
+        ("1,5,girl,bird,\n5,9,girl,cup,\n", 4, "two labels in frame 5: overlaps with .*:3"),
+        ("5,9,girl,cup,\n1,5,girl,bird,\n", 4, "overlaps with .*:3"),
+        ("1,5,girl,bird,\n8,9,girl,cup,\n", 4, "no label for frames 6 to 7, after .*:3"),
         ("1,5,gril,bird,\n", 3, r"unknown subject 'gril'; did you mean 'girl'\?"),
         ("1,5,girl,brid,\n", 3, r"unknown target 'brid'; did you mean 'bird'\?"),
         ("1,5,girl,girl,\n", 3, "looks at 'girl'"),
@@ -273,5 +273,5 @@ def test_a_hundred_thousand_rows_are_read(tmp_path: Path) -> None:
     rows = "".join(f"{n},{n},girl,{TARGETS[n % 2]},\n" for n in range(1, 100_001))
     labels = _read(write_text(tmp_path / "a.csv", HEAD + rows), range(1, 100_001))
     assert len(labels.ranges) == 100_000
-    with pytest.raises(VfoaError, match=r"a\.csv:100003: .* two labels in frame 7: overlaps with line 9"):
+    with pytest.raises(VfoaError, match=r"a\.csv:100003: .* two labels in frame 7: overlaps with .*:9"):
         _read(write_text(tmp_path / "a.csv", HEAD + rows + "7,7,girl,bird,\n"), range(1, 100_001))
