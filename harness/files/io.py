@@ -12,6 +12,8 @@ import re
 import stat
 import sys
 import tempfile
+from array import array
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -245,7 +247,7 @@ class UnchangedFiles:
 
     def __init__(self, clip: str, digest: Callable[[], str], expected: str) -> None:
         self._clip, self._digest, self._expected = clip, digest, expected
-        self._stamps: dict[int, int] = {}
+        self._noted: dict[int, int] = {}
         self._large: set[str] = set()
         self._renew()
 
@@ -281,23 +283,29 @@ class UnchangedFiles:
 
     def check(self, path: str, status: os.stat_result) -> None:
         """Raise a :class:`ChangedError` if a file of the clip has another stamp."""
-        if self._stamps.get(hash(path), expected := _short(status)) != expected:
+        paths, stamps = self._stamps
+        place = bisect_left(paths, key := hash(path))
+        if place < len(paths) and paths[place] == key and stamps[place] != _short(status):
             raise ChangedError(f"{path}: changed during the run")
 
     def note(self, path: str, status: os.stat_result) -> None:
         """Note the stamp of a file that is being digested."""
-        self._stamps[hash(path)] = _short(status)
+        self._noted[hash(path)] = _short(status)
         if status.st_size > LARGE_BYTES:
             self._large.add(path)
 
     def _renew(self) -> None:
         global _noting
-        before, _noting = _noting, self  # each stamp is replaced: other threads may be reading
+        before, _noting = _noting, self
         try:
             if self._digest() != self._expected:
                 raise VfoaError(changed_during_run(self._clip))
         finally:
             _noting = before
+        paths = sorted(self._noted)
+        # arrays take a third of the memory of a dict; other threads may be reading the old ones
+        self._stamps = array("q", paths), array("q", (self._noted[path] for path in paths))
+        self._noted = {}
 
 
 def changed_during_run(clip: str) -> str:
