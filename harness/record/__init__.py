@@ -14,3 +14,6 @@ import os
 # imported
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
 os.environ.setdefault("SVT_LOG", "0")
+# Rerun's allocator, mimalloc, gives freed memory back late, when the thread allocates again. The threads of a recording
+# wait long between two sendings: each would keep the memory of its largest one
+os.environ.setdefault("MIMALLOC_PURGE_DELAY", "0")
