@@ -100,15 +100,14 @@ def _matching_problems(error_px: float, disparity_px: float) -> Iterator[str]:
 
 def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Share of the image with measured depth, and its range."""
-    depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
-    known = np.concatenate([np.zeros(0), *(depth[np.isfinite(depth)] for depth in depths)])
+    known = _known_depths_m(frames)
     if known.size == 0:
         return
     near, middle, far = np.percentile(known, (1, 50, 99))
     limit_m = BlockMatchingSettings().min_depth_m
     if far < limit_m:
         yield f"nearly all of the measured depth is nearer than {limit_m:g} m ({_OTHER_UNIT})"
-    share = known.size / sum(depth.size for depth in depths)
+    share = known.size / sum(frame.depth_m.size for frame in frames if frame.depth_m is not None)
     yield (
         f"measured depth on {share:.0%} of the pixels: {near:.2f} to {far:.2f} m (1st to 99th percentile), "
         f'median {middle:.2f} m; stereo.matcher = "sensor" takes it'
@@ -117,17 +116,18 @@ def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:
 
 def _depth_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Measured maps without a value, or with values that suggest another unit."""
-    medians_m = {}
-    for frame in frames:
-        if frame.depth_m is not None:
-            depths_m = frame.depth_m[np.isfinite(frame.depth_m)]
-            medians_m[frame.index] = float(np.median(depths_m)) if depths_m.size else None
-    if empty := [str(index) for index, median_m in medians_m.items() if median_m is None]:
-        yield f"frame {', '.join(empty)}: no pixel has a measured depth"
-    known = [median_m for median_m in medians_m.values() if median_m is not None]
-    if known and not MIN_DEPTH_M <= np.median(known) <= MAX_DEPTH_M:
+    measured = [frame for frame in frames if frame.depth_m is not None]
+    if empty := [frame for frame in measured if not _known_depths_m([frame]).size]:
+        yield f"frame {_listed(empty)}: no pixel has a measured depth"
+    known = _known_depths_m(measured)
+    if known.size and not MIN_DEPTH_M <= (median_m := np.median(known)) <= MAX_DEPTH_M:
         expected = f"expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m ({_OTHER_UNIT})"
-        yield f"the median measured depth is {np.median(known):.3g} m; {expected}"
+        yield f"the median measured depth is {median_m:.3g} m; {expected}"
+
+
+def _known_depths_m(frames: Sequence[StereoFrame]) -> Float:
+    depths = [frame.depth_m[np.isfinite(frame.depth_m)] for frame in frames if frame.depth_m is not None]
+    return np.concatenate([np.zeros(0), *depths])
 
 
 MAX_DISTANCE_M = 100.0

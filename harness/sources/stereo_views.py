@@ -17,7 +17,7 @@ from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
 from harness.sources.media.images import read_rgb
 from harness.sources.media.video import Video
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Image
 
@@ -233,20 +233,18 @@ def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
     VfoaError
         If a line is not a time, times do not ascend, or their number is not that of the images.
     """
-    times_ns: list[int] = []
-    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
     for number, line in enumerate(lines, start=1):
-        try:
-            if not _TIME.fullmatch(line.strip()):
-                raise ValueError
-            times_ns.append(int(np.datetime64(line.strip(), "ns").astype(np.int64)))
-        except ValueError:
-            raise VfoaError(f"{path}:{number}: found {line[:60]!r}; expected 2011-09-26 13:02:25.964389445") from None
-        if len(times_ns) > 1 and times_ns[-1] <= times_ns[-2]:
-            raise VfoaError(f"{path}:{number}: {line!r} is not after the time before it")
-    if len(times_ns) != len(lefts):
-        raise VfoaError(f"{path}: found {len(times_ns)} times; expected {len(lefts)}, one for each left image")
-    return dict(zip(lefts, times_ns, strict=True))
+        if not _TIME.fullmatch(line):
+            raise VfoaError(f"{path}:{number}: found {line[:60]!r}; expected 2011-09-26 13:02:25.964389445")
+    with reported_as(path):
+        times_ns = np.array(lines, "datetime64[ns]").astype(np.int64)
+    if (steps := np.diff(times_ns)).min(initial=1) <= 0:
+        number = int(np.argmax(steps <= 0)) + 2
+        raise VfoaError(f"{path}:{number}: {lines[number - 1]!r} is not after the time before it")
+    if len(lines) != len(lefts):
+        raise VfoaError(f"{path}: found {len(lines)} times; expected {len(lefts)}, one for each left image")
+    return dict(zip(lefts, times_ns.tolist(), strict=True))
 
 
 def _joined_by_time(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -80,7 +79,7 @@ class PairCameras:
             self._for_all_times = Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
         else:
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
-            self._topics = tuple(find_camera(topics, image, info, where) for image, info in infos)
+            self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
 
     def frame(
         self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
@@ -194,6 +193,8 @@ def _motion(rotation: Float, translation_m: ArrayLike) -> Float:
 class DepthCamera:
     """The calibration of a colour camera, and of its depth if that is of another camera.
 
+    ``notes`` say how depth was registered to the colour image, if the recording has it in another one.
+
     Parameters
     ----------
     topics, recording
@@ -215,20 +216,19 @@ class DepthCamera:
                 f"{where}: source.calibration: is of a pair, the frames are colour with depth; expected camera = "
                 "{ fx_px = ..., cx_px = ..., cy_px = ... } in [source]"
             )
-        self._is_aligned = is_aligned(self._depth, self._colour)
-        self._infos = {topic.name: self._info(topics, topic) for topic in (self._colour, self._depth)}
-        self._colour_from_depth = None if self._is_aligned else self._find_motion(topics)
+        self._colour_from_depth = None if is_aligned(self._depth, self._colour) else self._find_motion(topics)
+        self._infos = {
+            self._colour.name: self._info(topics, self._colour, self._depth, settings.left_info),
+            self._depth.name: self._info(topics, self._depth, self._colour, settings.depth_info),
+        }
         self._registration: tuple[tuple[RawCamera, StereoRig], DepthRegistration] | None = None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note on how depth was registered to the colour image, if the recording has it in another one."""
-        if self._is_aligned:
-            return ()
-        return (
-            f"{self._depth.name} is not aligned with {self._colour.name}: it is registered by the recording's "
-            "calibrations and extrinsics, and unknown where the depth camera does not see what the colour camera does",
-        )
+        self.notes: tuple[str, ...] = ()
+        if self._colour_from_depth is not None:
+            self.notes = (
+                f"{self._depth.name} is not aligned with {self._colour.name}: it is registered by the recording's "
+                "calibrations and extrinsics, and unknown where the depth camera does not see what the colour camera "
+                "does",
+            )
 
     def frame(
         self, number: int, stamps_ns: tuple[int, int], colour: Image, right: Image | None, depth_m: Map | None
@@ -250,21 +250,12 @@ class DepthCamera:
         image = optics.image(colour, "colour image")
         return StereoFrame(index=number, time_ns=stamp_ns, left=image, depth_m=depth, rig=optics.rig)
 
-    def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:
-        """The calibration topic of an image, or of the other image if they are aligned; None if numbers are given."""
-        settings, is_colour = self._settings, image is self._colour
-        named = settings.left_info if is_colour else settings.depth_info
-        if settings.camera is not None and named is None and self._is_aligned:
+    def _info(self, topics: Collection[Topic], image: Topic, other: Topic, named: str | None) -> Topic | None:
+        """The calibration topic of an image, or of the other one if they are aligned; None if numbers are given."""
+        is_aligned = self._colour_from_depth is None
+        if self._settings.camera is not None and named is None and is_aligned:
             return None
-        other = self._depth if is_colour else self._colour
-        for topic in (image, other) if named is None and self._is_aligned else (image,):
-            with suppress(VfoaError):
-                return find_camera(topics, topic, named, self._where)
-        raise VfoaError(
-            f"{self._where}: no calibration topic belongs to {image.name}; say "
-            f"{'left_info' if is_colour else 'depth_info'} = (a topic), or of the colour camera "
-            "camera = { fx_px = ..., cx_px = ..., cy_px = ... }, in [source]"
-        )
+        return find_camera(topics, (image, other) if is_aligned else (image,), named, self._where)
 
     def _find_motion(self, topics: Collection[Topic]) -> Float:
         """The pose colour_from_depth in the recording."""

@@ -120,7 +120,8 @@ class RecordingClip:
         /camera/color/image_raw                    a colour image, and
         /camera/aligned_depth_to_color/image_raw   measured depth
 
-    Unreadable parts (a truncated file, a wrong checksum) are left out and listed in :attr:`notes`.
+    Unreadable parts (a truncated file, a wrong checksum) are left out. ``notes`` list them, images without a frame, and
+    stamps that are not those of the headers.
     """
 
     Settings: ClassVar[type[RecordingSettings]] = RecordingSettings
@@ -134,13 +135,13 @@ class RecordingClip:
         span_ns = self._container.span_ns() if is_part else None
         window = window_of(span_ns, settings.start_s, settings.end_s, self._where)
         index = self._container.index(window, by_log_time=settings.stamps == "log")
-        self._losses = tuple(index.losses)
         topics = index.topics.values()
-        if self._losses and not any(topic.is_image and topic.places for topic in topics):
-            what = "image" if topics else "message"
-            raise VfoaError(f"{self._where}: no {what} can be read: {'; '.join(self._losses[:_SHOWN])}")
-        if window is not None and not any(topic.is_image and topic.places for topic in topics):
-            raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
+        if not any(topic.is_image and topic.places for topic in topics):
+            if index.losses:
+                what = "image" if topics else "message"
+                raise VfoaError(f"{self._where}: no {what} can be read: {'; '.join(index.losses[:_SHOWN])}")
+            if window is not None:
+                raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._streams = find_streams(topics, settings, self._where)
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
@@ -154,7 +155,11 @@ class RecordingClip:
             self._optics = DepthCamera(topics, recording)
         else:
             self._optics = PairCameras(topics, recording, self._folder, self._size_px)
-        self._lost = (*paired, *unused_depth(topics, self._streams), *self._optics.notes)
+        by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
+        self.notes = (
+            *(*index.losses, *paired, *unused_depth(topics, self._streams), *self._optics.notes),
+            *([by_log] if settings.stamps == "log" else []),
+        )
 
     @property
     def frames(self) -> range:
@@ -165,12 +170,6 @@ class RecordingClip:
     def rate_hz(self) -> float | None:
         """Rate from the median step of the stamps, to 0.001 Hz."""
         return rate_of(places.left.stamp_ns for places in self._frames)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes: lost messages, images without a frame, and stamps that are not those of the headers."""
-        by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
-        return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
 
     def time_ns(self, number: int) -> int:
         """Time stamp of the left image."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Self
 
@@ -89,8 +89,10 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
     return pairs[0]
 
 
-def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, where: str) -> Topic:
-    """Return the calibration topic of an image topic: the named one, or the only one in the nearest common namespace.
+def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
+    """Return a calibration topic: the named one, or the only one in the nearest common namespace of an image topic.
+
+    ``images`` are tried in order.
 
     Raises
     ------
@@ -100,16 +102,17 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
     cameras = sorted((topic for topic in topics if topic.type.kind == "calibration"), key=lambda topic: topic.name)
     if named_topic is not None:
         return named(cameras, named_topic, "calibration", where)
-    namespace = image.name
-    while "/" in namespace.strip("/"):
-        namespace = namespace.rpartition("/")[0]
-        places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
-        beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
-        if len(beside) == 1:
-            return beside[0]
+    for namespace in (image.name for image in images):
+        while "/" in namespace.strip("/"):
+            namespace = namespace.rpartition("/")[0]
+            places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
+            beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
+            if len(beside) == 1:
+                return beside[0]
     raise VfoaError(
-        f"{where}: no single calibration topic belongs to {image.name}; found {listed(cameras)}; expected left_info = "
-        "and right_info = in [source], or --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"
+        f"{where}: no single calibration topic belongs to {images[0].name}; found {listed(cameras)}; expected "
+        "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy, and "
+        "--baseline of a pair ([source.camera])"
     )
 
 
@@ -239,16 +242,13 @@ def find_colour_and_depth(
             f"{where}: no colour topic beside {listed(depths)}; say left = in [source]: found {listed(images)}"
         )
     pairs = [(colour_topic, depth_topic) for depth_topic in depths for colour_topic in colours]
-    for fitting in ([pair for pair in pairs if is_aligned(pair[1], pair[0])], pairs):
-        best = _nearest(fitting)
-        if len(best) == 1:
-            return best[0]
-        if best:
-            raise VfoaError(
-                f"{where}: several colour and depth topics; say left = (colour) and depth = in [source]: "
-                f"found {listed(colours)} and {listed(depths)}"
-            )
-    raise AssertionError("there is a pair")
+    best = _nearest([pair for pair in pairs if is_aligned(pair[1], pair[0])] or pairs)
+    if len(best) != 1:
+        raise VfoaError(
+            f"{where}: several colour and depth topics; say left = (colour) and depth = in [source]: "
+            f"found {listed(colours)} and {listed(depths)}"
+        )
+    return best[0]
 
 
 def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
