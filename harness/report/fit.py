@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-from harness.files.parsing import toml_key, toml_value
+import tomlkit
+
 from harness.report.formats import Table, number, percent
 from harness.run.experiment import FittedWeights, MethodScore
 from vfoa.logit import shipped_fit
@@ -52,20 +52,10 @@ def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Tab
 def fitted_text(fitted: FittedWeights) -> str:
     """The file, as :func:`harness.run.experiment.read_fitted` reads it."""
     plain = fitted.model_dump(mode="json", exclude_none=True)
-    rows = {name: plain["fit"].pop(name) for name in ("held_out", "curve")}
-    lines = ["# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE"]
-    lines += _lines("fit", plain["fit"])
-    for name, scores in rows.items():
-        for row in scores:
-            lines += ["", f"[[fit.{name}]]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in row.items())]
-    weights = plain["attention"]["weights"]
-    lines += ["", *_lines("attention", {"method": "logit"})]
-    for smoothing, cases in weights.items():
-        for case, of_case in cases.items():
-            used = {key: value for key, value in of_case.items() if value != []}
-            lines += ["", *_lines(f"attention.weights.{smoothing}.{case}", used)]
-    return "\n".join(lines) + "\n"
-
-
-def _lines(table: str, values: dict[str, Any]) -> list[str]:
-    return [f"[{table}]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in values.items())]
+    weights = {
+        smoothing: {case: {key: value for key, value in of_case.items() if value} for case, of_case in cases.items()}
+        for smoothing, cases in plain["attention"]["weights"].items()
+    }
+    document = {"fit": plain["fit"], "attention": {"method": "logit", "weights": weights}}
+    head = "# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE\n"
+    return head + tomlkit.dumps(document)

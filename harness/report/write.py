@@ -99,9 +99,9 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     """
     with _collector_paused():
         run = FinishedRun.read(directory)
-        reference = run.reference(annotator, compare_content=True)
+        reference = run.reference(annotator)
         kept = KeptParts(run, reference)
-        scores = write_scores(directory, kept.read(), run.manifest, kept.times())
+        scores = write_scores(directory, kept.read(), run.manifest, stage_times(directory.timings))
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun

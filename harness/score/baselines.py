@@ -29,6 +29,9 @@ from vfoa.types import Float
 BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
 
 
+NO_PICK = (math.nan, None)
+
+
 class Choices(NamedTuple):
     """The instance that each baseline picks in a frame; None if it cannot pick.
 
@@ -46,43 +49,27 @@ class Choices(NamedTuple):
         return tuple(pick is not None and pick in right for pick in self[:4])
 
 
-class Baselines:
-    """The baselines on one frame. Rankings that do not depend on the subject are computed once."""
-
-    def __init__(self, record: FrameRecord) -> None:
-        centers = [(target.box.center_m, target.instance_id) for target in record.targets if target.box is not None]
-        extents = [(target.instance_id, target.box_px) for target in record.targets]
-        self._centers = centers
-        self._largest = sorted((-_area_px(box_px), number) for number, box_px in extents if box_px is not None)
-        self._central = sorted((_off_axis(center), number) for center, number in centers)
-
-    def choose(self, subject: SubjectRecord | None) -> Choices:
-        """Apply the baselines to a subject of the frame. Ties go to the lower instance id."""
-        if subject is None:
-            return Choices()
-        own, eyes = subject.instance_id, subject.eye_origin_m
-        by_distance = (
-            [] if eyes is None else sorted((math.dist(center, eyes), number) for center, number in self._centers)
-        )
-        angle_rad, in_angle = self._nearest_in_angle(subject)
-        return Choices(
-            nearest=_first_but(by_distance, own),
-            largest=_first_but(self._largest, own),
-            central=_first_but(self._central, own),
-            in_angle=in_angle,
-            angle_rad=angle_rad,
-        )
-
-    def _nearest_in_angle(self, subject: SubjectRecord) -> tuple[float, int | None]:
-        eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
-        if eyes is None or direction is None:
-            return math.nan, None
-        angles = [
-            (_angle_rad(direction, eyes, center), number)
-            for center, number in self._centers
-            if number != subject.instance_id
-        ]
-        return min(angles, default=(math.nan, None))
+def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
+    """Apply the baselines to a subject of a frame. Ties go to the lower instance id."""
+    if subject is None:
+        return Choices()
+    others = [target for target in record.targets if target.instance_id != subject.instance_id]
+    centers = [(target.box.center_m, target.instance_id) for target in others if target.box is not None]
+    eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
+    near = [] if eyes is None else [(math.dist(center, eyes), number) for center, number in centers]
+    ahead = (
+        []
+        if eyes is None or direction is None
+        else [(_angle_rad(direction, eyes, center), number) for center, number in centers]
+    )
+    angle_rad, in_angle = min(ahead, default=NO_PICK)
+    return Choices(
+        nearest=min(near, default=NO_PICK)[1],
+        largest=min(((-_area_px(t.box_px), t.instance_id) for t in others if t.box_px is not None), default=NO_PICK)[1],
+        central=min(((_off_axis(center), number) for center, number in centers), default=NO_PICK)[1],
+        in_angle=in_angle,
+        angle_rad=angle_rad,
+    )
 
 
 def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
@@ -108,10 +95,6 @@ def commonest(truths: Iterable[str]) -> str | None:
     """The commonest label; of equally common ones the first by name; None without labels."""
     counts = Counter(truths)
     return min(counts, key=lambda name: (-counts[name], name), default=None)
-
-
-def _first_but(ranked: list[tuple[float, int]], own: int | None) -> int | None:
-    return next((number for _, number in ranked if number != own), None)
 
 
 def _area_px(box_px: BoxPx) -> float:

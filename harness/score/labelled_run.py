@@ -13,7 +13,7 @@ from harness.labels.labels import IGNORED, Labels
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.baselines import Baselines
+from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
 from harness.score.probabilities import probabilities
 from harness.score.verdicts import find_subject, right_answers
@@ -168,7 +168,7 @@ def labelled_people(
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
             nearest, answers = (math.nan, False), dict[str, Outcome]()
             if others is not None:
-                pick = Baselines(record).choose(person)
+                pick = choose(record, person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:

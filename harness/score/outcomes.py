@@ -12,7 +12,7 @@ import numpy as np
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.directory import Pair, Published
 from harness.run.records import FrameRecord
-from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
+from harness.score.baselines import BASELINES, Choices, best_limit_rad, choose, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.probabilities import NO_PROBABILITIES, UNKNOWN_WORTH, Worth, worth_of
 from harness.score.statistics import Codes, Flags
@@ -124,16 +124,15 @@ class JudgedPart:
         self.fits += [subject.fit for subject in named if subject.fit is not None]
         of_clip = reference.labels.get(record.clip)
         labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
-        baselines = Baselines(record) if labels else None
         for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
             label = labels.get(subject)
             verdict = judge(record, subject, label)
             if record.configuration in reference.says_nowhere:
                 verdict = _as_said(verdict)
             judgement = Judgement(verdict, label is not None and label.is_blocked)
-            if baselines and label and verdict.outcome != "unscored":
+            if label and verdict.outcome != "unscored":
                 person = find_subject(record, subject)
-                choices = baselines.choose(person)
+                choices = choose(record, person)
                 hits = choices.hits(right_answers(record, label))
                 has_probabilities = record.configuration in reference.probabilistic
                 worth = worth_of(record, person, label, has_probabilities=has_probabilities)

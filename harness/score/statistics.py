@@ -192,11 +192,9 @@ def needed_shift(units: int, alpha: float, wanted: float) -> float:
         return math.inf
     if units <= _LIKE_STUDENT:
         return float(np.quantile(_critical_shifts(units, alpha), wanted))
-    low, high = 0.0, 20.0 / math.sqrt(units)
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (low, middle) if power(units, alpha, middle) >= wanted else (middle, high)
-    return high
+    from scipy.special import nctdtrinc, stdtrit
+
+    return float(nctdtrinc(units - 1, 1 - wanted, stdtrit(units - 1, 1 - alpha / 2))) / math.sqrt(units)
 
 
 @lru_cache(maxsize=64)

@@ -6,7 +6,7 @@ from math import acos, inf, nan, sqrt
 import numpy as np
 import pytest
 
-from harness.score.baselines import Baselines, Choices, best_limit_rad, commonest
+from harness.score.baselines import Choices, best_limit_rad, choose, commonest
 from tests.records import frame_record, subject_record, target_record
 
 NEAR = target_record(1, "near", center=(1.0, 0.0, 1.2), box_px=(0, 0, 10, 10))
@@ -18,11 +18,11 @@ GIRL = subject_record("girl", eyes=(1.0, 0.0, 1.0))
 
 
 def test_each_baseline_picks_what_it_is_called_after() -> None:
-    assert Baselines(RECORD).choose(GIRL)[:3] == (1, 2, 3)
+    assert choose(RECORD, GIRL)[:3] == (1, 2, 3)
 
 
 def test_a_subject_never_picks_its_own_body() -> None:
-    picked = [Baselines(RECORD).choose(replace(GIRL, instance_id=own))[:3] for own in (1, 2, 3)]
+    picked = [choose(RECORD, replace(GIRL, instance_id=own))[:3] for own in (1, 2, 3)]
     assert picked == [
         (2, 2, 3),
         (1, 4, 3),
@@ -32,17 +32,17 @@ def test_a_subject_never_picks_its_own_body() -> None:
 
 def test_what_is_behind_the_camera_is_not_central() -> None:
     behind = target_record(5, "behind", center=(0.0, 0.0, -1.0))
-    assert Baselines(frame_record([NEAR, behind])).choose(GIRL).central == 1
+    assert choose(frame_record([NEAR, behind]), GIRL).central == 1
 
 
 def test_without_eyes_nothing_is_nearest() -> None:
-    assert Baselines(RECORD).choose(replace(GIRL, eye_origin_m=None)) == Choices(nearest=None, largest=2, central=3)
+    assert choose(RECORD, replace(GIRL, eye_origin_m=None)) == Choices(nearest=None, largest=2, central=3)
 
 
 def test_without_a_subject_or_targets_nothing_is_picked() -> None:
     nothing = Choices(nearest=None, largest=None, central=None)
-    assert Baselines(RECORD).choose(None) == nothing
-    assert Baselines(frame_record()).choose(GIRL) == nothing
+    assert choose(RECORD, None) == nothing
+    assert choose(frame_record(), GIRL) == nothing
 
 
 def test_the_commonest_label_is_the_first_by_name_of_equals() -> None:
@@ -55,19 +55,19 @@ def test_the_largest_is_so_by_its_area_wherever_it_lies() -> None:
     small = target_record(1, "small", box_px=(500, 10, 520, 30))
     tall = target_record(2, "tall", box_px=(10, 500, 20, 530))
     large = target_record(3, "large", box_px=(0, 0, 25, 20))
-    assert Baselines(frame_record([small, tall, large])).choose(GIRL).largest == 3
+    assert choose(frame_record([small, tall, large]), GIRL).largest == 3
 
 
 def test_the_central_is_so_by_its_angle_whatever_its_distance() -> None:
     far, near = target_record(1, "far", center=(5.0, 0.0, 9.0)), target_record(2, "near", center=(0.1, 0.0, 0.5))
-    assert Baselines(frame_record([far, near])).choose(GIRL).central == 2
+    assert choose(frame_record([far, near]), GIRL).central == 2
 
 
 def test_a_box_about_the_camera_has_no_angle_and_counts_as_a_right_one() -> None:
     around, ahead, behind = (
         target_record(each, "box", center=(0.0, 0.0, z)) for each, z in ((1, 0.0), (2, 1), (3, -1))
     )
-    picked = [Baselines(frame_record(each)).choose(GIRL).central for each in ([around, ahead], [around, behind])]
+    picked = [choose(frame_record(each), GIRL).central for each in ([around, ahead], [around, behind])]
     assert picked == [2, 1]
 
 
@@ -76,12 +76,12 @@ def test_the_nearest_in_angle_is_so_to_the_gaze_whatever_its_distance() -> None:
     behind_it = target_record(2, "behind it", center=(0.5, 0.0, 5.0))
     record = frame_record([beside, behind_it])
     girl = replace(subject_record("girl", eyes=(0.0, 0.0, 1.0)), gaze=(0.0, 0.0, 2.0))
-    found = Baselines(record).choose(girl)
+    found = choose(record, girl)
     assert found.in_angle == 2
     assert found.angle_rad == pytest.approx(acos(4 / sqrt(0.25 + 16)))
     headed = replace(girl, gaze=None, head=(1.0, 0.0, 0.0))  # without gaze, where the head points
-    assert Baselines(record).choose(headed).in_angle == 1
-    assert Baselines(record).choose(replace(headed, head=None)).in_angle is None
+    assert choose(record, headed).in_angle == 1
+    assert choose(record, replace(headed, head=None)).in_angle is None
 
 
 def test_the_limit_is_best_among_all_limits() -> None:
