@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_folder
-from harness.cli.terminal import say, say_unknown_names
+from harness.cli.terminal import ended_by_signals, say, say_unknown_names
 
 
 def annotate(
@@ -28,7 +28,7 @@ def annotate(
     """Serve the labelling page. Every change is saved at once; Ctrl-C ends it and scores RUN again."""
     from harness.annotate.app import PageServer
     from harness.annotate.session import Session
-    from harness.server.local_server import ended_by_sigterm, open_browser
+    from harness.server.local_server import open_browser
 
     folder = run_folder(run) if run else None
     session = Session(
@@ -42,7 +42,7 @@ def annotate(
     if not no_open:
         open_browser(server.address)
     try:
-        with ended_by_sigterm():
+        with ended_by_signals():
             server.run()
     finally:
         session.close()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,7 +40,6 @@ def fit(
     even_if_worse: Annotated[
         bool, typer.Option("--even-if-worse", help="Write the file even if the default weights are better.")
     ] = False,
-    tables: Annotated[Path | None, typer.Option(metavar="FILE.md", help="Also write the tables as Markdown.")] = None,
     replace: Replace = False,
 ) -> None:
     """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
@@ -51,31 +49,23 @@ def fit(
     from harness.cli.terminal import print_reports
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
-    from harness.report.formats import to_markdown
     from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError
     from vfoa.logit import shipped_fit
 
-    inputs = list(_inputs(what))
-    if out is not None:
-        check_new(out, replace=replace, hint=", or another --out", inputs=inputs)
     first_s = _seconds(first)
-    run = read_labelled(_directory(what), config)
-    if tables is not None:
-        check_new(tables, replace=replace, hint=", or another --tables", inputs=inputs)
-    path = out or Path(f"{run.experiment}-fitted.toml")
+    name, inputs, directory = _source(what)
+    path = out or Path(f"{name}-fitted.toml")
     check_new(path, replace=replace, hint=", or another --out", inputs=inputs)
+    run = read_labelled(directory(), config)
     try:
         fitted = fit_logit(run, first_s=first_s)
     except VfoaError:
         if not even_if_worse:
             raise
         fitted = fit_logit(run, first_s=first_s, scored=False)
-    reports = fit_tables(fitted)
-    print_reports(reports)
-    if tables is not None:
-        atomic_write(tables, "\n".join(map(to_markdown, reports)))
+    print_reports(fit_tables(fitted))
     own = fitted.fit.score_of(f"{FITTED}, forward")
     # default weights that were fitted on these clips are no measure
     rival = COMMONEST if set(fitted.fit.clips) & set(shipped_fit().get("clips", ())) else f"{DEFAULT}, forward"
@@ -86,7 +76,7 @@ def fit(
             f"{least.log_loss}; label more, or add --even-if-worse"
         )
     atomic_write(path, fitted_text(fitted))
-    say(f"{path}: vfoa run {what if not _is_run(what) else run.experiment} --preset {path}")
+    say(f"{path}: vfoa run {run.experiment if _is_run(what) else what} --preset {path}")
 
 
 def _seconds(text: str | None) -> float | None:
@@ -107,30 +97,17 @@ def _is_run(what: str) -> bool:
     return (Path(what) / "manifest.json").is_file()
 
 
-def _inputs(what: str) -> Iterator[Path]:
-    """The files that are read: of the run or the experiment, and of its clips."""
-    from harness.cli.run import experiment_of
+def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
+    """The experiment's name, the files that are read, and a function that returns the run, made if there is none."""
+    from harness.cli.run import experiment_of, run_plainly
     from harness.clips.manifest import load_manifest
     from harness.files.folders import find
     from harness.run.directory import RunDirectory
-    from vfoa.errors import VfoaError
-
-    run = RunDirectory(Path(what))
-    if run.manifest.is_file():
-        yield from run.inputs
-        return
-    yield find("experiments", what) or Path(what)
-    with suppress(VfoaError):  # an unknown name is rejected where the experiment is run
-        for clip in experiment_of([what], (), (), None).clips:
-            yield from load_manifest(clip).files
-
-
-def _directory(what: str) -> RunDirectory:
-    """Return the run of that name, or run the experiment or clip without recordings."""
-    from harness.cli.run import experiment_of, run_plainly
-    from harness.run.directory import RunDirectory
 
     if _is_run(what):
-        return RunDirectory(Path(what))
+        run = RunDirectory(Path(what))
+        return str(run.read_manifest().get("experiment", "")), list(run.inputs), lambda: run
     experiment = experiment_of([what], (), (), None)
-    return run_plainly(experiment, Path("runs") / experiment.name)
+    files = [find("experiments", what) or Path(what)]
+    files += [file for clip in experiment.clips for file in load_manifest(clip).files]
+    return experiment.name, files, lambda: run_plainly(experiment, Path("runs") / experiment.name)

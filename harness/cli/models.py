@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json, ProviderName, Replace
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.options import ProviderName, Replace
+from harness.cli.terminal import print_table, say
 
 if TYPE_CHECKING:
-    from harness.pipeline.weights import CatalogueEntry, ModelCheck
+    from harness.pipeline.weights import ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
 
@@ -24,15 +24,12 @@ class CheckpointName(StrEnum):
 
 
 @app.command(name="list", short_help="List every model: licence, size, whether it is on this machine.")
-def list_models(as_json: Json = False) -> None:
+def list_models() -> None:
     """List every model of the catalogue: its stage, licence, size, and whether it is on this machine."""
     from harness.pipeline.configuration import STAGES
     from harness.pipeline.weights import catalogue, ready_stages
 
     models = catalogue()
-    if as_json:
-        print_json([{"name": name, **entry.model_dump(), "path": _path(entry)} for name, entry in models.items()])
-        return
     print_table(
         ["model", "stage", "size", "here", "licence"],
         [
@@ -84,26 +81,20 @@ def check(
         typer.Argument(metavar="NAME", help="Names of the catalogue. Default: all that are on this machine."),
     ] = None,
     provider: Annotated[ProviderName, typer.Option(help="Provider of ONNX Runtime to run them on.")] = ProviderName.cpu,
-    threads: Annotated[int, typer.Option(min=1, help="Threads of one inference.")] = 1,
-    as_json: Json = False,
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
     from harness.pipeline.weights import catalogue, check_model, find_model
     from vfoa.onnx import RuntimeSettings
 
-    settings = RuntimeSettings(provider=provider.value, threads=threads)
+    settings = RuntimeSettings(provider=provider.value)
     chosen = {name: find_model(name) for name in names} if names else catalogue()
-    checks = []
-    for name, entry in chosen.items():
-        checks.append(check_model(name, entry, settings))
-        if not as_json:
-            say(_line(checks[-1]))
-    if as_json:
-        from dataclasses import asdict
-
-        print_json([asdict(model_check) for model_check in checks])
     wrong = ("fails", "absent") if names else ("fails",)
-    if any(model_check.verdict in wrong for model_check in checks):
+    failed = False
+    for name, entry in chosen.items():
+        model_check = check_model(name, entry, settings)
+        say(_line(model_check))
+        failed |= model_check.verdict in wrong
+    if failed:
         raise typer.Exit(2)
 
 
@@ -132,8 +123,3 @@ def _line(model: ModelCheck) -> str:
     checksum = "checksum correct" if model.checksum_known else "checksum unknown"
     run = "" if model.inference_ms is None else f"{model.provider}, {model.inference_ms:.1f} ms, "
     return f"{model.name}: ok: {run}{checksum}" + (f"; {model.message}" if model.message else "")
-
-
-def _path(entry: CatalogueEntry) -> str | None:
-    path = entry.find()
-    return None if path is None else str(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,8 +23,7 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import say
-from harness.processes import interrupt
+from harness.cli.terminal import say, signals_as_ctrl_c
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -160,18 +158,13 @@ def _advice(plan: Plan) -> str | None:
 @contextmanager
 def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
     """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
-    signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    handled = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores SIGHUP
-    before = {number: signal.signal(number, interrupt) for number in handled}
     try:
-        yield
+        with signals_as_ctrl_c():
+            yield
     except KeyboardInterrupt:
         for notice in notices or ["interrupted before the first frame"]:
             say(f"vfoa: {notice}", err=True)
         raise typer.Exit(130) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:

@@ -191,18 +191,11 @@ def _failing(comparisons: Sequence[Comparison], kind: str, points: float) -> lis
 def plan(
     run: Run,
     points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
-    power: Annotated[float, typer.Option(min=0.5, max=0.99, help="Probability of detecting it.")] = 0.8,
-    as_json: Json = False,
 ) -> None:
     """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
-    from dataclasses import asdict
-
     from harness.report.comparisons import plan_table, plans
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    planned = plans(read_scores(RunDirectory(run_folder(run))), points, power)
-    if as_json:
-        print_json([asdict(row) for row in planned])
-    else:
-        print_reports([plan_table(planned, points, power)])
+    planned = plans(read_scores(RunDirectory(run_folder(run))), points)
+    print_reports([plan_table(planned, points)])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.cli.options import Cache, Json, stage_names
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.options import Cache, stage_names
+from harness.cli.terminal import print_table, say
 
 _EXAMPLE = Path(__file__).with_name("example")
 """What ``vfoa init`` leaves; ``scripts/example_clip.py`` has made its data."""
@@ -59,17 +59,14 @@ class Finding:
     required: bool = False
 
 
-def doctor(as_json: Json = False) -> None:
+def doctor() -> None:
     """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work."""
     findings = [*_packages(), *_folders(), *_weights(), *_surroundings()]
-    if as_json:
-        print_json([asdict(finding) for finding in findings])
-    else:
-        print_table(
-            ["check", "state", "to mend it"],
-            [[finding.what, finding.state, finding.fix] for finding in findings],
-            wrapped=("state", "to mend it"),
-        )
+    print_table(
+        ["check", "state", "to mend it"],
+        [[finding.what, finding.state, finding.fix] for finding in findings],
+        wrapped=("state", "to mend it"),
+    )
     if any(finding.required and finding.fix for finding in findings):
         raise typer.Exit(2)
 
@@ -146,16 +143,11 @@ def settings(
             autocompletion=stage_names,
         ),
     ] = None,
-    as_json: Json = False,
 ) -> None:
     """Print every setting: key (for --set and for experiments), type, unit, default and meaning."""
     from harness.pipeline.settings_reference import settings_tables
 
-    tables = settings_tables(stage)
-    if as_json:
-        print_json([asdict(table) for table in tables])
-        return
-    for table in tables:
+    for table in settings_tables(stage):
         say(f"{table.title}{': ' if table.summary else ''}{table.summary}")
         if table.settings:
             print_table(
@@ -174,17 +166,13 @@ cache_app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=
 
 
 @cache_app.command(short_help="Show where the cache is and what it holds.")
-def info(cache: Cache = None, as_json: Json = False) -> None:
+def info(cache: Cache = None) -> None:
     """Show where the cache is, its limit, and the size of each stage and clip."""
     from harness.pipeline.cache_store import open_store
 
     store = open_store(cache)
     usage = store.usage()
     total = sum(entry.bytes for entry in usage)
-    if as_json:
-        summary = {"path": str(store.stages), "limit_bytes": store.limit_bytes, "bytes": total}
-        print_json({**summary, "stages": [asdict(entry) for entry in usage]})
-        return
     if usage:
         print_table(
             ["stage", "clip", "results", "MB"],

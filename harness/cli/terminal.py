@@ -1,18 +1,20 @@
-"""Output on the terminal: tables, JSON, and progress bars on stderr."""
+"""The terminal: tables, JSON, progress bars on stderr, and the signals that end a command."""
 
 from __future__ import annotations
 
 import math
+import signal
 import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from harness.files.io import shown
+from harness.processes import interrupt
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn, TaskID
@@ -201,3 +203,26 @@ def _bar(what: str, total: int | None, *columns: ProgressColumn, **fields: Any) 
     shape = TextColumn("{task.description}"), BarColumn(), *columns
     with Progress(*shape, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
         yield bar, bar.add_task(shown(what), total=total, **fields)
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """End the block, and nothing more, on the signals of :func:`signals_as_ctrl_c` and on Ctrl-C."""
+    with suppress(KeyboardInterrupt), signals_as_ctrl_c():
+        yield
+
+
+@contextmanager
+def signals_as_ctrl_c() -> Iterator[None]:
+    """Within the block SIGTERM and SIGHUP raise :class:`KeyboardInterrupt`: child processes are stopped on the way out.
+
+    SIGHUP stays ignored under nohup.
+    """
+    signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    handled = [number for number in signals if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in handled}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace, run_folder
-from harness.cli.terminal import say
+from harness.cli.terminal import ended_by_signals, say, signals_as_ctrl_c
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -45,13 +45,12 @@ def view(
     from harness.record.composed import find_recordings
     from harness.record.web_app import open_path
     from harness.run.directory import RunDirectory
-    from harness.server.local_server import ended_by_sigterm, sigterm_as_ctrl_c
 
     folder = run_folder(run)
     if failures:
         if frame is not None or screenshot is not None or compare is not None:
             raise VfoaError("view: --failures selects the frames: leave out --frame, --compare and --screenshot")
-        with ended_by_sigterm():
+        with ended_by_signals():
             (browse_failures if web else step_through)(folder, clip, config)
         return
     if screenshot is not None:
@@ -67,12 +66,12 @@ def view(
     if frame is not None:
         first.expect_frame(frame)
     if screenshot is not None:
-        with sigterm_as_ctrl_c():
+        with signals_as_ctrl_c():
             viewer.screenshot(first, frame, screenshot)
     elif web:
         browse(recordings, [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)])
     else:
-        with ended_by_sigterm():
+        with ended_by_signals():
             viewer.show(recordings, frame)
 
 
@@ -102,35 +101,26 @@ def step_through(run: Path, clip: str | None, configuration: str | None) -> None
         raise VfoaError(
             "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
         )
+    from harness.record import viewer
+
     say(KEYS)
     place: int | None = 0
     while place is not None:
-        place = _steps(run, clip, configuration, place)
-
-
-def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -> int | None:
-    """Step through the wrong frames; return the position at which a label was corrected, None at the end.
-
-    The viewer is reopened after a correction: it would keep the old content of the recording.
-    """
-    from harness.record import viewer
-
-    wrong, recordings = _wrong_frames(run, clip, configuration)
-    if not wrong:
-        say("No wrong frame.")
-        return None
-    shown = {clip: recording.compose() for clip, recording in recordings.items()}
-    place: int | None = min(start, len(wrong) - 1)
-    with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
-        while place is not None:
-            at = wrong[place]
-            go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
-            say(describe(wrong, place))
-            key = _key()
-            if key == "w" and _correct(run, at):
-                return place
-            place = next_place(key, place, len(wrong))
-    return None
+        wrong, recordings = _wrong_frames(run, clip, configuration)
+        if not wrong:
+            say("No wrong frame.")
+            return
+        shown = {clip: recording.compose() for clip, recording in recordings.items()}
+        place, is_corrected = min(place, len(wrong) - 1), False
+        with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
+            while place is not None and not is_corrected:
+                at = wrong[place]
+                go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
+                say(describe(wrong, place))
+                key = _key()
+                # the viewer would keep the old content of a corrected recording: it is opened again
+                is_corrected = key == "w" and _correct(run, at)
+                place = place if is_corrected else next_place(key, place, len(wrong))
 
 
 def _key() -> str:
@@ -240,9 +230,9 @@ def browse(
     """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
     from harness.record.web_app import site
     from harness.record.web_viewer import web_viewer_files
-    from harness.server.local_server import LocalServer, ended_by_sigterm, open_browser
+    from harness.server.local_server import LocalServer, open_browser
 
-    with ended_by_sigterm():
+    with ended_by_signals():
         app = site({recording.name: recording for recording in recordings}, web_viewer_files(), page=page, more=more)
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]

@@ -23,9 +23,6 @@ TOKEN_HEADER = "x-vfoa-token"
 LARGEST_BODY = 100_000
 """Most bytes of a request's body."""
 
-BODY_S = 10.0
-"""Seconds that a request's body may take."""
-
 MOST_CONNECTIONS = 64
 """Most connections at a time. A browser opens six to a host."""
 
@@ -116,18 +113,14 @@ async def _receive_body(request: Request) -> tuple[Response | None, Receive]:
     if int(request.headers.get("content-length", 0)) > LARGEST_BODY:
         return too_large, request.receive
     body, more = bytearray(), True
-    try:
-        async with asyncio.timeout(BODY_S):
-            while more:
-                message = await request.receive()
-                if message["type"] == "http.disconnect":
-                    return _refused("the request was cut", 400), request.receive
-                body += message.get("body", b"")
-                more = message.get("more_body", False)
-                if len(body) > LARGEST_BODY:
-                    return too_large, request.receive
-    except TimeoutError:
-        return _refused(f"expected the whole body within {BODY_S:.0f} s", 408), request.receive
+    while more:
+        message = await request.receive()
+        if message["type"] == "http.disconnect":
+            return _refused("the request was cut", 400), request.receive
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(body) > LARGEST_BODY:
+            return too_large, request.receive
     rest: list[Message] = [{"type": "http.request", "body": bytes(body), "more_body": False}]
 
     async def receive() -> Message:

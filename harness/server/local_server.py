@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import os
 import secrets
-import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from harness.processes import interrupt
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -67,7 +63,7 @@ class LocalServer:
         return f"http://{HOST}:{self.port}{path}{'&' if '?' in path else '?'}token={self._token}"
 
     def run(self) -> None:
-        """Serve until Ctrl-C, SIGTERM within :func:`ended_by_sigterm`, or :meth:`stop`."""
+        """Serve until Ctrl-C, a signal that does the same, or :meth:`stop`."""
         try:
             self._server.run(sockets=[self._listener])
         finally:
@@ -93,23 +89,6 @@ def _listen(port: int) -> socket.socket:
         raise VfoaError(f"--port {port}: cannot listen on {HOST}: {error.strerror}") from None
     listener.listen()
     return listener
-
-
-@contextmanager
-def ended_by_sigterm() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C within the block: child processes are stopped on the way out. Both end the block."""
-    with suppress(KeyboardInterrupt), sigterm_as_ctrl_c():
-        yield
-
-
-@contextmanager
-def sigterm_as_ctrl_c() -> Iterator[None]:
-    """Within the block SIGTERM raises :class:`KeyboardInterrupt`; otherwise it would leave child processes running."""
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def open_browser(address: str) -> None:

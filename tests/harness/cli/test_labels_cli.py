@@ -48,13 +48,6 @@ def test_labels_go_out_and_come_back(
     assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
 
 
-def test_the_old_name_of_the_verb_is_kept(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert vfoa(monkeypatch, capsys, "annotations", "check", CLIP) == vfoa(monkeypatch, capsys, "labels", "check", CLIP)
-    assert "annotations" not in vfoa(monkeypatch, capsys, "--help")[1].split()
-
-
 def test_an_existing_file_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
+from harness.cli.terminal import ended_by_signals
 from harness.run.results import to_line
-from harness.server.local_server import ended_by_sigterm
 from tests.records import answers
 from vfoa.errors import VfoaError
 
@@ -101,7 +101,7 @@ def test_sigterm_ends_it_where_ctrl_c_is_ignored_as_in_the_background() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     ended = True
     try:
-        with ended_by_sigterm():
+        with ended_by_signals():
             signal.raise_signal(signal.SIGTERM)
             ended = False
     finally:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -52,8 +51,6 @@ def test_the_command_prints_every_key_of_a_stage(
     _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo")
     for table in settings_tables("stereo"):
         assert all(setting.key in printed for setting in table.settings)
-    _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo", "--json")
-    assert [each["choice"] for each in json.loads(printed)] == [table.choice for table in settings_tables("stereo")]
 
 
 @pytest.mark.parametrize("words", [("-h",), ("run", "-h"), ("clips", "list", "-h")])

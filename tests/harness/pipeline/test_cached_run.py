@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from harness.pipeline.cache_store import Store
+from harness.pipeline.cache_store import Store, open_store
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -121,12 +120,15 @@ def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
     assert "Cache: stereo bm: 0 reused, 2 computed\n" in says(*run, str(tmp_path / "first"))
     assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
     assert "second: finished already; nothing was computed\n" in says(*run, str(tmp_path / "second"))
-    usage = json.loads(says("cache", "info", "--json", *options))
-    assert usage["bytes"] == sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
-    assert {(each["slot"], each["files"]) for each in usage["stages"]} == {("stereo", 2), ("heads", 2), ("gaze", 2)}
-    assert "stereo bm" in says("cache", "info", *options)
+    usage = open_store(str(tmp_path / "cache")).usage()
+    stored = sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
+    assert sum(entry.bytes for entry in usage) == stored
+    assert {(entry.slot, entry.files) for entry in usage} == {("stereo", 2), ("heads", 2), ("gaze", 2)}
+    info = says("cache", "info", *options)
+    assert "stereo bm" in info
+    assert f": {stored / 1e6:.1f} MB of at most" in info
     assert "removed 0." in says("cache", "clear", *options)
-    assert json.loads(says("cache", "info", "--json", *options))["bytes"] == 0
+    assert ": 0.0 MB of at most" in says("cache", "info", *options)
 
 
 def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path: Path) -> None:

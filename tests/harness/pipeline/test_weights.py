@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shutil
 import sys
@@ -269,8 +268,7 @@ def test_check_names_what_is_wrong_and_exits_2(tmp_path: Path, shared_models: Pa
     assert good.startswith("fsanet-1x1: ok: cpu, ")
     assert good.endswith(" ms, checksum correct")
     assert bad == f"fsanet-var: fails: {damaged}: truncated: found 1000 bytes, expected 1246963"
-    rows = json.loads(run("check", "--json").stdout)
-    verdicts = {row["name"]: row["verdict"] for row in rows}
+    verdicts = dict(line.split(": ")[:2] for line in run("check").stdout.splitlines())
     assert (verdicts["fsanet-1x1"], verdicts["fsanet-var"], verdicts["gaze360"]) == ("ok", "fails", "absent")
 
 
@@ -348,9 +346,6 @@ def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_t
 def test_the_list_says_what_is_here(tmp_path: Path) -> None:
     entry = find_model("fsanet-var")
     (tmp_path / "given" / entry.file).write_bytes(b"")
-    rows = {row["name"]: row for row in json.loads(run("list", "--json").stdout)}
-    assert rows.keys() == catalogue().keys()
-    assert rows["fsanet-var"]["path"] == str(tmp_path / "given" / entry.file)
-    assert (rows["gaze360"]["path"], rows["gaze360"]["non_commercial"]) == (None, True)
-    table = run("list").stdout
-    assert all(name in table for name in catalogue())
+    rows = {line.split()[0]: line.split() for line in run("list").stdout.splitlines() if line.split()}
+    assert rows.keys() >= catalogue().keys()
+    assert ("yes" in rows["fsanet-var"], "yes" in rows["gaze360"]) == (True, False)
