@@ -141,7 +141,9 @@ def _left_image(layers: LayerNames, subject: str | None) -> rrb.Spatial2DView:
         f"{_of_subject(entities.subject_3d, layers, subject)}/**",
         f"{_of_subject(entities.answer_3d, layers, subject)}/**",
     ]
-    hidden = [entities.cue_3d(layers.configuration, subject, cue, part) for cue in CUES for part in _RAYS if subject]
+    hidden = [
+        entities.subject_3d(layers.configuration, subject, cue, part) for cue in CUES for part in _RAYS if subject
+    ]
     return _camera_view([*marks, *(f"- {path}" for path in hidden)], f"Left image, {layers.configuration}")
 
 

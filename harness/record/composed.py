@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,7 +86,7 @@ class RecordedClip:
 
     def under(self, configuration: str) -> RecordedClip:
         """Return the clip with only one of these configurations."""
-        return self._with([layer for layer in self.layers if layer.configuration == configuration])
+        return replace(self, layers=tuple(layer for layer in self.layers if layer.configuration == configuration))
 
     def compose(self) -> Composed:
         """Combine all layers into one recording: one configuration, or a tab for each."""
@@ -99,11 +99,8 @@ class RecordedClip:
         """Two configurations side by side."""
         from harness.record.blueprint import comparison_layout
 
-        both = self._with([self.under(first).layers[0], self.under(second).layers[0]])
+        both = replace(self, layers=(*self.under(first).layers, *self.under(second).layers))
         return both._composed(f"{self.files.clip}__{first}__vs__{second}", comparison_layout)
-
-    def _with(self, layers: Sequence[LayerNames]) -> RecordedClip:
-        return replace(self, layers=tuple(layers))
 
     def _composed(self, name: str, make_layout: Callable[..., rrb.Blueprint]) -> Composed:
         return Composed(

@@ -15,7 +15,6 @@ import rerun as rr
 
 from harness.record.frame_log import FrameLog
 from vfoa.registry import Registry
-from vfoa.types import Cue
 
 if TYPE_CHECKING:
     from harness.run.frame_sink import FinishedFrame
@@ -93,23 +92,19 @@ def head_box(configuration: str, subject: str) -> str:
 
 
 def subject_3d(configuration: str, *parts: str) -> str:
-    """A subject in the world, and its eye ``origin``; without a subject, the parent of all of them."""
+    """A subject in the world; without one, the parent of all of them.
+
+    Below it are its eye ``origin`` and, for each cue, ``direction``, ``cones``, ``rays``, ``missed_rays`` and ``hits``.
+    """
     return _join(ATTENTION_3D, configuration, *parts)
 
 
-def cue_3d(configuration: str, subject: str, cue: Cue, part: str) -> str:
-    """A cue of a subject in the world: ``direction``, ``cones``, ``rays``, ``hits``."""
-    return _join(ATTENTION_3D, configuration, subject, cue, part)
+def curves(configuration: str, subject: str, value: str, *target: str) -> str:
+    """One subject's ``gaze``, ``head`` or ``total`` for the manifest's targets and other subjects: one plot.
 
-
-def curves(configuration: str, subject: str, value: str) -> str:
-    """One subject's ``gaze``, ``head`` or ``total`` for the manifest's targets and other subjects: one plot."""
-    return _join(ATTENTION, configuration, subject, value)
-
-
-def curve(configuration: str, subject: str, value: str, target: str) -> str:
-    """The attention curve of a subject for a name that is not in the manifest."""
-    return _join(ATTENTION, configuration, subject, value, target)
+    With a target, the curve for a name that is not in the manifest.
+    """
+    return _join(ATTENTION, configuration, subject, value, *target)
 
 
 # The layer of the verdicts

@@ -138,7 +138,7 @@ def _log_curves(
                 log.keep(path, partial(_lines, others, colours), key="style")
                 log.row(path, rr.Scalars, scalars=numbers)
             for name, number in by_name.items():
-                path = entities.curve(configuration, of, what, name)
+                path = entities.curves(configuration, of, what, name)
                 log.keep(path, partial(_lines, [name], colours), key="style")
                 log.number(path, number)
 

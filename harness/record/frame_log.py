@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -21,15 +21,11 @@ Time = tuple[int, int]
 """A frame's number and its time, ns."""
 
 
-class Columns(NamedTuple):
-    """The archetype of an entity, and the fields that its rows have."""
+Columns = tuple[str, tuple[str, ...]]
+"""The name of an entity's archetype, and the fields that its rows have."""
 
-    archetype: Any
-    fields: tuple[str, ...]
-
-
-Shown = list[tuple[str, str, list[str]]]
-"""The entities of a frame as plain values: path, name of the archetype, and fields."""
+Shown = dict[str, Columns]
+"""The entities of a frame by path."""
 
 _ROW_BYTES = 500
 """About what the objects of one row take, beside its values."""
@@ -50,15 +46,15 @@ class FrameLog:
         self._stream = stream
         self._time: Time = (0, 0)
         self._waiting: dict[tuple[str, Columns], list[tuple[Time, Mapping[str, Batch]]]] = {}
-        self._before = _entities(before or ())
-        self._now: dict[str, Columns] = {}
+        self._before: Shown = before or {}
+        self._now: Shown = {}
         self._kept: dict[str, object] = {}
         self._logged_to: int | None = None
 
     @property
     def shown(self) -> Shown:
-        """The entities of the last frame, by path."""
-        return [(path, of.archetype.__name__, list(of.fields)) for path, of in sorted(self._before.items())]
+        """The entities of the last frame, sorted by path."""
+        return dict(sorted(self._before.items()))
 
     @property
     def paths(self) -> set[str]:
@@ -68,11 +64,11 @@ class FrameLog:
     def state(self) -> dict[str, Any]:
         """Send the waiting rows, and return the state from which another log can continue with the next frame."""
         self.send()
-        return {"logged_to": self._logged_to, "before": [list(entity) for entity in self.shown]}
+        return {"logged_to": self._logged_to, "before": self.shown}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue from the state of another log."""
-        self._logged_to, self._before = state["logged_to"], _entities(state["before"])
+        self._logged_to, self._before = state["logged_to"], state["before"]
 
     def begin(self, frame: int, time_ns: int) -> bool:
         """Set the frame number and time of the following entities; False if the frame is already logged."""
@@ -89,7 +85,7 @@ class FrameLog:
         """
         if style is not None:
             self.keep(path, lambda: archetype.from_fields(**style), key="style")
-        self._now[path] = Columns(archetype, tuple(fields))
+        self._now[path] = archetype.__name__, tuple(fields)
         self._add(self._time, path, self._now[path], fields)
 
     def number(self, path: str, value: float) -> None:
@@ -98,7 +94,7 @@ class FrameLog:
 
     def event(self, path: str, archetype: Any, *, at: Time | None = None, **fields: Batch) -> None:
         """Log an entity of this frame, or of another one, that is never cleared, such as a line of a text log."""
-        self._add(at or self._time, path, Columns(archetype, tuple(fields)), fields)
+        self._add(at or self._time, path, (archetype.__name__, tuple(fields)), fields)
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
         """Build and log an entity that outlives the frame, but only if its ``key`` has changed since the last time."""
@@ -115,12 +111,13 @@ class FrameLog:
         """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before.keys() - self._now.keys()):
             of = self._before[path]
-            self._add(self._time, path, of, dict.fromkeys(of.fields, ()))
+            self._add(self._time, path, of, dict.fromkeys(of[1], ()))
         self._before, self._now = self._now, {}
 
     def send(self) -> None:
         """Send the waiting rows, those of an entity together."""
-        for (path, (archetype, names)), rows in self._waiting.items():
+        for (path, (kind, names)), rows in self._waiting.items():
+            archetype = getattr(rr.archetypes, kind)
             times, fields = zip(*rows, strict=True)
             columns = [
                 column for name in names for column in _columns(archetype, name, [field[name] for field in fields])
@@ -131,11 +128,6 @@ class FrameLog:
     def _add(self, time: Time, path: str, columns: Columns, fields: Mapping[str, Batch]) -> None:
         self._waiting.setdefault((path, columns), []).append((time, fields))
         self.waiting_bytes += _ROW_BYTES + sum(map(_bytes, fields.values()))
-
-
-def _entities(shown: Iterable[Sequence[Any]]) -> dict[str, Columns]:
-    """The entities by path, from plain values."""
-    return {path: Columns(getattr(rr.archetypes, name), tuple(fields)) for path, name, fields in shown}
 
 
 def _bytes(batch: Batch) -> int:

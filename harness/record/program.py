@@ -22,8 +22,7 @@ _NOWHERE = "http://127.0.0.1:9"
 
 def viewer_binary() -> Path:
     """The viewer inside the Rerun package. Ending the ``rerun`` command, a wrapper, would leave the viewer running."""
-    name = "rerun.exe" if os.name == "nt" else "rerun"
-    return Path(rerun_cli.__file__).with_name(name)
+    return Path(rerun_cli.__file__).with_name("rerun")
 
 
 @contextmanager
@@ -44,14 +43,5 @@ def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL
         try:
             yield process
         finally:
-            _stop(process)
-
-
-def _stop(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.terminate()
-    try:
-        process.wait(timeout=10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+            process.kill()  # it has nothing to save
+            process.wait()

@@ -118,7 +118,7 @@ class _Layer:
         old, stretches, kept_frames = _stretches(self._path, self._files.recording_id), list[_Stretch](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
-            shown = stretches[-1].shown if stretches else []
+            shown = stretches[-1].shown if stretches else {}
             key = self._key(block, shown)
             if number < len(old) and old[number].key == key:
                 stretches.append(old[number])

@@ -6,8 +6,6 @@ version, and to report that it was started.
 
 from __future__ import annotations
 
-import subprocess
-import time
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -21,8 +19,8 @@ from vfoa.errors import VfoaError
 
 NAMES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-_STARTED_S = 30.0
-_POLL_S = 0.05
+_RETRIES = 7
+"""Attempts to connect, after pauses of 0, 0.5, 1, 2 ... 16 s: 30 s in all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,10 +43,9 @@ def web_viewer_files() -> dict[str, WebFile]:
     ports = ["--port", str(free_port()), "--web-viewer-port", str(port)]
     address = f"http://{HOST}:{port}"
     with (
-        program.started(["--serve-web", "--bind", HOST, *ports]) as process,
-        httpx.Client(base_url=address, trust_env=False) as client,
+        program.started(["--serve-web", "--bind", HOST, *ports]),
+        httpx.Client(base_url=address, trust_env=False, transport=httpx.HTTPTransport(retries=_RETRIES)) as client,
     ):
-        _wait_for(process, client)
         return page_files() | {name: _fetched(client, name) for name in NAMES}
 
 
@@ -59,18 +56,6 @@ def page_files() -> dict[str, WebFile]:
         file.name: WebFile(content=file.read_bytes(), media_type=_TYPES[Path(file.name).suffix])
         for file in folder.iterdir()
     }
-
-
-def _wait_for(process: subprocess.Popen[bytes], client: httpx.Client) -> None:
-    deadline = time.monotonic() + _STARTED_S
-    while process.poll() is None and time.monotonic() < deadline:
-        try:
-            client.head("/")
-        except httpx.TransportError:
-            time.sleep(_POLL_S)
-        else:
-            return
-    raise VfoaError("the Rerun web viewer: expected its server to answer; it did not start")
 
 
 def _fetched(client: httpx.Client, name: str) -> WebFile:

@@ -46,7 +46,7 @@ def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
 def test_curves_equal_the_record(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     for what in ("gaze", "head", "total"):
-        curve = columns.at(entities.curve(CONFIGURATION, ANN, what, "book#4"), "Scalars:scalars")
+        curve = columns.at(entities.curves(CONFIGURATION, ANN, what, "book#4"), "Scalars:scalars")
         expected = {
             shown.record.frame: [getattr(value, what)]
             for shown in frames
@@ -80,7 +80,7 @@ def test_the_curves_of_a_manifests_names_are_one_entity(frames, record_run, read
 
 def test_a_cue_that_was_not_measured_leaves_a_gap(frames, record_run, read_back):
     columns = read_back(record_run(frames))
-    path = entities.curve(CONFIGURATION, ANN, "gaze", "book#4")
+    path = entities.curves(CONFIGURATION, ANN, "gaze", "book#4")
     assert [frame for frame, value in columns.at(path, "Scalars:scalars").items() if not value] == [11]
 
 
@@ -106,8 +106,8 @@ def test_what_vanishes_is_cleared_in_that_frame(frames, record_run, read_back):
     gone_at_11 = {
         entities.box(CONFIGURATION, 2): "Boxes3D:half_sizes",
         entities.points(CONFIGURATION, 3): "Points3D:positions",
-        entities.cue_3d(CONFIGURATION, ANN, "gaze", "rays"): "LineStrips3D:strips",
-        entities.cue_3d(CONFIGURATION, ANN, "gaze", "cones"): "LineStrips3D:strips",
+        entities.subject_3d(CONFIGURATION, ANN, "gaze", "rays"): "LineStrips3D:strips",
+        entities.subject_3d(CONFIGURATION, ANN, "gaze", "cones"): "LineStrips3D:strips",
     }
     gone_at_13 = {
         entities.box(CONFIGURATION, 1): "Boxes3D:half_sizes",
@@ -125,7 +125,7 @@ def test_hits_lie_where_rays_enter_boxes(frames, record_run, read_back):
     rays = shown.result.attentions[0].rays
     cones = shown.result.attentions[0].cones
     expected = sum(np.isfinite(rays.entry_m[[cones[c].cue == cue for c in rays.cone_index]]).sum() for cue in ("gaze",))
-    hits = np.array(columns.at(entities.cue_3d(CONFIGURATION, ANN, "gaze", "hits"), "Points3D:positions")[10])
+    hits = np.array(columns.at(entities.subject_3d(CONFIGURATION, ANN, "gaze", "hits"), "Points3D:positions")[10])
     assert len(hits) == expected > 0
     box = shown.result.scene.targets[1].box
     local = np.abs((hits - box.center_m) @ box.left_from_box) / box.half_size_m
@@ -262,7 +262,7 @@ def test_rows_are_sent_together_and_none_is_lost(every, frames, record_run, read
     assert cut.paths == whole.paths
     for path in whole.paths:
         assert cut.everything(path) == whole.everything(path), path
-    assert len(whole.at(entities.curve(CONFIGURATION, ANN, "total", "book#4"), "Scalars:scalars")) == 4
+    assert len(whole.at(entities.curves(CONFIGURATION, ANN, "total", "book#4"), "Scalars:scalars")) == 4
 
 
 def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, read_back):
@@ -270,7 +270,7 @@ def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, r
     for path, component in (
         (entities.box(CONFIGURATION, 4), "Boxes3D:radii"),
         (entities.points(CONFIGURATION, 4), "Points3D:radii"),
-        (entities.cue_3d(CONFIGURATION, ANN, "head", "cones"), "LineStrips3D:colors"),
+        (entities.subject_3d(CONFIGURATION, ANN, "head", "cones"), "LineStrips3D:colors"),
         (entities.head_box(CONFIGURATION, ANN), "Boxes2D:labels"),
     ):
         assert columns.static(path, component)
