@@ -10,7 +10,7 @@ that belongs to the clip (its ground truth, files of other programs) and is buil
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -45,7 +45,10 @@ OFF = "none"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageKind:
-    """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages."""
+    """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages.
+
+    ``of_clip`` are those that read something of the clip, by name.
+    """
 
     name: str
     key: str
@@ -249,22 +252,22 @@ class Configuration:
 
     def for_clip(self, clip: str) -> Configuration:
         """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
-        choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
-        attention = self.attend.attention
+        filled, attention = self.changed(lambda choice: choice.for_clip(clip)), self.attend.attention
         if isinstance(attention, LogitSettings):
             attention = attention.for_clip(clip)
-        return replace(self, choices=choices, attend=self.attend.model_copy(update={"attention": attention}))
+        return replace(filled, attend=self.attend.model_copy(update={"attention": attention}))
 
     def on(self, provider: Provider) -> Configuration:
         """Return the configuration with all its networks on one provider of ONNX Runtime."""
-        choices = {slot: choice.on(provider) if choice else None for slot, choice in self.choices.items()}
-        return replace(self, choices=choices)
+        return self.changed(lambda choice: choice.on(provider))
 
     def without_images(self) -> Configuration:
         """Return the configuration for clips of recorded 3D poses: only stages that answer from a person's truth."""
-        choices = {
-            slot: choice if choice and STAGES[slot].is_true(choice) else None for slot, choice in self.choices.items()
-        }
+        return self.changed(lambda choice: choice if STAGES[choice.slot].is_true(choice) else None)
+
+    def changed(self, change: Callable[[StageChoice], StageChoice | None]) -> Configuration:
+        """Return the configuration with each stage that is not switched off replaced by another choice, or None."""
+        choices = {slot: change(choice) if choice else None for slot, choice in self.choices.items()}
         return replace(self, choices=choices)
 
     def plain(self) -> dict[str, Any]:

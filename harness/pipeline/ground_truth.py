@@ -24,7 +24,7 @@ from pydantic import Field
 
 from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
 from harness.pipeline.configuration import CLIP_VARIABLE
-from harness.sources import AnyClip, Clip, PersonTruth, SightTruth, Truth
+from harness.sources import AnyClip, PersonTruth, SightTruth, Truth
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, box_iou, perturb, unit
 from vfoa.posterior.settings import sigma_rad
@@ -120,13 +120,20 @@ class KnownTruth:
         raise VfoaError(f"{where}: the clip has no true {what}; needed by {self._needed_by}{why}")
 
 
-class TruthMatcher:
+class _OfTruth:
+    """A stage that answers from a clip's ground truth; ``needed_by`` is the setting that chooses it."""
+
+    Settings: type[Settings] = OracleSettings
+    needed_by: ClassVar[str]
+
+    def __init__(self, settings: object, clip: AnyClip) -> None:
+        self._truth = KnownTruth(clip, self.needed_by)
+
+
+class TruthMatcher(_OfTruth):
     """A matcher that returns the clip's true disparity."""
 
-    Settings = OracleSettings
-
-    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
-        self._truth = KnownTruth(clip, 'stereo.matcher = "truth"')
+    needed_by = 'stereo.matcher = "truth"'
 
     def match(self, frame: StereoFrame) -> Disparity:
         """The true disparity of the frame."""
@@ -137,26 +144,21 @@ class TrueMaskSettings(OracleSettings, KeyFrameSettings):
     """True masks of key frames can be carried to the frames in between, to measure what that costs."""
 
 
-class TruthSegmenter:
+class TruthSegmenter(_OfTruth):
     """A segmenter that returns the clip's true instances."""
 
     Settings = TrueMaskSettings
-
-    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
-        self._truth = KnownTruth(clip, 'segmentation.model = "truth"')
+    needed_by = 'segmentation.model = "truth"'
 
     def segment(self, frame: StereoFrame) -> Instances:
         """The true instances of the frame."""
         return self._truth.instances(frame.index)
 
 
-class TruthHeads:
+class TruthHeads(_OfTruth):
     """A head detector that returns the clip's true head boxes, each with its person's instance."""
 
-    Settings = OracleSettings
-
-    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
-        self._truth = KnownTruth(clip, 'heads.detector = "truth"')
+    needed_by = 'heads.detector = "truth"'
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Return the true heads of the frame. They have an instance only if ``instances`` are the true ones."""
@@ -171,14 +173,8 @@ class TruthHeads:
         )
 
 
-class _OfPerson:
+class _OfPerson(_OfTruth):
     """A stage that answers from the truth of the person to whom a head belongs; None if it belongs to nobody."""
-
-    Settings: type[Settings] = OracleSettings
-    needed_by: ClassVar[str]
-
-    def __init__(self, settings: OracleSettings, clip: AnyClip) -> None:
-        self._truth = KnownTruth(clip, self.needed_by)
 
     def of_person(self, frame: int, person: PersonTruth) -> Any:
         """Return the answer for one person."""
@@ -349,7 +345,7 @@ class _Simulated(_OfPerson):
     stream: ClassVar[int]
 
     def __init__(self, settings: _ErrorSettings, clip: AnyClip) -> None:
-        super().__init__(OracleSettings(), clip)
+        super().__init__(settings, clip)
         self._error = AngularError(settings, self.stream)
 
     def of_person(self, frame: int, person: PersonTruth) -> Any:

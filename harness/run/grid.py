@@ -6,13 +6,13 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    from harness.pipeline.configuration import Configuration
+    from harness.pipeline.configuration import Configuration, StageChoice
 
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""
@@ -99,9 +99,9 @@ def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[C
         If no stage has a seed; ``where`` opens the message.
     """
     first_seeds = {
-        slot: int(seed)
-        for slot, choice in configuration.choices.items()
-        if choice is not None and (seed := getattr(choice.settings, "seed", None)) is not None
+        choice.slot: int(seed)
+        for choice in configuration.stages
+        if (seed := getattr(choice.settings, "seed", None)) is not None
     }
     if not first_seeds:
         raise VfoaError(
@@ -109,12 +109,13 @@ def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[C
             'gaze.model = "simulated" or head_pose.model = "simulated"'
         )
     for step in range(seeds):
-        choices = {
-            slot: choice.updated({"seed": first_seeds[slot] + step}) if choice and slot in first_seeds else choice
-            for slot, choice in configuration.choices.items()
-        }
-        name = f"{configuration.name}.seed{min(first_seeds.values()) + step}"
-        yield replace(configuration, name=name, choices=choices)
+        seeds_now = {slot: seed + step for slot, seed in first_seeds.items()}
+        name = f"{configuration.name}.seed{min(seeds_now.values())}"
+        yield replace(configuration.changed(partial(_with_seed, seeds_now)), name=name)
+
+
+def _with_seed(seeds: Mapping[str, int], choice: StageChoice) -> StageChoice:
+    return choice.updated({"seed": seeds[choice.slot]}) if choice.slot in seeds else choice
 
 
 @cache

@@ -17,15 +17,16 @@ box overlaps that subject's box most, whichever detector found that head. A head
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from harness.files.digests import digest_files
 from harness.pipeline.ground_truth import LEAST_OVERLAP
-from harness.pipeline.outputs.heads import FrameTable, RowIndex, read_heads, read_table
+from harness.pipeline.outputs.heads import FrameTable, read_heads, read_table
 from harness.remote import expand
 from harness.sources import Clip
 from vfoa.crops import center
@@ -35,7 +36,6 @@ from vfoa.types import Float, Gaze, Head, HeadPose, StereoFrame
 
 DIRECTION = ("x", "y", "z")
 HEAD_ANGLES = ("yaw", "pitch", "roll")
-GAZE_ANGLES = ("theta", "phi")
 _UNITS = ("_deg", "_rad")
 _LENGTH_TOLERANCE = 0.01
 
@@ -65,122 +65,90 @@ class FileGazeSettings(FileDirectionSettings):
     """Table of gaze directions below ``root``."""
 
 
-class _OfFile:
-    """A model that reads its answers from a table."""
+class _FileDirections:
+    """A model that reads its answers from a table; a row belongs to the head of its subject.
 
-    _rows: _JoinedRows
-
-    def digest(self) -> str:
-        """Hexadecimal sha256 of both tables."""
-        return self._rows.digest()
-
-
-class FileHeadPose(_OfFile):
-    """A head-pose model that reads poses from a table, with the model's angles if the table has them."""
-
-    Settings = FileHeadPoseSettings
-
-    def __init__(self, settings: FileHeadPoseSettings, clip: Clip) -> None:
-        self._rows = _JoinedRows(settings, "head_pose.root", HEAD_ANGLES, clip, angles_beside=True)
-
-    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Return the pose of one head, or None."""
-        match = self._rows.find(frame.index, head)
-        if match is None:
-            return None
-        row, boxes = match
-        yaw, pitch, roll = self._rows.angles[row].tolist()
-        direction = self._rows.direction(row)
-        if direction is None:
-            direction = _from_crop(head_direction_crop(yaw, pitch), boxes, frame)
-        sigma = self._rows.sigma(row)
-        return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=sigma)
-
-
-class FileGaze(_OfFile):
-    """A gaze model that reads gaze directions from a table."""
-
-    Settings = FileGazeSettings
-
-    def __init__(self, settings: FileGazeSettings, clip: Clip) -> None:
-        self._rows = _JoinedRows(settings, "gaze.root", GAZE_ANGLES, clip)
-
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Return the gaze of one head, or None."""
-        match = self._rows.find(frame.index, head)
-        if match is None:
-            return None
-        row, boxes = match
-        direction = self._rows.direction(row)
-        if direction is None:
-            theta, phi = self._rows.angles[row].tolist()
-            direction = _from_crop(gaze_direction_crop(theta, phi), boxes, frame)
-        return Gaze(direction=direction, sigma_rad=self._rows.sigma(row))
-
-
-class _JoinedRows:
-    """The rows of a table of directions, found by their heads. All rows are checked when the table is read.
-
-    ``angles`` (n, k), in radians, are NaN in rows without them. ``angles_beside``: a row may have angles beside its
-    direction.
+    All rows are checked when the table is read.
     """
 
-    def __init__(
-        self,
-        settings: FileDirectionSettings,
-        where: str,
-        angles: Sequence[str],
-        clip: Clip,
-        *,
-        angles_beside: bool = False,
-    ) -> None:
-        root = expand(settings.root, Path.cwd(), where)
+    slot: ClassVar[str]
+    angles: ClassVar[tuple[str, ...]]
+    may_have_both: ClassVar[bool] = False
+    """Whether a row may have angles beside its direction."""
+
+    def __init__(self, settings: FileDirectionSettings, clip: Clip) -> None:
+        root = expand(settings.root, Path.cwd(), f"{self.slot}.root")
         path, heads = root / settings.file, root / settings.heads
-        columns = (*DIRECTION, *(f"{name}{unit}" for name in (*angles, "sigma") for unit in _UNITS))
+        columns = (*DIRECTION, *(f"{name}{unit}" for name in (*self.angles, "sigma") for unit in _UNITS))
         self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
-        table = read_table(path, columns, clip.frames)
+        self._table = table = read_table(path, columns, clip.frames)
         table.reject(
-            ~self._heads.has(table.frames.tolist(), table.subjects),
+            ~self._heads.has(table),
             lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
         )
-        self.angles = _angles(table, angles)
-        self._directions = _directions(table)
-        self._sigmas = _sigmas(table)
-        self._subjects, self._rows = table.subjects, RowIndex(table.frames)
-        has_angles, has_direction = ~np.isnan(self.angles[:, 0]), ~np.isnan(self._directions[:, 0])
-        in_degrees = ", ".join(f"{name}_deg" for name in angles)
+        self._angles, self._directions, self._sigmas = _angles(table, self.angles), _directions(table), _sigmas(table)
+        has_angles, has_direction = ~np.isnan(self._angles[:, 0]), ~np.isnan(self._directions[:, 0])
+        in_degrees = ", ".join(f"{name}_deg" for name in self.angles)
         table.reject(~(has_angles | has_direction), lambda row: f"no direction; expected x, y, z or {in_degrees}")
         table.reject(
-            has_angles & has_direction & (not angles_beside),
-            lambda row: f"found x, y, z and {', '.join(angles)}; expected one of them",
+            has_angles & has_direction & (not self.may_have_both),
+            lambda row: f"found x, y, z and {', '.join(self.angles)}; expected one of them",
         )
-
-    def direction(self, row: int) -> Float | None:
-        """The direction (3,) in a row; None if it has angles alone."""
-        direction: Float = self._directions[row]
-        return None if math.isnan(direction[0]) else direction
-
-    def sigma(self, row: int) -> float | None:
-        """The claimed error in a row, radians."""
-        sigma_rad = float(self._sigmas[row])
-        return None if math.isnan(sigma_rad) else sigma_rad
 
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
         return digest_files(self._paths)
 
-    def find(self, frame: int, head: Head) -> tuple[int, Head] | None:
-        """Return the row of a head and that subject's own boxes; None for a head that belongs to no subject."""
-        heads = self._heads.of(frame)
+    def find(
+        self, frame: StereoFrame, head: Head, from_angles: Callable[..., Float]
+    ) -> tuple[Float, list[float], float | None] | None:
+        """Return the direction (3,), the angles and the claimed error of a head, radians; None if it has no row.
+
+        Angles that a row lacks are NaN. ``from_angles`` makes a direction of them, in the crop's axes.
+        """
+        heads = self._heads.of(frame.index)
         # Of equal boxes, take the one with the same instance; if these are also equal, the first.
         overlaps = [
             (box_iou(boxes.box_px, head.box_px), boxes.instance_id == head.instance_id, subject)
             for subject, boxes in heads.items()
         ]
         overlap, _, subject = max(overlaps, key=lambda candidate: candidate[:2], default=(0.0, False, ""))
-        row = next((row for row in self._rows.of(frame) if self._subjects[row] == subject), None)
-        return (row, heads[subject]) if row is not None and overlap >= LEAST_OVERLAP else None
+        row = next((row for row in self._table.rows(frame.index) if self._table.subjects[row] == subject), None)
+        if row is None or overlap < LEAST_OVERLAP:
+            return None
+        angles, direction, sigma_rad = self._angles[row].tolist(), self._directions[row], float(self._sigmas[row])
+        if math.isnan(direction[0]):
+            direction = _from_crop(from_angles(*angles), heads[subject], frame)
+        return direction, angles, None if math.isnan(sigma_rad) else sigma_rad
+
+
+class FileHeadPose(_FileDirections):
+    """A head-pose model that reads poses from a table, with the model's angles if the table has them."""
+
+    Settings = FileHeadPoseSettings
+    slot, angles, may_have_both = "head_pose", HEAD_ANGLES, True
+
+    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
+        """Return the pose of one head, or None."""
+        if (found := self.find(frame, head, lambda yaw, pitch, roll: head_direction_crop(yaw, pitch))) is None:
+            return None
+        direction, (yaw, pitch, roll), sigma = found
+        return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=sigma)
+
+
+class FileGaze(_FileDirections):
+    """A gaze model that reads gaze directions from a table."""
+
+    Settings = FileGazeSettings
+    slot, angles = "gaze", ("theta", "phi")
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
+        """Return the gaze of one head, or None."""
+        if (found := self.find(frame, head, gaze_direction_crop)) is None:
+            return None
+        direction, _, sigma = found
+        return Gaze(direction=direction, sigma_rad=sigma)
 
 
 def _directions(table: FrameTable) -> Float:

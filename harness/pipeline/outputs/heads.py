@@ -12,7 +12,7 @@ without a row has no heads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -32,20 +32,6 @@ from vfoa.types import Head, Instances, StereoFrame
 KEYS = ("frame", "subject")
 
 
-class RowIndex:
-    """The rows of a table by frame. It takes two numbers per row."""
-
-    def __init__(self, frames: NDArray[np.int64]) -> None:
-        self._order = np.argsort(frames, kind="stable")
-        self._frames = frames[self._order]
-
-    def of(self, frame: int) -> list[int]:
-        """The rows of a frame, in the file's order."""
-        begin, end = np.searchsorted(self._frames, (frame, frame + 1)).tolist()
-        rows: list[int] = self._order[begin:end].tolist()
-        return rows
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTable:
     """The columns of a table of stage outputs, with the frame (n,) and the subject of each row."""
@@ -53,6 +39,15 @@ class FrameTable:
     columns: TableColumns
     frames: NDArray[np.int64]
     subjects: tuple[str, ...]
+
+    def pairs(self) -> Iterator[tuple[int, str]]:
+        """The frame and the subject of each row."""
+        return zip(self.frames.tolist(), self.subjects, strict=True)
+
+    def rows(self, frame: int) -> list[int]:
+        """The rows of a frame, in the file's order."""
+        rows: list[int] = np.flatnonzero(self.frames == frame).tolist()
+        return rows
 
     def reject(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
         """Raise a :class:`VfoaError` for the first wrong row; ``problem`` says what is wrong with a row."""
@@ -92,7 +87,7 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> F
 
 def _check_once(table: FrameTable) -> None:
     first: dict[tuple[int, str], int] = {}
-    for row, key in enumerate(zip(table.frames.tolist(), table.subjects, strict=True)):
+    for row, key in enumerate(table.pairs()):
         if (before := first.setdefault(key, row)) != row:
             where, earlier = table.columns.where(row), table.columns.where(before)
             raise VfoaError(f"{where}: frame {key[0]}, subject {key[1]!r}: occurs twice, first at {earlier}")
@@ -142,9 +137,7 @@ class HeadTable:
         columns = table.columns
         self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
-        self._frames, self._subjects = table.frames, table.subjects
-        self._rows = RowIndex(table.frames)
-        ids = self._instances
+        self._table, ids = table, self._instances
         table.reject(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
         table.reject(
             # the person's id need not be among the masks: a hidden person has no pixel there
@@ -158,12 +151,12 @@ class HeadTable:
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""
-        return {self._subjects[row]: self._head(row) for row in self._rows.of(frame)}
+        return {self._table.subjects[row]: self._head(row) for row in self._table.rows(frame)}
 
-    def has(self, frames: Iterable[int], subjects: Iterable[str]) -> NDArray[np.bool_]:
-        """Whether each pair of a frame and a subject has a head, as an array."""
-        known = {*zip(self._frames.tolist(), self._subjects, strict=True)}
-        return np.array([pair in known for pair in zip(frames, subjects, strict=True)], dtype=bool)
+    def has(self, table: FrameTable) -> NDArray[np.bool_]:
+        """Whether the frame and the subject of each row (n,) of another table have a head."""
+        known = {*self._table.pairs()}
+        return np.array([key in known for key in table.pairs()], dtype=bool)
 
     def _head(self, row: int) -> Head:
         face, landmarks, score, instance = (
