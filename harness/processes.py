@@ -43,9 +43,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     """
     import signal
 
-    if hasattr(signal, "setitimer") and (
-        signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()) or _drops_exceptions(frame)
-    ):
+    if signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()) or _drops_exceptions(frame):
         signal.signal(signal.SIGALRM, interrupt)
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:

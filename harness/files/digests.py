@@ -17,8 +17,7 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.machinery import ModuleSpec, PathFinder
@@ -56,46 +55,19 @@ def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
     return Stamp(total.hexdigest(), newest_ns <= settled_ns)
 
 
-class KnownDigests:
-    """Digests by the stamp of their files: those of this process, and those that an earlier one has kept."""
-
-    def __init__(self) -> None:
-        self._by_stamp: dict[str, str] = {}
-        self._used: dict[str, str] = {}
-
-    def of(self, parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
-        """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
-        stamp = stamp_of(parts)
-        digest = self._by_stamp.get(stamp.digest) if stamp else None
-        if digest is None:
-            digest = read()
-            if stamp is None or not stamp.is_settled:
-                return digest
-        if stamp:
-            self._by_stamp[stamp.digest] = self._used[stamp.digest] = digest
-        return digest
-
-    def add(self, known: Mapping[str, str]) -> None:
-        """Add digests by stamp."""
-        self._by_stamp.update(known)
-
-    @property
-    def known(self) -> dict[str, str]:
-        """Every digest by stamp, for another process to add."""
-        return dict(self._by_stamp)
-
-    @contextmanager
-    def used(self) -> Iterator[Mapping[str, str]]:
-        """Yield the digests by stamp that are used in the ``with`` block, for another process to add."""
-        before, self._used = self._used, {}
-        try:
-            yield self._used
-        finally:
-            self._used = before
+KNOWN: dict[str, str] = {}
+"""Digests by the stamp of their files: those of this process, and those that an earlier one has noted."""
 
 
-KNOWN = KnownDigests()
-"""Those of this process."""
+def digest_by_stamp(parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
+    """The digest of (role, file) pairs: the known one, else that of ``read``, which reads the files."""
+    stamp = stamp_of(parts)
+    if stamp and stamp.digest in KNOWN:
+        return KNOWN[stamp.digest]
+    digest = read()
+    if stamp and stamp.is_settled:
+        KNOWN[stamp.digest] = digest
+    return digest
 
 
 def file_digest(path: Path) -> str:
@@ -110,7 +82,7 @@ def file_digest(path: Path) -> str:
                 return hashlib.sha256(file.read()).hexdigest()
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
-    return KNOWN.of([("large", os.fspath(path))], partial(_digest_of_large, path))
+    return digest_by_stamp([("large", os.fspath(path))], partial(_digest_of_large, path))
 
 
 def _digest_of_large(path: Path) -> str:
@@ -127,7 +99,7 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     The files are not read again while their stamps are the same (:mod:`harness.files.digests`).
     """
     files = [(role, os.fspath(path)) for role, path in parts]  # text takes a third of the memory of paths
-    return KNOWN.of(files, partial(_digest_of_all, files))
+    return digest_by_stamp(files, partial(_digest_of_all, files))
 
 
 def _digest_of_all(parts: Sequence[tuple[str, str]]) -> str:
@@ -201,7 +173,7 @@ def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
     """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     names: list[str] = []
-    for node in _statements(ast.parse(path.read_bytes())):
+    for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             names += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -209,16 +181,6 @@ def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
             name = resolve_name(start, package) if node.level else start
             names += (name, *(f"{name}.{alias.name}" for alias in node.names))
     return tuple(names)
-
-
-def _statements(tree: ast.Module) -> Iterator[ast.AST]:
-    """Every statement, in any block: going through expressions too takes several times as long."""
-    pending: list[ast.AST] = [tree]
-    while pending:
-        node = pending.pop()
-        yield node
-        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-            pending += getattr(node, block, ())
 
 
 def _versions(packages: set[str]) -> dict[str, str]:

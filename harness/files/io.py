@@ -7,10 +7,10 @@ A clip is read as it was when a run began: a change of its files while they are 
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import re
 import stat
-import sys
 import tempfile
 from array import array
 from bisect import bisect_left
@@ -95,21 +95,15 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
         for path, content in contents.items():
             data = _encoded(path, content)
             draft = drafts.enter_context(replacing(path))
-            with naming(path), draft.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name a file in the errors of the block that name none, such as that of a full disk."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno is not None and error.filename is None:
-            error.filename = str(path)
-        raise
+            try:
+                with draft.open("wb") as file:
+                    file.write(data)
+                    file.flush()
+                    os.fsync(file.fileno())
+            except OSError as error:  # that of a full disk names no file
+                if error.errno is not None and error.filename is None:
+                    error.filename = str(path)
+                raise
 
 
 def _encoded(path: Path, content: str | bytes) -> bytes:
@@ -194,14 +188,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def take_lock(file: IO[Any]) -> bool:
-    """Lock an open file for this process, until it is closed or the process ends; False if another process holds it.
-
-    Windows has no such lock: there, every process gets it.
-    """
-    if sys.platform == "win32":
-        return True
-    import fcntl
-
+    """Lock an open file for this process, until it is closed or the process ends; False if another process holds it."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -215,7 +202,7 @@ LARGE_BYTES = 1 << 20
 """Larger files have digests by stamp of their own."""
 
 _FEW = 16
-"""The stamps of this many large files, such as videos, are compared at each frame."""
+"""The stamps of this many files, and of as many large ones, such as videos, are compared at each frame."""
 
 _ATTEMPTS = 3
 
@@ -248,7 +235,7 @@ class UnchangedFiles:
     def __init__(self, clip: str, digest: Callable[[], str], expected: str) -> None:
         self._clip, self._digest, self._expected = clip, digest, expected
         self._noted: dict[int, int] = {}
-        self._large: set[str] = set()
+        self._watched: set[str] = set()
         self._renew()
 
     @contextmanager
@@ -272,8 +259,8 @@ class UnchangedFiles:
         for _ in range(_ATTEMPTS):
             try:
                 value = frame(number)
-                if len(self._large) <= _FEW:  # a video stays open while it is read
-                    for path in tuple(self._large):
+                if len(self._watched) <= 2 * _FEW:  # not read by read_bytes: a video stays open while it is read
+                    for path in tuple(self._watched):
                         self.check(path, os.stat(path))
             except (ChangedError, FileNotFoundError):
                 self._renew()
@@ -291,8 +278,8 @@ class UnchangedFiles:
     def note(self, path: str, status: os.stat_result) -> None:
         """Note the stamp of a file that is being digested."""
         self._noted[hash(path)] = _short(status)
-        if status.st_size > LARGE_BYTES:
-            self._large.add(path)
+        if status.st_size > LARGE_BYTES or len(self._noted) <= _FEW:
+            self._watched.add(path)
 
     def _renew(self) -> None:
         global _noting

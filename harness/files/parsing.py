@@ -34,7 +34,7 @@ MOST_LEVELS = 100
 MOST_VALUES = 1_000_000
 """Most values of a TOML or YAML document, including those that an alias repeats."""
 MOST_TAGS = 20_000_000
-"""Most tags of an XML document."""
+"""Most tags of an XML document, or values of a JSON document."""
 MOST_UNPACKED_BYTES = 2**30
 MOST_COMPRESSION = 250
 """Most unpacked bytes per packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
@@ -101,13 +101,15 @@ def parse_json(data: str | bytes, where: object) -> Any:
         If it is not JSON, too deep, or has an integer of more than 64 bits.
     """
     try:
-        return json.loads(data, parse_int=_integer)
-    except _TooLargeError:
-        raise _too_large(where) from None
+        document = json.loads(data)
     except RecursionError:
         raise _too_deep(where) from None
-    except ValueError as error:
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise VfoaError(f"{where}: not JSON: {error}") from None
+    except ValueError:  # Python reads no integer of more than 4300 digits
+        raise _too_large(where) from None
+    _check(document, where, most=MOST_TAGS)
+    return document
 
 
 def parse_json_as(kind: type[Kind], data: bytes, where: object) -> Kind:
@@ -265,17 +267,7 @@ def differing_keys(one: Any, other: Any, path: str = "") -> Iterator[str]:
         yield from differing_keys(one.get(key), other.get(key), f"{path}.{key}" if path else key)
 
 
-class _TooLargeError(Exception):
-    """An integer that exceeds all numbers of the program."""
-
-
-def _integer(digits: str) -> int:
-    if len(digits) > 20 or abs(value := int(digits)) > LARGEST_INTEGER:
-        raise _TooLargeError
-    return value
-
-
-def _check(document: Any, where: object) -> None:
+def _check(document: Any, where: object, *, most: int = MOST_VALUES) -> None:
     """Reject a document that is too deep, too large, or has an integer of more than 64 bits."""
 
     def below(value: Any) -> Iterable[Any]:
@@ -285,7 +277,7 @@ def _check(document: Any, where: object) -> None:
             raise _too_large(where)
         return value if isinstance(value, list | tuple | set) else ()
 
-    _check_levels([document], below, where)
+    _check_levels([document], below, where, most=most)
 
 
 def _nodes_below(node: yaml.Node) -> Iterable[yaml.Node]:

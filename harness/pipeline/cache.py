@@ -20,7 +20,7 @@ from typing import Any
 
 from harness.files.digests import code_of, file_digest
 from harness.pipeline import cache_store
-from harness.pipeline.cache_store import Store, content_digest, decode, encode
+from harness.pipeline.cache_store import Store, content_digest, decode, encode, warn_damaged
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
 from harness.sources import Clip
 from vfoa.errors import VfoaError
@@ -137,16 +137,14 @@ class StoredOutputs:
     def load(self, inputs: Sequence[object]) -> tuple[float, Any] | None:
         """Return the seconds that the output for these inputs took, and the output; None if missing or damaged."""
         path = self._path(inputs)
-        data, damaged = self._store.load(path)
-        if data is not None:
-            try:
-                place, seconds, value = decode(data)
-                damaged = place != self._label(path)
-            except Exception:  # a right checksum, but not stored by this program
-                damaged = True
-        if damaged:
-            _log.warning("%s: damaged; its result is computed again", path)
-        if data is None or damaged:
+        if (data := self._store.load(path)) is None:
+            return None
+        try:
+            label, seconds, value = decode(data)
+        except Exception:  # a right checksum, but not stored by this program
+            label = None
+        if label != self._label(path):
+            warn_damaged(path)
             return None
         self._tally.reused.add(path.name)
         return seconds, value
@@ -187,12 +185,6 @@ class Account:
             total = self._totals.setdefault((identity.parts["clip"], identity.digest), Tally(identity))
             total.reused.update(tally.reused)
             total.computed.update(tally.computed)
-
-    def forget(self, clip: str, store: Store) -> None:
-        """Remove from the cache what was computed on a clip."""
-        for (name, digest), total in self._totals.items():
-            for stored in total.computed if name == clip else ():
-                (store.folder(total.identity.slot, digest) / stored).unlink(missing_ok=True)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return one row per stage and clip for the run's manifest."""

@@ -17,10 +17,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import logging
 import os
 import shutil
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,7 @@ DRAFT_SECONDS = 3600.0
 """No draft file is written for longer than this."""
 
 _IDENTITY = "identity.json"
+_log = logging.getLogger(__name__)
 
 
 def cache_limit() -> int:
@@ -103,17 +105,18 @@ class Store:
         """The folder of the outputs with one identity."""
         return self.stages / slot / identity
 
-    def load(self, path: Path) -> tuple[memoryview | None, bool]:
-        """Return an output's bytes, None if there are none; and whether a file was there, but damaged."""
+    def load(self, path: Path) -> memoryview | None:
+        """Return an output's bytes; None if there are none, or if they are damaged, which is logged."""
         try:
             data = unsealed(read_bytes(path))
         except VfoaError:
-            return None, False
+            return None
         if data is None:
-            return None, True
+            warn_damaged(path)
+            return None
         with suppress(OSError):  # the cache may be another user's, and read-only
             os.utime(path)  # the most recently used is removed last
-        return data, False
+        return data
 
     def save(self, path: Path, data: bytes) -> None:
         """Store a result. It is not forced to the disk: a checksum detects what a power cut damages.
@@ -146,8 +149,8 @@ class Store:
         )
         return sorted(usages, key=lambda usage: -usage.bytes)
 
-    def trim(self) -> int:
-        """Remove the least recently used outputs until the rest is within the limit; return the bytes removed.
+    def trim(self) -> None:
+        """Remove the least recently used outputs until the rest is within the limit.
 
         Drafts that a killed process left are removed, too.
         """
@@ -157,14 +160,12 @@ class Store:
                     draft.unlink()
         results = sorted(_results(self.stages))
         excess = sum(size for _, size, _ in results) - self.limit_bytes
-        removed = 0
         for _, size, path in results:
-            if removed >= excess:
+            if excess <= 0:
                 break
             with suppress(OSError):
                 path.unlink(missing_ok=True)
-            removed += size
-        return removed
+            excess -= size
 
     def clear(self) -> None:
         """Remove every result.
@@ -176,6 +177,11 @@ class Store:
         """
         with suppress(FileNotFoundError):
             shutil.rmtree(self.stages)
+
+
+def warn_damaged(path: Path) -> None:
+    """Log that an output is not what was stored."""
+    _log.warning("%s: damaged; its result is computed again", path)
 
 
 def _results(folder: Path) -> list[tuple[float, int, Path]]:
@@ -190,12 +196,15 @@ def _results(folder: Path) -> list[tuple[float, int, Path]]:
     return results
 
 
-_TYPE = "$type"
+_TYPE, _ITEMS = "$type", "$items"
 _ARRAY, _SCALAR = 1, 2
 
 
 class Codec:
-    """Converts frozen dataclasses of these types to bytes and back; also tuples, arrays, numbers, text and None."""
+    """Converts frozen dataclasses of these types to bytes and back; also tuples, mappings, arrays, numbers, text, None.
+
+    An array keeps the memory order of its axes: the order of a sum, and so its last bit, depends on it.
+    """
 
     def __init__(self, types: Iterable[type[Any]]) -> None:
         self._types = {cls.__name__: cls for cls in types}
@@ -224,6 +233,8 @@ class Codec:
         if dataclasses.is_dataclass(value) and self._types.get(type(value).__name__) is type(value):
             fields = {field.name: self._plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
             return {_TYPE: type(value).__name__, **fields}
+        if isinstance(value, Mapping):
+            return {_ITEMS: [[self._plain(key), self._plain(entry)] for key, entry in value.items()]}
         if isinstance(value, tuple | list):
             return [self._plain(element) for element in value]
         if value is None or type(value) in (bool, int, float, str) or isinstance(value, np.ndarray | np.generic):
@@ -231,6 +242,8 @@ class Codec:
         raise TypeError(f"expected the pipeline's values, arrays and numbers, found {type(value).__name__}")
 
     def _value(self, plain: Any) -> Any:
+        if isinstance(plain, dict) and _ITEMS in plain:
+            return {self._value(key): self._value(entry) for key, entry in plain[_ITEMS]}
         if isinstance(plain, dict):
             fields = {name: self._value(field) for name, field in plain.items() if name != _TYPE}
             return self._types[plain[_TYPE]](**fields)
@@ -248,19 +261,25 @@ def _raw(value: object) -> msgspec.msgpack.Ext:
 
 def _pack(value: object) -> msgspec.msgpack.Ext:
     code, array = _array(value)
-    planes = np.ascontiguousarray(array).reshape(-1).view(np.uint8).reshape(array.size, array.itemsize).T.tobytes()
+    axes = (
+        range(array.ndim) if array.flags.c_contiguous else np.argsort(np.negative(np.abs(array.strides)), stable=True)
+    )
+    ordered = array.transpose(axes)
+    planes = np.ascontiguousarray(ordered).reshape(-1).view(np.uint8).reshape(array.size, array.itemsize).T.tobytes()
     packed = zstandard.ZstdCompressor(level=1).compress(planes)
-    return msgspec.msgpack.Ext(code, msgspec.msgpack.encode((array.dtype.str, array.shape, packed)))
+    return msgspec.msgpack.Ext(
+        code, msgspec.msgpack.encode((array.dtype.str, ordered.shape, [*map(int, axes)], packed))
+    )
 
 
 def _unpack(code: int, data: memoryview) -> NDArray[Any] | np.generic:
-    text, shape, packed = msgspec.msgpack.decode(data)
+    text, shape, axes, packed = msgspec.msgpack.decode(data)
     dtype = np.dtype(text)
     planes = np.frombuffer(zstandard.ZstdDecompressor().decompress(packed), np.uint8).reshape(dtype.itemsize, -1)
     items = np.empty((planes.shape[1], dtype.itemsize), np.uint8)
     for byte, plane in enumerate(planes):  # a third of the time of a transposed copy
         items[:, byte] = plane
-    array = items.reshape(-1).view(dtype).reshape(shape)
+    array = items.reshape(-1).view(dtype).reshape(shape).transpose(np.argsort(axes))
     return array if code == _ARRAY else array[()]
 
 

@@ -12,7 +12,6 @@ import json
 import os
 import platform
 import shutil
-import sys
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -293,11 +292,6 @@ class RunDirectory:
             return True
         return all(path.name == LOCK or path.name.startswith(".manifest.json.") for path in self.path.iterdir())
 
-    def kept_frames(self) -> int:
-        """Number of frame results so far, over all clips and configurations."""
-        places = [*self.path.glob("partial/*.jsonl"), *self.path.glob("partial/*.jsonl.partial")]
-        return sum(place.read_bytes().count(b"\n") for place in places)
-
     def partial(self, pair: Pair, suffix: str) -> Path:
         """A file of the partial results of a (clip, configuration)."""
         return self.path / "partial" / f"{_stem(pair)}.{suffix}"
@@ -321,19 +315,15 @@ def _concatenate(parts: list[Path], place: Path, header: str = "") -> None:
 def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
     """Lock a folder for this process. The lock of a process that has ended is taken over and reported to ``tell``.
 
-    Windows has no such lock: there, only the files of each configuration are locked.
+    The file stays when the lock is released, empty: another process may be about to lock it.
 
     Raises
     ------
     VfoaError
         If another process holds the lock.
     """
-    if sys.platform == "win32":
-        yield
-        return
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / LOCK
-    with path.open("a+", errors="replace") as file:
+    with (folder / LOCK).open("a+", errors="replace") as file:
         file.seek(0)
         holder = file.read(200).strip()
         if not take_lock(file):
@@ -341,19 +331,15 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
                 f"{folder}: {holder or 'another process'} runs here; expected one run in a directory: wait for it, or "
                 "choose another --out"
             )
-        if not path.exists() or os.fstat(file.fileno()).st_ino != path.stat().st_ino:
-            with locked(folder, tell):  # the holder has just removed the file
-                yield
-            return
+        if holder:
+            tell(f"{folder}: took over the lock of {holder}, which has ended")
         try:
-            if holder:
-                tell(f"{folder}: took over the lock of {holder}, which has ended")
             file.truncate(0)
             file.write(f"process {os.getpid()} on {platform.node()}")
             file.flush()
             yield
         finally:
-            path.unlink(missing_ok=True)
+            file.truncate(0)
 
 
 def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:

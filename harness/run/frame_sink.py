@@ -91,7 +91,11 @@ class SinkContext:
 
 
 class SinkFactory(Protocol):
-    """Opens a sink. It is pickled with the job."""
+    """Opens a sink. It is pickled with the job.
+
+    If it has an attribute ``shares_files`` that is true, its sinks write files that a clip's configurations share: one
+    process opens all sinks of a clip.
+    """
 
     def described(self) -> Mapping[str, Any]:
         """Entries of the sink in the run's manifest: a run with other sinks is another run."""
@@ -100,10 +104,3 @@ class SinkFactory(Protocol):
     def open(self, context: SinkContext) -> FrameSink | None:
         """Open the sink of one configuration on one clip; None if it takes none of these frames."""
         ...
-
-
-@runtime_checkable
-class SharedFilesFactory(SinkFactory, Protocol):
-    """A factory whose sinks write files that a clip's configurations share: one process opens all sinks of a clip."""
-
-    shares_files: bool

@@ -18,7 +18,6 @@ from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
-from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import ClipJob, ClipOutcome, checkpoints, first_frame, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.resume import ResultsSinks
@@ -133,7 +132,7 @@ def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
 
 
 def _shares_files(job: ClipJob) -> bool:
-    return any(isinstance(factory, SharedFilesFactory) and factory.shares_files for factory in job.sinks)
+    return any(getattr(factory, "shares_files", False) for factory in job.sinks)
 
 
 def _together(job: ClipJob) -> list[list[Configuration]]:
@@ -178,7 +177,7 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         sinks=(*plan.sinks, ResultsSinks()),
         drawn=prepared.drawn,
         digest=prepared.digest,
-        known=KNOWN.known,
+        known=dict(KNOWN),
     )
     if store is None or isinstance(prepared.clip, MeasuredClip):  # nothing to perceive
         return job

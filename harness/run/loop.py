@@ -83,7 +83,7 @@ class ClipJob:
         """
         if self.digest is None:
             return nullcontext
-        KNOWN.add(self.known)
+        KNOWN.update(self.known)
         return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
 
     def perception(
@@ -242,10 +242,10 @@ class SmoothingBuffer(Generic[T]):
     def _release(self, count: int) -> Iterator[tuple[FrameResult, T]]:
         results = [result for result, _ in self._waiting]
         if results and self._settings is not None and self._settings.frames_awaited:
-            if isinstance(self._settings, LogitSettings):
-                results = guarded("attention", weigh_again, results, self._settings)
-            else:
-                results = guarded("attention", smooth, results, self._settings)
+            again: Callable[..., list[FrameResult]] = (
+                weigh_again if isinstance(self._settings, LogitSettings) else smooth
+            )
+            results = guarded("attention", again, results, self._settings)
         released = [(result, companion) for result, (_, companion) in zip(results, self._waiting, strict=True)][:count]
         del self._waiting[:count]
         yield from released

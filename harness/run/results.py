@@ -8,10 +8,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+import msgspec
 
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_readable, unreadable
@@ -21,10 +22,6 @@ from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import PROBABILISTIC
-
-if TYPE_CHECKING:
-    import msgspec
-
 
 T = TypeVar("T")
 VERSION = 1
@@ -40,9 +37,8 @@ def to_line(record: FrameRecord) -> str:
     ValueError
         If reading the line would not give the same record: a number is not finite, or a value is of another type.
     """
-    encoder, decoder = _codec()
-    line = _START + encoder.encode(record)[1:]
-    if decoder.decode(line) != record:
+    line = _START + _ENCODER.encode(record)[1:]
+    if _RECORDS.decode(line) != record:
         raise ValueError(f"frame {record.frame} of {record.clip}: a value would not survive the file: {record}")
     return line.decode() + "\n"
 
@@ -61,8 +57,6 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
 
 
 def _decoded(decoder: msgspec.json.Decoder[T], line: bytes, path: Path, number: int) -> T:
-    import msgspec
-
     if not line.endswith(b"\n"):
         raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
     if not line.startswith(_START):
@@ -117,7 +111,7 @@ def find_blocks(path: Path) -> list[Block]:
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):
-                place = _decoded(_place_decoder(), line, path, number)
+                place = _decoded(_PLACES, line, path, number)
                 if (earlier := seen.setdefault((place.clip, place.configuration, place.frame), number)) != number:
                     raise VfoaError(
                         f"{path}:{number}: frame {place.frame} of clip {place.clip!r} under {place.configuration!r} is "
@@ -137,8 +131,7 @@ def find_blocks(path: Path) -> list[Block]:
 def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
     """Read the records of a block. Raises the errors of :func:`read_results`."""
     lines = block_bytes(path, block).splitlines(keepends=True)
-    _, decoder = _codec()
-    return (_decoded(decoder, line, path, number) for number, line in enumerate(lines, start=block.line))
+    return (_decoded(_RECORDS, line, path, number) for number, line in enumerate(lines, start=block.line))
 
 
 def block_bytes(path: Path, block: Block) -> bytes:
@@ -163,20 +156,6 @@ def _block(path: Path, pair: tuple[str, str], first: int, start: int, end: int, 
     return replace(block, digest=lines_digest(block_bytes(path, block)))
 
 
-@cache
-def _place_decoder() -> msgspec.json.Decoder[_Place]:
-    import msgspec
-
-    return msgspec.json.Decoder(_Place)
-
-
-@cache
-def _codec() -> tuple[msgspec.json.Encoder, msgspec.json.Decoder[FrameRecord]]:
-    import msgspec
-
-    return msgspec.json.Encoder(enc_hook=_plain), msgspec.json.Decoder(FrameRecord)
-
-
 def _plain(value: object) -> int | float:
     """Convert a NumPy number to a Python number; the encoder knows no other."""
     if isinstance(value, Integral):
@@ -184,6 +163,10 @@ def _plain(value: object) -> int | float:
     if isinstance(value, Real):
         return float(value)
     raise TypeError(f"expected plain numbers, text and tuples in a record, found {type(value).__name__}")
+
+
+_ENCODER = msgspec.json.Encoder(enc_hook=_plain)
+_RECORDS, _PLACES = msgspec.json.Decoder(FrameRecord), msgspec.json.Decoder(_Place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

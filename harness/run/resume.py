@@ -22,8 +22,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-import numpy as np
-
 from harness.clips.naming import SubjectNames
 from harness.files.io import atomic_write, take_lock
 from harness.pipeline.cache_store import Codec
@@ -83,43 +81,11 @@ class Checkpoint:
         return self.frame + 1 if self.window is None else self.window.frame
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """An array and the memory order of its axes: the order of a sum, and so its last bit, depends on it."""
-
-    order: tuple[int, ...]
-    array: Any
-
-
 _PARTS = (Checkpoint, SinkState, Memory, TrackerState, Track, GazeFilterState, CueFilter, Traces, Means)
 _BELIEF = (BeliefState, Belief, GazeHypotheses, HeadHypotheses, Looks, GazeError, HeadMotion)
 
 
-_ITEMS = "$items"
-
-
-class _CheckpointCodec(Codec):
-    """A codec that also takes mappings, and keeps the memory order of arrays."""
-
-    def __init__(self) -> None:
-        super().__init__((*_PARTS, *_BELIEF, SubjectNames, WindowStart, _Layout))
-
-    def _plain(self, value: object) -> object:
-        if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
-            order = tuple(int(axis) for axis in np.argsort([-abs(stride) for stride in value.strides], kind="stable"))
-            return super()._plain(_Layout(order, np.ascontiguousarray(value.transpose(order))))
-        if isinstance(value, Mapping):
-            return {_ITEMS: [[self._plain(key), self._plain(entry)] for key, entry in value.items()]}
-        return super()._plain(value)
-
-    def _value(self, plain: Any) -> Any:
-        if isinstance(plain, dict) and _ITEMS in plain:
-            return {self._value(key): self._value(entry) for key, entry in plain[_ITEMS]}
-        value = super()._value(plain)
-        return value.array.transpose(np.argsort(value.order)) if isinstance(value, _Layout) else value
-
-
-_codec = _CheckpointCodec()
+_codec = Codec((*_PARTS, *_BELIEF, SubjectNames, WindowStart))
 
 
 def is_due(run_s: float, since_s: float, frames: int) -> bool:

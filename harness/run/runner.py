@@ -10,10 +10,8 @@ from typing import Any
 
 from harness.files.digests import KNOWN, digest_files
 from harness.files.folders import read_value, write_value
-from harness.files.io import changed_during_run
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
-from harness.remote import forget_copies
 from harness.run.directory import Pair, RunDirectory, differences, locked, new_run_id
 from harness.run.executors import Progress
 from harness.run.jobs import executor, run_jobs, skip
@@ -61,14 +59,13 @@ def run_plan(
     Raises
     ------
     VfoaError
-        If the directory holds another run, or one in progress, a clip changes meanwhile, or nothing could be finished.
+        If the directory holds another run, or one in progress, or nothing could be finished.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
     for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
-        KNOWN.add(read_value(candidate.noted_inputs, dict[str, str]) or {})
-    with KNOWN.used() as digests:
-        identity = describe(plan)
+        KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})
+    identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
     if directory.path != out:
         different = differences(RunDirectory(out).read_manifest(), identity)
@@ -86,7 +83,7 @@ def run_plan(
         started = _now()
         of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
         directory.write_manifest(of_run)
-        write_value(directory.noted_inputs, digests)
+        write_value(directory.noted_inputs, KNOWN)
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
@@ -94,13 +91,10 @@ def run_plan(
                     plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell
                 )
         except KeyboardInterrupt:
-            kept = f"{directory.kept_frames()} frames are kept in {directory.path}"
-            tell(f"interrupted: {kept}; the same command continues")
+            tell(f"interrupted: finished frames are kept in {directory.path}; the same command continues")
             raise
-        with KNOWN.used() as checked:
-            _check_unchanged(plan, identity, failures, account, cache)
         _finish(plan, directory, of_run, failures, account, started)
-        write_value(directory.noted_inputs, {**digests, **checked})
+        write_value(directory.noted_inputs, KNOWN)
     for line in cache_lines(account.rows()):
         tell(line)
     return directory
@@ -114,32 +108,6 @@ def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
     if not manifest.get("failed"):
         directory.remove_partial()
     return True
-
-
-def _check_unchanged(
-    plan: Plan, identity: dict[str, Any], failures: Mapping[Pair, VfoaError], account: Account, cache: Store | None
-) -> None:
-    """Check that every clip is unchanged since the run began; cached outputs of a changed clip are removed.
-
-    If every configuration failed, for example because an image vanished, their errors say more and are kept.
-
-    Raises
-    ------
-    VfoaError
-        With the first clip whose content has changed.
-    """
-    before = {clip["name"]: clip["sha256"] for clip in identity["clips"]}
-    forget_copies()
-    for prepared in plan.clips:
-        if prepared.manifest.open().digest() != before[prepared.manifest.name]:
-            if cache:
-                account.forget(prepared.manifest.name, cache)
-            if all(
-                (prepared.manifest.name, configuration.name) in failures
-                for configuration in plan.experiment.configurations
-            ):
-                continue
-            raise VfoaError(changed_during_run(prepared.manifest.name))
 
 
 def _finish(

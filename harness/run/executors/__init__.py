@@ -36,15 +36,10 @@ GIVEN_UP = f"its worker process died {ATTEMPTS} times over"
 class Executor(Protocol):
     """Runs jobs."""
 
-    @property
-    def workers(self) -> int:
-        """Number of jobs that run at a time."""
-        ...
-
-    @property
-    def threads(self) -> int:
-        """Number of threads that a job may use."""
-        ...
+    workers: int
+    """Number of jobs that run at a time."""
+    threads: int
+    """Number of threads that a job may use."""
 
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]

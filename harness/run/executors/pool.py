@@ -172,9 +172,6 @@ def _ignored_by_children() -> Iterator[None]:
 
     A worker sets its own handlers only after its imports, and multiprocessing's tracker ignores no SIGHUP.
     """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
     try:
         resource_tracker.ensure_running()
@@ -218,9 +215,8 @@ class _Listener:
 def _begin(pipe: Connection, stop: c_bool) -> None:
     global _told, _stop
     _told, _stop = pipe, stop
-    for name in ("SIGINT", "SIGHUP"):  # a terminal sends Ctrl-C to all processes; the parent decides
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends them to all processes; the parent decides
+        signal.signal(number, signal.SIG_IGN)
     compute_with(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

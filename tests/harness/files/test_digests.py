@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from harness.files import digests
-from harness.files.digests import SETTLED_NS, KnownDigests
+from harness.files.digests import SETTLED_NS
 from vfoa.errors import VfoaError
 
 Parts = list[tuple[str, Path]]
@@ -37,7 +37,7 @@ def later(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 @pytest.fixture
 def digest(monkeypatch: pytest.MonkeyPatch) -> Callable[[Parts], tuple[str, list[Path]]]:
     """A digest as a process without any gives it, and the files that were read for it."""
-    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
+    monkeypatch.setattr(digests, "KNOWN", {})
     read: list[Path] = []
     true = digests.file_digest
     monkeypatch.setattr(digests, "file_digest", lambda path: read.append(path) or true(path))
@@ -67,7 +67,6 @@ def test_files_left_alone_are_read_once(
     assert digest(parts) == (first, [])
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows keeps no time of the last change")
 @pytest.mark.parametrize("write", [_in_place, _by_another_file])
 def test_new_content_of_the_same_size_and_time_is_read(
     parts: Parts, digest: Callable[..., tuple[str, object]], later: Callable[..., None], write: Callable[..., None]
@@ -112,7 +111,7 @@ def test_a_file_that_is_gone_is_named(parts: Parts, digest: Callable[..., object
 def test_a_large_file_is_not_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, later: Callable[..., None]
 ) -> None:
-    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
+    monkeypatch.setattr(digests, "KNOWN", {})
     path = tmp_path / "video.mp4"
     path.write_bytes(bytes(2 << 20))
     later(10)
@@ -121,16 +120,3 @@ def test_a_large_file_is_not_read_again(
     assert digests.file_digest(path) == first
     path.write_bytes(bytes(3 << 20))
     assert digests.file_digest(path) == "read"
-
-
-def test_another_process_takes_what_was_used(parts: Parts, later: Callable[..., None]) -> None:
-    later(10)
-    known = KnownDigests()
-    both = [(role, str(path)) for role, path in parts]
-    known.of(both[:1], lambda: "before")
-    with known.used() as used:
-        known.of(both, lambda: "digest")
-    other = KnownDigests()
-    other.add(used)
-    assert other.of(both, lambda: "read") == "digest"
-    assert other.of(both[:1], lambda: "read") == "read"

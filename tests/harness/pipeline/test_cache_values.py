@@ -60,7 +60,7 @@ def test_the_values_of_the_pipeline_survive() -> None:
 
 
 def test_what_is_no_value_of_the_pipeline_is_refused() -> None:
-    for thing in (object(), {1, 2}, {"a": 1}, b"bytes", Word.YES, np.array([object()]), print):
+    for thing in (object(), {1, 2}, {"a": {1}}, b"bytes", Word.YES, np.array([object()]), print):
         with pytest.raises(TypeError):
             encode((thing,))
 
