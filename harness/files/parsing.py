@@ -256,6 +256,15 @@ def parse_assignment(text: str, example: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
+def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested tables by dotted key."""
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from flattened(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
 def differing_keys(one: Any, other: Any, path: str = "") -> Iterator[str]:
     """The dotted keys, below ``path``, under which two values of a document differ."""
     if one == other:

@@ -70,15 +70,14 @@ NEXT_STEPS = {
 def verdict_sentence(scores: Scores) -> str:
     """The result of a run, from the comparisons of its configurations without the oracle ablation.
 
-    A grid is compared by its factors, over all values of the others. A single configuration is compared with its best
-    baseline.
+    A grid is compared by its factors, over all values of the others.
     """
     rows = {row.configuration: row for row in compared_rows(scores)}
     if not rows:
         return "Nothing is scored: no frame has a label."
     losses = _log_losses(list(rows.values()))
     if len(rows) == 1:
-        return f"{_against_baseline(next(iter(rows.values())))}{losses}"
+        return f"There is one configuration, and none to compare it with.{losses}"
     frames = {name: scores.frames_of(name) for name in rows}
     groups = compare_factors(frames, scores.factors) or [compare(frames)]
     said = [_of_group(group) for group in groups]
@@ -116,20 +115,6 @@ def compared_rows(scores: Scores) -> list[ScoreRow]:
     """The row of each configuration over all clips, without the oracle ablation."""
     compared = without_oracles(scores.scored_configurations)
     return [row for row in scores.overall() if row.configuration in compared]
-
-
-def _against_baseline(row: ScoreRow) -> str:
-    words = {
-        "yes": "beats the best baseline",
-        "not shown": "is not shown to beat the best baseline",
-        "no": "does not beat the best baseline",
-    }
-    best, (low, high) = row.best_baseline, (row.interval.low, row.interval.high)
-    ends = "" if math.isnan(low) else f" (95 %: {100 * low:.1f} to {100 * high:.1f}{_only(row.interval)})"
-    return (
-        f"{row.configuration} is right in {100 * row.frr:.1f} % of {row.n} frames{ends} and {words[row.beats]}, "
-        f"{best.replace('_', ' ')}, at {100 * row.baselines[best]:.1f} %."
-    )
 
 
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
@@ -171,8 +156,6 @@ def _seen_from(name: str, comparison: Comparison) -> Comparison:
         comparison,
         reference=comparison.configuration,
         configuration=name,
-        better=comparison.worse,
-        worse=comparison.better,
         difference=0.0 - comparison.difference,
         interval=replace(comparison.interval, low=-comparison.interval.high, high=-comparison.interval.low),
     )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+from harness.files.parsing import flattened
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
         factors = {key: label for label, key, _ in combination}
-        differences = (difference for _, key, value in combination for difference in _flattened({key: value}))
+        differences = (difference for _, key, value in combination for difference in flattened({key: value}))
         yield _variant(name, where, factors, differences)
 
 
@@ -60,7 +61,7 @@ def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[
         if name in seen:
             raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
         seen.add(name)
-        yield _variant(name, where, {}, _flattened({key: value for key, value in table.items() if key != "name"}))
+        yield _variant(name, where, {}, flattened({key: value for key, value in table.items() if key != "name"}))
 
 
 def _variant(name: str, where: str, factors: Mapping[str, str], differences: Iterable[tuple[str, Any]]) -> Variant:
@@ -78,14 +79,6 @@ def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any
     if isinstance(values, dict) and values:
         return [(label, key, value) for label, value in values.items()]
     raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
-
-
-def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            yield from _flattened(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[Configuration]:

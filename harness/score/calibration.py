@@ -2,9 +2,7 @@
 
 **Calibration**: whether 70 % of the frames with a confidence of 70 % are right. Guo et al. (2017): predictions are
 sorted into ten bins by confidence, the probability of the predicted target. The expected calibration error is the mean
-distance between a bin's share of right frames and its mean confidence. If probabilities are high, equal bins put most
-frames in one bin; adaptive bins (Nguyen and O'Connor 2015) hold the same number of frames each.
-
+distance between a bin's share of right frames and its mean confidence.
 **Sets** and Brier's score are those of :mod:`harness.score.probabilities`.
 
 **Directions** are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
@@ -42,23 +40,20 @@ MOST_SHARE = PLAUSIBLE_SHARE
 """Implied share of the head above which a note says that the targets do not explain the head."""
 FEWEST_FRAMES = 20
 """Fewer frames give no check."""
+_DEGREES = 180 / np.pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
     """The calibration of one configuration's probabilities over ``n`` scored frames with a prediction.
 
-    ``clip`` and ``subject`` are None for all together. ``confidence``, ``accuracy`` (means) and ``counts`` are by equal
-    bin (B,); the means of an empty bin are NaN. ``interval`` is that of the calibration error, clips resampled; unknown
-    with few clips. ``adaptive_error`` is the calibration error of adaptive bins.
+    ``confidence``, ``accuracy`` (means) and ``counts`` are by equal bin (B,); the means of an empty bin are NaN.
+    ``interval`` is that of the calibration error, clips resampled; unknown with few clips.
     """
 
     configuration: str
-    clip: str | None
-    subject: str | None
     n: int
     brier: float
-    adaptive_error: float
     interval: Interval
     confidence: Float
     accuracy: Float
@@ -116,23 +111,22 @@ class DirectionCheck:
         return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
 
-def reliabilities(outcomes: Iterable[Outcomes], *, by_subject: bool = False) -> list[Reliability]:
-    """One over all clips for each configuration with probabilities, or one for each subject of each clip.
+def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
+    """One for each configuration with probabilities, in the order of the outcomes.
 
-    The seeds of a configuration are taken together, here and below. Configurations are in the order of the outcomes.
+    The seeds of a configuration are taken together, here and below.
     """
-    groups: dict[tuple[str | None, str | None, str], list[Outcomes]] = {}
-    for outcome in sorted(outcomes, key=lambda outcome: (outcome.clip, outcome.subject)) if by_subject else outcomes:
+    groups: dict[str, list[Outcomes]] = {}
+    for outcome in outcomes:
         if not np.isnan(outcome.confidence).all():
-            place = (outcome.clip, outcome.subject) if by_subject else (None, None)
-            groups.setdefault((*place, base_of(outcome.configuration)), []).append(outcome)
+            groups.setdefault(base_of(outcome.configuration), []).append(outcome)
     found = []
-    for (clip, subject, name), group in groups.items():
+    for name, group in groups.items():
         frames = np.concatenate([np.stack([of.confidence, of.correct, of.brier], axis=1) for of in group])
         clips = list(dict.fromkeys(outcome.clip for outcome in group))
         codes = np.repeat([clips.index(outcome.clip) for outcome in group], [len(outcome.frames) for outcome in group])
         known = ~np.isnan(frames[:, 0])
-        found.append(reliability(name, frames[known], codes[known], clip=clip, subject=subject))
+        found.append(reliability(name, frames[known], codes[known]))
     return found
 
 
@@ -162,22 +156,15 @@ def direction_checks(judged: Mapping[Pair, JudgedPart]) -> list[DirectionCheck]:
             configuration=name,
             n=len(of_name),
             surprises=float(np.mean([fit.tail < SMALL_TAIL for fit in of_name])),
-            claimed_deg=_median_deg([fit.claimed_error_rad for fit in of_name]),
-            implied_deg=_median_deg([fit.implied_error_rad for fit in of_name]),
+            claimed_deg=_median((fit.claimed_error_rad for fit in of_name), _DEGREES),
+            implied_deg=_median((fit.implied_error_rad for fit in of_name), _DEGREES),
             share=_median([fit.implied_share for fit in of_name]),
         )
         for (clip, name), of_name in fits.items()
     ]
 
 
-def reliability(
-    configuration: str,
-    frames: Float,
-    clips: Codes | None = None,
-    *,
-    clip: str | None = None,
-    subject: str | None = None,
-) -> Reliability:
+def reliability(configuration: str, frames: Float, clips: Codes | None = None) -> Reliability:
     """Compute the calibration of frames (n, 3): the confidence, whether it was right, and Brier's score of each.
 
     ``clips`` (n,) are the codes of the frames' clips; None: all of one clip.
@@ -189,24 +176,13 @@ def reliability(
         mean, share = (np.bincount(bins, weights=values, minlength=BINS) / counts for values in (confidence, right))
     return Reliability(
         configuration=configuration,
-        clip=clip,
-        subject=subject,
         n=len(frames),
         brier=float(brier.mean()),
-        adaptive_error=adaptive_error(confidence, right),
         interval=_interval(confidence - right, bins, np.zeros(len(frames), dtype=np.intp) if clips is None else clips),
         confidence=mean,
         accuracy=share,
         counts=counts,
     )
-
-
-def adaptive_error(confidence: Float, right: Float) -> float:
-    """The expected calibration error of :data:`BINS` bins of equal numbers of frames; equal confidences share one."""
-    order = np.argsort(confidence, kind="stable")
-    edges = confidence[order][np.linspace(0, len(order), BINS + 1).astype(int)[1:-1].clip(max=len(order) - 1)]
-    bins = np.searchsorted(np.unique(edges), confidence, side="right")
-    return float(np.abs(np.bincount(bins, confidence - right)).sum() / len(confidence))
 
 
 def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
@@ -235,11 +211,6 @@ def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     return notes
 
 
-def _median(values: Iterable[float | None]) -> float | None:
+def _median(values: Iterable[float | None], scale: float = 1) -> float | None:
     known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
-
-
-def _median_deg(angles_rad: Iterable[float | None]) -> float | None:
-    middle = _median(angles_rad)
-    return None if middle is None else float(np.degrees(middle))
+    return scale * float(np.median(known)) if known else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
-from harness.score.probabilities import probabilities
+from harness.score.outcomes import JudgedPart
+from harness.score.probabilities import UNKNOWN_WORTH
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
@@ -96,7 +98,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     if chosen not in bases:
         raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, bases)}")
-    return _labelled_runs(run, [chosen], {})[0]
+    return _labelled_runs(run, [chosen], defaultdict(JudgedPart))[0]
 
 
 def read_features(directory: RunDirectory, configurations: Collection[str]) -> list[LabelledRun]:
@@ -110,12 +112,11 @@ def read_features(directory: RunDirectory, configurations: Collection[str]) -> l
     return _labelled_runs(FinishedRun.read(directory), configurations, None)
 
 
-_Others = dict[tuple[str, str, int], dict[str, Outcome]]
-"""The outcomes of all configurations, by clip, subject and frame."""
+_Judged = defaultdict[Pair, JudgedPart]
 
 
-def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _Others | None) -> list[LabelledRun]:
-    """Read the configurations in one pass; ``others`` takes the outcomes of all configurations, if it is given."""
+def _labelled_runs(run: FinishedRun, configurations: Collection[str], judged: _Judged | None) -> list[LabelledRun]:
+    """Read the configurations in one pass; ``judged`` takes the answers of all configurations, if it is given."""
     reference = run.reference()
     labels = reference.labels
     records_of: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
@@ -125,10 +126,8 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _O
         base = base_of(record.configuration)
         if base in records_of:
             records_of[base].setdefault((record.clip, record.configuration), []).append(record)
-        if others is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
-            has_probabilities = record.configuration in reference.probabilistic
-            for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
-                others.setdefault((record.clip, name, record.frame), {})[base] = outcome
+        if judged is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
+            judged[record.clip, base].take(record, reference)
     experiment = str(run.manifest.get("experiment", ""))
     runs = []
     for name, by_run in records_of.items():
@@ -136,7 +135,7 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _O
         people = [
             person
             for (clip, _), records in by_run.items()
-            for person in labelled_people(clip, records, labels[clip], others, 1 / seeds)
+            for person in labelled_people(clip, records, labels[clip], judged, 1 / seeds)
         ]
         if not any(person.labelled for person in people):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
@@ -145,11 +144,11 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _O
 
 
 def labelled_people(
-    clip: str, records: Sequence[FrameRecord], labels: Labels, others: _Others | None, weight: float
+    clip: str, records: Sequence[FrameRecord], labels: Labels, judged: _Judged | None, weight: float
 ) -> list[Person]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
-    Without ``others``, the answers of simple rules are left out, too: NaN, and none.
+    Without ``judged``, the answers of simple rules are left out, too: NaN, and none.
     """
     settings = LogitSettings(method="logit", weights=shipped_weights())
     traces = Traces()
@@ -167,10 +166,10 @@ def labelled_people(
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
             nearest, answers = (math.nan, False), dict[str, Outcome]()
-            if others is not None:
+            if judged is not None:
                 pick = choose(record, person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
-                answers = dict(others.get((clip, name, record.frame), {}))
+                answers = dict(_answers(judged, clip, name, record.frame))
                 if target != UNKNOWN:
                     cones = pay_attention(subjects[person.track_id], targets, _CONES)
                     answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
@@ -204,17 +203,13 @@ def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
     )
 
 
-def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -> Iterator[tuple[str, Outcome]]:
-    """Yield the outcome of the record's own answers, by subject."""
-    for _, name, label in labels.labelled([record.frame]):
-        subject = find_subject(record, name)
-        if subject is not None and label.target != IGNORED:
-            right = right_answers(record, label)
-            if not has_probabilities or subject.missing is not None:
-                yield name, (subject.missing is None and subject.focus in right, math.nan, math.nan)
-                continue
-            chances = probabilities(subject)
-            yield name, (subject.focus in right, chances[subject.focus], sum(chances.get(key, 0.0) for key in right))
+def _answers(judged: _Judged, clip: str, name: str, frame: int) -> Iterator[tuple[str, Outcome]]:
+    """Yield the answer of each configuration about a person in a labelled frame."""
+    for (of, configuration), part in judged.items():
+        judgement = part.by_subject.get(name, {}).get(frame) if of == clip else None
+        if judgement is not None and judgement.verdict.outcome != "unscored":
+            worth = judgement.worth if judgement.worth.confidence >= 0 else UNKNOWN_WORTH
+            yield configuration, (judgement.verdict.outcome == "correct", worth.confidence, worth.on_truth)
 
 
 def _subject(record: SubjectRecord) -> Subject:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from harness.files.parsing import flattened
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.packing import (
@@ -23,6 +24,7 @@ from harness.report.page.packing import (
 from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles
+from harness.score.outcomes import Outcomes
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict, answered
 
@@ -89,15 +91,15 @@ def page_data(
 
     Packs: ``rows`` are the rows of the clips. ``clip-K`` is the output of :func:`_clip_data` for clip number K,
     ``attention-K`` its values: for each subject, configuration and target a byte per ``stride`` frames of total, then
-    of gaze and head if ``cues`` says so; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame,
+    of gaze and head; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame,
     and the objects that each configuration saw.
     """
     names, numbers = Names(), {name: i for i, name in enumerate(scores.configurations)}
     scored = {name: i for i, name in enumerate(scores.scored_configurations)}
     plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
-    by_clip = _by_clip(scores.verdicts)
+    by_clip = _by_clip(scores.outcomes)
     clips, packs = [], {}
-    stride, has_cues, values = pack_attention(scores.clips, by_clip, attention)
+    stride, values = pack_attention(scores.clips, by_clip, attention)
     for number, clip in enumerate(scores.clips):
         subjects = by_clip.get(clip, {})
         track = _clip_data(clip, subjects, numbers, names, attention)
@@ -119,7 +121,6 @@ def page_data(
         "scored": [{"name": name, "oracle": name not in plain} for name in scored],
         "clips": clips,
         "stride": stride,
-        "cues": has_cues,
         "run": served and served.run,
         "recordings": served and _recordings(served),
         "overall": [_row(row, {}, scored) for row in scores.overall()],
@@ -128,11 +129,11 @@ def page_data(
     return data, packs
 
 
-def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Judged]]:
+def _by_clip(outcomes: Iterable[Outcomes]) -> dict[str, dict[str, Judged]]:
     by_clip: dict[str, dict[str, Judged]] = {}
-    for verdict in verdicts:
-        judged = by_clip.setdefault(verdict.clip, {}).setdefault(verdict.subject, {})
-        judged.setdefault(verdict.configuration, []).append(verdict)
+    for outcome in outcomes:
+        judged = by_clip.setdefault(outcome.clip, {}).setdefault(outcome.subject, {})
+        judged[outcome.configuration] = outcome.verdicts
     return by_clip
 
 
@@ -236,9 +237,9 @@ def _recordings(served: Served) -> dict[str, dict[str, str]]:
 
 def differing_settings(configurations: Mapping[str, Mapping[str, Any]]) -> Table:
     """The settings in which a run's configurations differ, one row per setting and one column per configuration."""
-    flat = {name: dict(_flatten(settings)) for name, settings in configurations.items()}
+    flat = {name: dict(flattened(settings)) for name, settings in configurations.items()}
     keys = dict.fromkeys(key for settings in flat.values() for key in settings)
-    rows = [(key, *(settings.get(key, UNKNOWN) for settings in flat.values())) for key in keys]
+    rows = [(key, *(_setting(settings.get(key, UNKNOWN)) for settings in flat.values())) for key in keys]
     return Table(
         title="Where the configurations differ",
         columns=("Setting", *flat),
@@ -247,9 +248,5 @@ def differing_settings(configurations: Mapping[str, Mapping[str, Any]]) -> Table
     )
 
 
-def _flatten(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _setting(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

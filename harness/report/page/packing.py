@@ -92,7 +92,7 @@ MOST_BYTES = 3_000_000
 """Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
 values."""
 
-Judged = dict[str, list[Verdict]]
+Judged = dict[str, Sequence[Verdict]]
 """A subject's verdicts by configuration."""
 Track = dict[str, dict[str, bytearray]]
 """A subject's attention by target, in the order of appearance: ``frames`` (int64), and a byte of each part for each."""
@@ -141,12 +141,12 @@ def frames_of(judged: Judged) -> list[int]:
     return sorted({verdict.frame for verdicts in judged.values() for verdict in verdicts})
 
 
-def aligned(columns: Mapping[str, bytearray], frames: Codes, parts: Sequence[str]) -> Bytes:
-    """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
+def aligned(columns: Mapping[str, bytearray], frames: Codes) -> Bytes:
+    """A target's values (:data:`PARTS`, frames) at these frames; :data:`UNKNOWN` if there are none."""
     own = np.frombuffer(columns["frames"], dtype="<i8")
     _, here, there = np.intersect1d(own, frames, assume_unique=True, return_indices=True)
-    values = np.full((len(parts), len(frames)), UNKNOWN, dtype=np.uint8)
-    values[:, there] = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in parts])[:, here]
+    values = np.full((len(PARTS), len(frames)), UNKNOWN, dtype=np.uint8)
+    values[:, there] = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in PARTS])[:, here]
     return values
 
 
@@ -156,34 +156,26 @@ def _byte(value: float | None) -> int:
 
 def pack_attention(
     clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: Attention
-) -> tuple[int, bool, dict[str, str]]:
-    """Pack as much of the attention as fits: totals of every frame or every second, third ..., then gaze and head.
+) -> tuple[int, dict[str, str]]:
+    """Pack the attention of every frame or, if that is too much, of every second, third ...: stride, packs by clip."""
 
-    Returns the stride of the frames, whether gaze and head are among the values, and the packs by clip.
-    """
-
-    def packed(stride: int, parts: Sequence[str]) -> dict[str, str]:
-        values = {clip: _values(clip, by_clip.get(clip, {}), attention, stride, parts) for clip in clips}
+    def packed(stride: int) -> dict[str, str]:
+        values = {clip: _values(clip, by_clip.get(clip, {}), attention, stride) for clip in clips}
         return {clip: pack(content) if content else "" for clip, content in values.items()}
 
-    whole = packed(1, PARTS)
-    if sum(map(len, whole.values())) <= MOST_BYTES:
-        return 1, True, whole
-    totals = packed(1, PARTS[:1])
-    stride = -(-sum(map(len, totals.values())) // MOST_BYTES)
-    return stride, False, packed(stride, PARTS[:1]) if stride > 1 else totals
+    whole = packed(1)
+    stride = -(-sum(map(len, whole.values())) // MOST_BYTES)
+    return (stride, packed(stride)) if stride > 1 else (1, whole)
 
 
-def _values(
-    clip: str, subjects: Mapping[str, Judged], attention: Attention, stride: int, parts: Sequence[str]
-) -> bytes:
+def _values(clip: str, subjects: Mapping[str, Judged], attention: Attention, stride: int) -> bytes:
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
         frames = np.array(frames_of(judged)[::stride])
         for configuration in judged:
             for columns in attended(attention, (clip, configuration), subject).values():
-                total, *others = aligned(columns, frames, parts)
+                total, gaze, head = aligned(columns, frames)
                 totals.append(total.tobytes())
-                cues += [row.tobytes() for row in others]
+                cues += [gaze.tobytes(), head.tobytes()]
     return b"".join(totals + cues)

@@ -52,10 +52,8 @@ export const withValues = (number) => once(`values ${number}`, async () => {
   }));
   let at = 0;
   const take = (count) => bytes.subarray(at, (at += count));
-  for (const [lane, name, count] of columns) lane.values.set(name, { total: take(count), gaze: null, head: null });
-  if (data.cues) {
-    for (const [lane, name, count] of columns) Object.assign(lane.values.get(name), { gaze: take(count), head: take(count) });
-  }
+  for (const [lane, name, count] of columns) lane.values.set(name, { total: take(count) });
+  for (const [lane, name, count] of columns) Object.assign(lane.values.get(name), { gaze: take(count), head: take(count) });
   return tracks;
 });
 

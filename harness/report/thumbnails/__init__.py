@@ -12,21 +12,15 @@ then made without a clip or a model::
 from __future__ import annotations
 
 import base64
-import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
-
-if TYPE_CHECKING:
-    import msgspec
 
 FOLDER = "thumbnails"
 
@@ -60,11 +54,7 @@ class Thumbnail:
 
 def picture_path(run: Path, clip: str, frame: int) -> Path:
     """The file of a frame's picture."""
-    return run / FOLDER / clip / _picture_name(frame)
-
-
-def _picture_name(frame: int) -> str:
-    return f"{frame}.webp"
+    return run / FOLDER / clip / f"{frame}.webp"
 
 
 def lines_path(run: Path, clip: str, configuration: str) -> Path:
@@ -146,18 +136,15 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _sizes(run: Path, lines: Mapping[tuple[str, str, int], bytes]) -> dict[_Frame, int]:
-    """The bytes that each frame with a picture takes in a page, clip by clip in the order of the frames."""
-    sizes: dict[str, Counter[int]] = {}
+    """The bytes that each frame with a picture takes in a page, in order."""
+    texts = Counter[_Frame]()
     for (clip, _, frame), line in lines.items():
-        sizes.setdefault(clip, Counter())[frame] += len(line)
-    weighed = {}
-    for clip, of_clip in sizes.items():
-        folder = str(picture_path(run, clip, 0).parent)  # text: a path for each picture costs more than its size
-        for frame in sorted(of_clip):
-            with suppress(OSError):  # no picture
-                size = os.stat(f"{folder}/{_picture_name(frame)}").st_size
-                weighed[clip, frame] = of_clip[frame] + 4 * size // 3
-    return weighed
+        texts[clip, frame] += len(line)
+    sizes = {}
+    for clip, frame in sorted(texts):
+        with suppress(OSError):  # no picture
+            sizes[clip, frame] = texts[clip, frame] + 4 * picture_path(run, clip, frame).stat().st_size // 3
+    return sizes
 
 
 def _fitting(sizes: Mapping[_Frame, int], budget: int) -> dict[_Frame, None]:
@@ -175,13 +162,6 @@ def _decode(line: bytes, path: Path) -> Thumbnail:
     import msgspec
 
     try:
-        return _decoder().decode(line)
+        return msgspec.json.decode(line, type=Thumbnail)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise VfoaError(f"{path}: not the thumbnails of a run: {error}") from None
-
-
-@cache
-def _decoder() -> msgspec.json.Decoder[Thumbnail]:
-    import msgspec
-
-    return msgspec.json.Decoder(Thumbnail)

@@ -95,7 +95,6 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
     (calibration,) = reliabilities(scores.outcomes)
     assert (calibration.configuration, calibration.n) == ("bayes", 6)
     assert calibration.share_right == pytest.approx(5 / 6)
-    assert [(each.configuration, each.n) for each in reliabilities(scores.outcomes, by_subject=True)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in coverages(scores.outcomes)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in scores.directions] == [("bayes", 6)]
     assert {key: len(frames) for key, frames in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}
