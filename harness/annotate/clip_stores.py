@@ -11,8 +11,8 @@ from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.label_store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
-from harness.labels.files import read_annotations, target_names
-from harness.labels.labels import RESERVED, Labels, Timeline
+from harness.labels.files import target_names
+from harness.labels.labels import RESERVED, Timeline
 
 Store = TypeVar("Store", LabelStore, DrawingStore)
 
@@ -30,14 +30,6 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
     files = manifest.annotations
     present = files.find(annotator)
     return _open(LabelStore, files.place(annotator), present, manifest, timeline, _targets(manifest, present))
-
-
-def read_for_store(manifest: ClipManifest, path: Path, timeline: Timeline) -> Labels:
-    """The labels that :func:`open_store` begins with, without opening a journal; none if there is no file."""
-    if not path.is_file():
-        return Labels(())
-    targets = _targets(manifest, path)
-    return read_annotations(path, timeline=timeline, subjects=manifest.subjects, targets=targets, allow_gaps=True)
 
 
 def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from harness.annotate.clip_stores import open_store, read_for_store
+from harness.annotate.clip_stores import open_store
 from harness.annotate.marks import from_labels, stretches
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
-from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import (
@@ -79,21 +78,16 @@ def import_labels(
         new = Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in new.ranges)
     if suggested := sum(row.label.is_suggested for row in new.ranges):
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
-    present = read_for_store(manifest, place, timeline)
-    given = {subject: sum(present.is_given(frame, subject) for frame in frames) for subject in present.subjects}
-    taken = {subject: count for subject, count in given.items() if count and subject in new.subjects}
-    labelled = ", ".join(f"{subject} ({count} frames)" for subject, count in taken.items())
-    if taken and not replace:
-        raise VfoaError(f"{place}: has labels of {labelled} already; expected --replace, or another --annotator")
-    if any(given.values()):
-        with closing(open_store(manifest, annotator, timeline)) as store:
-            for subject in new.subjects:
-                track = from_labels(new, subject, frames)
-                store.put(subject, stretches(track, 0, len(track) - 1))
-    else:
-        write_annotations(place, new)
+    with closing(open_store(manifest, annotator, timeline)) as store:
+        given = {subject: sum(mark is not None for mark in store.track(subject)) for subject in new.subjects}
+        taken = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
+        if taken and not replace:
+            raise VfoaError(f"{place}: has labels of {taken} already; expected --replace, or another --annotator")
+        for subject in new.subjects:
+            track = from_labels(new, subject, frames)
+            store.put(subject, stretches(track, 0, len(track) - 1))
     if taken:
-        notes.append(f"{place}: replaced the labels of {labelled}; undo in vfoa annotate brings them back.")
+        notes.append(f"{place}: replaced the labels of {taken}; undo in vfoa annotate brings them back.")
     return Imported(labels=new, notes=tuple(notes))
 
 

@@ -24,9 +24,7 @@ def bench(
         str | None, typer.Option(metavar="CLIP", help="Measure on this clip. Default: the experiment's first clip.")
     ] = None,
     limit: Annotated[int, typer.Option(min=2, help="Number of frames to measure.")] = 20,
-    provider: Annotated[
-        ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")
-    ] = ProviderName.cpu,
+    provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",
     overrides: Overrides = None,
     only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
@@ -46,11 +44,11 @@ def bench(
     for name in only or ():
         if name not in SECTIONS:
             raise VfoaError(f"bench: --only: no {name!r}; {did_you_mean(name, SECTIONS)}")
-    check_provider(provider.value)
+    check_provider(provider)
     changes = tuple(overrides or ())
     loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
     chosen = replace(
-        loaded, configurations=tuple(configuration.on(provider.value) for configuration in loaded.configurations)
+        loaded, configurations=tuple(configuration.on(provider) for configuration in loaded.configurations)
     )
     manifest = load_manifest(chosen.clips[0])
     if out:
@@ -62,7 +60,7 @@ def bench(
         manifest=manifest,
         frames=frames,
         limit=limit,
-        provider=provider.value,
+        provider=provider,
         overrides=changes,
     )
     tables = []

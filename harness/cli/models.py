@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -15,12 +14,6 @@ if TYPE_CHECKING:
     from harness.pipeline.weights import ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
-
-
-class CheckpointName(StrEnum):
-    """Networks published as PyTorch checkpoints that can be exported to ONNX."""
-
-    gaze360 = "gaze360"
 
 
 @app.command(name="list", short_help="List every model: licence, size, whether it is on this machine.")
@@ -80,13 +73,13 @@ def check(
         list[str] | None,
         typer.Argument(metavar="NAME", help="Names of the catalogue. Default: all that are on this machine."),
     ] = None,
-    provider: Annotated[ProviderName, typer.Option(help="Provider of ONNX Runtime to run them on.")] = ProviderName.cpu,
+    provider: Annotated[ProviderName, typer.Option(help="Provider of ONNX Runtime to run them on.")] = "cpu",
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
     from harness.pipeline.weights import catalogue, check_model, find_model
     from vfoa.onnx import RuntimeSettings
 
-    settings = RuntimeSettings(provider=provider.value)
+    settings = RuntimeSettings(provider=provider)
     chosen = {name: find_model(name) for name in names} if names else catalogue()
     wrong = ("fails", "absent") if names else ("fails",)
     failed = False
@@ -100,7 +93,7 @@ def check(
 
 @app.command(name="export", short_help="Export a PyTorch checkpoint to an ONNX file.")
 def export(
-    name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="Network of the checkpoint.")],
+    name: Annotated[Literal["gaze360"], typer.Argument(metavar="NAME", help="Network of the checkpoint.")],
     checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],
     out: Annotated[Path, typer.Option(help="The ONNX file to write.")],
     replace: Replace = False,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -124,13 +123,5 @@ NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do n
 Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables by clip and of the stages, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-
-
-class ProviderName(StrEnum):
-    """Providers of ONNX Runtime that a network can run on."""
-
-    cpu = "cpu"
-    cuda = "cuda"
-    tensorrt = "tensorrt"
-    openvino = "openvino"
-    coreml = "coreml"
+ProviderName = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]
+"""Providers of ONNX Runtime that a network can run on."""

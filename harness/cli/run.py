@@ -6,10 +6,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -29,13 +28,6 @@ if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
     from harness.run.experiment import Experiment
     from harness.run.plan import Plan
-
-
-class Recording(StrEnum):
-    """Whether a run is recorded."""
-
-    light = "light"
-    none = "none"
 
 
 def run(
@@ -73,7 +65,8 @@ def run(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
-        Recording | None, typer.Option(help="Write Rerun recordings, or none. Default: the experiment's, else light.")
+        Literal["light", "none"] | None,
+        typer.Option(help="Write Rerun recordings, or none. Default: the experiment's, else light."),
     ] = None,
     oracle: Annotated[
         bool, typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth.")
@@ -112,10 +105,8 @@ def run(
 
         beside = partial(run_plainly, out=Path(f"{folder}-fit"), limit=limit, workers=workers)
         experiment = with_left_out_weights(experiment, beside)
-    recorded = recording or Recording(experiment.recording)
-    plan = prepare(
-        experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded is Recording.light)
-    )
+    recorded = (recording or experiment.recording) == "light"
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
     with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,

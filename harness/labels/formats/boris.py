@@ -44,7 +44,7 @@ class Boris(ReadOnly):
             if isinstance(behaviour, dict)
         }
         states = [event for event in events if not kinds.get(event[2], "").lower().startswith("point")]
-        offset_ms, notes = _offset(observation, exchange, path)
+        offset_ms, notes = exchange.media_offset(_media_offset_ms(observation), path)
         if n_points := len(events) - len(states):
             notes = [f"{path}: {n_points} point events have no length and are left out.", *notes]
         imported = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
@@ -97,16 +97,12 @@ def _is_time(value: Any) -> bool:
     return isinstance(value, int | float) and math.isfinite(value) and abs(value) < 1e9
 
 
-def _offset(observation: Mapping[str, Any], exchange: Exchange, path: Path) -> tuple[int, list[str]]:
-    """The offset of the first player's medium, ms; BORIS subtracts it from the time of the observation."""
+def _media_offset_ms(observation: Mapping[str, Any]) -> int:
+    """The time of the first player's medium in that of the observation, ms: BORIS subtracts the offset."""
     media = observation.get("media_info")
     offsets = media.get("offset") if isinstance(media, dict) else None
     offset = offsets.get("1", 0.0) if isinstance(offsets, dict) else 0.0
-    if not _is_time(offset) or offset == 0:
-        return 0, []
-    if exchange.offset != 0:
-        return 0, [f"{path}: the media offset of {offset:g} s is not used: --offset says where the clip begins."]
-    return -round(offset * 1000), [f"{path}: the media offset of {offset:g} s is taken off."]
+    return -round(offset * 1000) if _is_time(offset) else 0
 
 
 def _pairs(events: list[tuple[int, str, str, str]], offset_ms: int, exchange: Exchange, where: str) -> Iterator[Span]:

@@ -44,7 +44,7 @@ class Elan:
                 f"{path}: no tier is named after a subject; found {present}; "
                 f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
             )
-        origin_ms, notes = _media_offset(document, exchange, path)
+        origin_ms, notes = exchange.media_offset(_media_offset_ms(document, path), path)
         spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
@@ -98,26 +98,13 @@ def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Pat
         yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
 
 
-def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, list[str]]:
-    """The first medium's offset to the document's time, ms, and notes about it.
-
-    ELAN stores it as ``TIME_ORIGIN``. With an ``--offset`` of the user, it is not used.
-    """
-    origins = {str(medium.get("MEDIA_URL")): medium.get("TIME_ORIGIN") for medium in document.media_descriptors}
+def _media_offset_ms(document: Any, path: Path) -> int:
+    """The first medium's offset to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
+    origin = next((medium.get("TIME_ORIGIN") for medium in document.media_descriptors), None) or "0"
     try:
-        found_ms = [(url, int(origin)) for url, origin in origins.items() if origin is not None]
+        return int(origin)
     except ValueError:
-        raise VfoaError(f"{path}: TIME_ORIGIN: found {origins}; expected milliseconds") from None
-    first = next(iter(origins), None)
-    if not found_ms or all(origin == 0 for _, origin in found_ms):
-        return 0, []
-    listed = ", ".join(f"{Path(url).name} {origin / 1000:g} s" for url, origin in found_ms)
-    if exchange.offset != 0:
-        return 0, [f"{path}: the media offsets ({listed}) are not used: --offset says where the clip begins."]
-    origin_ms = next((origin for url, origin in found_ms if url == first), 0)
-    if origin_ms == 0:
-        return 0, [f"{path}: media offsets: {listed}; the first medium, which has none, is taken for the clip."]
-    return origin_ms, [f"{path}: the media offset of {Path(str(first)).name}, {origin_ms / 1000:g} s, is added."]
+        raise VfoaError(f"{path}: TIME_ORIGIN: found {origin!r}; expected milliseconds") from None
 
 
 def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:

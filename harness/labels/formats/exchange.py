@@ -152,6 +152,13 @@ class Exchange:
             times_ns = [time - own[0] for time in own]
         return Timeline(frames=self.frames, times_ns=[_rounded_ms(time + offset_ns) * MS for time in times_ns])
 
+    def media_offset(self, offset_ms: int, path: object) -> tuple[int, list[str]]:
+        """What a medium's own offset adds to times of the file, ms, with a note: nothing beside a given ``offset``."""
+        if offset_ms and self.offset:
+            offset_s = offset_ms / 1000
+            return 0, [f"{path}: the media offset of {offset_s:g} s is not used: --offset says where the clip begins."]
+        return offset_ms, [f"{path}: the media offset of {offset_ms / 1000:g} s is added."] if offset_ms else []
+
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""
         return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))

@@ -67,7 +67,7 @@ def test_the_offset_of_the_medium_is_taken_off_and_said(tmp_path: Path) -> None:
     path = project(tmp_path / "a.boris", offset=2.0, talk=later)
     imported = Boris().read(path, exchange())
     assert imported.labels.ranges == ROWS
-    assert f"{path}: the media offset of 2 s is taken off." in imported.notes
+    assert f"{path}: the media offset of -2 s is added." in imported.notes
     told = Boris().read(path, exchange(offset=2.0))
     assert told.labels.ranges == ROWS
     assert "is not used" in told.notes[-1]

@@ -138,10 +138,10 @@ def test_the_offset_of_the_medium_is_added_and_said(tmp_path: Path) -> None:
     clip = PlainClip(frames=range(1, 101))
     imported = Elan().read(tmp_path / "a.eaf", exchange(clip))
     assert imported.labels.ranges == (row(51, 52, "bird"),)
-    assert imported.notes == (f"{tmp_path / 'a.eaf'}: the media offset of talk.mp4, 2 s, is added.",)
+    assert imported.notes == (f"{tmp_path / 'a.eaf'}: the media offset of 2 s is added.",)
     told = Elan().read(tmp_path / "a.eaf", exchange(clip, offset=-1.0))
     assert told.labels.ranges == (row(26, 27, "bird"),)
-    assert "are not used: --offset says where the clip begins" in told.notes[0]
+    assert "is not used: --offset says where the clip begins" in told.notes[0]
 
 
 def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) -> None:
