@@ -92,7 +92,6 @@ def fetch_files(
 
 HOME = "https://files.is.tue.mpg.de/jwulff/sintel/"
 
-_ZIP = b"PK\x03\x04"
 ARCHIVES = {
     "stereo": "MPI-Sintel-stereo-training-20150305.zip",
     "depth": "MPI-Sintel-depth-training-20150305.zip",
@@ -121,7 +120,7 @@ def fetch_sintel(
     for part in parts:
         archive = root / ARCHIVES[part]
         if not archive.is_file():
-            download(home + archive.name, archive, sha256=None, begins=_ZIP, resume=True, progress=progress)
+            download(home + archive.name, archive, sha256=None, resume=True, progress=progress)
         unpack(archive, root)
         archive.unlink()
 

@@ -26,16 +26,14 @@ def download(
     target: Path,
     *,
     sha256: str | None,
-    begins: bytes = b"",
     resume: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
     """Download a file to ``target``. Received data is kept beside it as ``<name>.partial`` until it is complete.
 
     An interrupted download continues where it stopped if the checksum is known: otherwise nothing would show that the
-    two parts belong together. ``begins``: the first bytes of every file of its kind, if no checksum is known.
-    ``resume``: continue without a checksum, since the caller checks the content. ``progress`` is called with the bytes
-    received, and the bytes of the whole file.
+    two parts belong together. ``resume``: continue without a checksum, since the caller checks the content.
+    ``progress`` is called with the bytes received, and the bytes of the whole file.
 
     Raises
     ------
@@ -52,7 +50,7 @@ def download(
             if sha256 is None and not resume:
                 os.truncate(partial, 0)
             _receive(url, partial, progress or (lambda done, total: None))
-            _verify(url, partial, sha256, begins)
+            _verify(url, partial, sha256)
             partial.replace(target)
     except OSError as error:
         raise VfoaError(f"{partial}: cannot be written: {error.strerror or error}") from None
@@ -115,16 +113,13 @@ def _append(response: httpx.Response, partial: Path, first: int, progress: Calla
         os.fsync(file.fileno())
 
 
-def _verify(url: str, partial: Path, sha256: str | None, begins: bytes) -> None:
+def _verify(url: str, partial: Path, sha256: str | None) -> None:
     """Remove data that is not the file, so that the next attempt begins anew."""
-    with partial.open("rb") as file:
-        head = file.read(1000)
     if is_lfs_pointer(partial):
-        partial.unlink()
-        raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file itself")
-    digest = None if sha256 is None else file_digest(partial)
-    if digest != sha256 or not head.startswith(begins):
-        partial.unlink()
-        if digest != sha256:
-            raise VfoaError(f"{url}: wrong checksum, removed: found sha256 {digest}, expected {sha256}")
-        raise VfoaError(f"{url}: another kind of file, removed: begins with {head[:8]!r}, expected {begins!r}")
+        problem = "answered with a Git LFS pointer; expected the file itself"
+    elif sha256 is not None and (digest := file_digest(partial)) != sha256:
+        problem = f"wrong checksum, removed: found sha256 {digest}, expected {sha256}"
+    else:
+        return
+    partial.unlink()
+    raise VfoaError(f"{url}: {problem}")

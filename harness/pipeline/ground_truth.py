@@ -65,18 +65,15 @@ class KnownTruth:
 
     def disparity(self, frame: int) -> Disparity:
         """The true disparity map."""
-        truth = self._truth(frame)
-        return self._known(frame, truth.disparity, "disparity", truth.missing.get("disparity"))
+        return self.known(frame, self.truth(frame).disparity, "disparity")
 
     def instances(self, frame: int) -> Instances:
         """The true instances."""
-        truth = self._truth(frame)
-        return self._known(frame, truth.instances, "instances", truth.missing.get("instances"))
+        return self.known(frame, self.truth(frame).instances, "instances")
 
     def people(self, frame: int) -> tuple[PersonTruth, ...]:
         """The true people."""
-        truth = self._truth(frame)
-        return self._known(frame, truth.people, "people", truth.missing.get("people"))
+        return self.known(frame, self.truth(frame).people, "people")
 
     def person(self, frame: int, head: Head) -> PersonTruth | None:
         """Return the person whose head overlaps this head most; None if it is nobody's.
@@ -96,27 +93,21 @@ class KnownTruth:
 
     def own_ids(self, frame: int, instances: Instances) -> set[int]:
         """The ids of these instances if they are the source's own; empty if a segmentation numbered them anew."""
-        true = self._truth(frame).instances
+        true = self.truth(frame).instances
         if true is None or not np.array_equal(true.ids, instances.ids):
             return set()
         return {instance.id for instance in instances.instances}
 
-    def head_direction(self, frame: int, person: PersonTruth) -> Float:
-        """True direction of the person's head, a unit vector (3,) in the camera frame."""
-        return self._known(frame, person.head_direction, f"head direction of {person.name!r}")
-
-    def gaze_direction(self, frame: int, person: PersonTruth) -> Float:
-        """True gaze direction of the person, a unit vector (3,) in the camera frame."""
-        return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
-
-    def _truth(self, frame: int) -> Truth:
+    def truth(self, frame: int) -> Truth:
+        """The ground truth of a frame."""
         return truth_of(self._clip, frame)
 
-    def _known(self, frame: int, value: T | None, what: str, reason: str | None = None) -> T:
+    def known(self, frame: int, value: T | None, what: str) -> T:
+        """Return a part of the ground truth; ``what`` names it if it is missing."""
         if value is not None:
             return value
-        where = f"{type(self._clip).__name__}, frame {frame}"
-        why = f" ({reason})" if reason else ""
+        reason = self.truth(frame).missing.get(what)
+        where, why = f"{type(self._clip).__name__}, frame {frame}", f" ({reason})" if reason else ""
         raise VfoaError(f"{where}: the clip has no true {what}; needed by {self._needed_by}{why}")
 
 
@@ -193,7 +184,8 @@ class TruthHeadPose(_OfPerson):
 
     def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
         """Return the direction of one person's head."""
-        return HeadPose(direction=self._truth.head_direction(frame, person))
+        what = f"head direction of {person.name!r}"
+        return HeadPose(direction=self._truth.known(frame, person.head_direction, what))
 
 
 class TruthGaze(_OfPerson):
@@ -203,7 +195,8 @@ class TruthGaze(_OfPerson):
 
     def of_person(self, frame: int, person: PersonTruth) -> Gaze:
         """Return the gaze of one person."""
-        return Gaze(direction=self._truth.gaze_direction(frame, person))
+        what = f"gaze direction of {person.name!r}"
+        return Gaze(direction=self._truth.known(frame, person.gaze_direction, what))
 
 
 def true_labels(clip: AnyClip, unknown: str = "saccade") -> Labels:

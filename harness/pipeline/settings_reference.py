@@ -15,18 +15,8 @@ from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 
-_UNITS = {
-    "m": "m",
-    "cm": "cm",
-    "px": "px",
-    "deg": "°",
-    "ms": "ms",
-    "s": "s",
-    "hz": "Hz",
-    "frames": "frames",
-    "percent": "%",
-    "bytes": "bytes",
-}
+_UNITS = {unit: unit for unit in ("m", "cm", "px", "ms", "s", "frames", "bytes")}
+_UNITS |= {"deg": "°", "hz": "Hz", "percent": "%"}
 _LIMITS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "multiple_of": "a multiple of"}
 
 
@@ -127,21 +117,13 @@ def _describe(table: str, choice: str, model: type[Settings], summary: str) -> S
             SettingDescription(
                 key=f"{table}.{name}",
                 type=_type(field.annotation, field.metadata),
-                unit=_unit(name),
-                default=_default(field),
+                unit=_UNITS.get(name.rpartition("_")[2], "") if "_" in name else "",
+                default="(required)" if field.is_required() else _value(field.get_default(call_default_factory=True)),
                 meaning=_plain(field.description or ""),
             )
             for name, field in fields.items()
         ),
     )
-
-
-def _unit(name: str) -> str:
-    return _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
-
-
-def _default(field: FieldInfo) -> str:
-    return "(required)" if field.is_required() else _value(field.get_default(call_default_factory=True))
 
 
 def _value(value: Any) -> str:

@@ -213,7 +213,7 @@ def _open(job: ClipJob) -> tuple[Perception, Unchanged]:
         _opened = None  # two sets of models may not fit into memory
         clip = job.manifest.open_images()
         unchanged = job.unchanged(clip)
-        _opened = (wanted, job.perception(clip), unchanged)
+        _opened = (wanted, Perception(job.configurations, clip, job.cache, drawn=job.drawn), unchanged)
     return _opened[1:]
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import TracebackType
 from typing import Generic, NamedTuple, Self, TypeVar
 
@@ -86,19 +87,6 @@ class ClipJob:
         KNOWN.update(self.known)
         return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
 
-    def perception(
-        self,
-        clip: Clip,
-        *,
-        begins: Mapping[str, int] | None = None,
-        starts: Mapping[str, WindowStart] | None = None,
-    ) -> Perception:
-        """Percepts and scenes of the clip for the job's configurations; ``begins`` and ``starts`` as there."""
-        parallel = self.ahead > 0
-        return Perception(
-            self.configurations, clip, self.cache, drawn=self.drawn, parallel=parallel, begins=begins, starts=starts
-        )
-
     def outcome(self, errors: Iterable[VfoaError | None], tallies: tuple[Tally, ...] = ()) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""
         failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
@@ -159,7 +147,8 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
     begins = {name: checkpoint.frame + 1 for name, checkpoint in resumed.items()}
     starts = {name: checkpoint.window for name, checkpoint in resumed.items() if checkpoint.window}
-    with unchanged(), job.perception(images, begins=begins, starts=starts) as perception:
+    perceive = partial(Perception, drawn=job.drawn, parallel=job.ahead > 0, begins=begins, starts=starts)
+    with unchanged(), perceive(job.configurations, images, job.cache) as perception:
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
     if job.cache:
