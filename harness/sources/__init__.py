@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 from vfoa.types import Box3D, Disparity, Float, Image, Instances, Scene, StereoFrame
 
@@ -174,6 +176,13 @@ class Recogniser(Protocol):
             If files that the user names cannot be read, or candidates are there but none is recognised: it says how
             to name them.
         """
+
+
+def check_number(number: int, frames: Sequence[int], where: object) -> None:
+    """Reject a number that is not one of a clip's frames; ``where`` opens the message."""
+    place = bisect.bisect_left(frames, number)  # an hour of video has 90,000 frames
+    if place == len(frames) or frames[place] != number:
+        raise VfoaError(f"{where}: no frame {number}; expected {frames[0]} to {frames[-1]}")
 
 
 ADAPTERS = Registry(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,16 +70,9 @@ class Calibration:
             raise VfoaError(
                 f"baseline: found {self.baseline_m:g} m; expected {BASELINE_M[0]:g} to {BASELINE_M[1]:g} (metres)"
             )
-        return StereoRig(
-            width_px=width_px,
-            height_px=height_px,
-            fx_px=self.fx_px,
-            fy_px=self.fy_px,
-            cx_px=self.cx_px,
-            cy_px=self.cy_px,
-            baseline_m=self.baseline_m,
-            cx_right_px=self.cx_right_px,
-        )
+        numbers = asdict(self)
+        del numbers["size_px"]
+        return StereoRig(width_px=width_px, height_px=height_px, **numbers)
 
 
 def from_projections(

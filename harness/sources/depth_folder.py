@@ -11,7 +11,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
-from harness.sources import Recognised, Truth
+from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
@@ -91,8 +91,7 @@ class DepthFolderClip:
 
     def time_ns(self, number: int) -> int:
         """Time from the lists, or the number over the rate (without lists, or if the manifest gives a rate)."""
-        if number not in self._files.colours:
-            raise VfoaError(f"{self._folder}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        check_number(number, self.frames, self._folder)
         if self._files.times_ns is None or self._settings.rate_hz:
             return round(number * 1e9 / (self._settings.rate_hz or 1.0))
         return self._files.times_ns[number]

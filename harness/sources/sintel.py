@@ -14,7 +14,7 @@ from pydantic import Field
 
 from harness.files.digests import digest_files
 from harness.files.io import read_bytes
-from harness.sources import Recognised, Truth
+from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_disparity, relabel, small_ids
@@ -130,7 +130,7 @@ class SintelClip:
 
     def time_ns(self, number: int) -> int:
         """Time in the film: number over rate."""
-        self._check_number(number)
+        check_number(number, self.frames, self._scene)
         return round(number * 1e9 / RATE_HZ)
 
     def frame(self, number: int) -> StereoFrame:
@@ -147,7 +147,7 @@ class SintelClip:
 
     def truth(self, number: int) -> Truth:
         """Disparity and instances, each if its file exists."""
-        self._check_number(number)
+        check_number(number, self.frames, self._scene)
         missing = {
             name: f"{path}: {_expected(kind)}"
             for name, kind in (("disparity", "disparities"), ("instances", "segmentation"))
@@ -175,10 +175,6 @@ class SintelClip:
         if not (views / self._scene).is_dir():
             scenes = [path.name for path in views.iterdir() if path.is_dir()]
             raise VfoaError(f"{views}: no scene {self._scene!r}; {did_you_mean(self._scene, scenes)}")
-
-    def _check_number(self, number: int) -> None:
-        if number not in self.frames:
-            raise VfoaError(f"{self._scene}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
 
     def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
         """Reject a map that has not the images' size."""

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from harness.sources import Recognised, Truth
+from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
@@ -95,8 +95,7 @@ class StereoFolderClip:
 
     def time_ns(self, number: int) -> int:
         """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
-        if number not in self._views:
-            raise VfoaError(f"{self._folder}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        check_number(number, self.frames, self._folder)
         stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
         return round(number * 1e9 / (self.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
 

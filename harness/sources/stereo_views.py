@@ -100,9 +100,6 @@ class Views:
             self.notes += (*right.notes, *_unpaired(left, right), *_out_of_step(left, right, self.frames))
             self.rate_hz = _common_rate(left, right)
 
-    def __contains__(self, number: int) -> bool:
-        return number in self._left.frames and (self._right is None or number in self._right.frames)
-
     def read(self, number: int) -> tuple[Image, Image]:
         """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""
         if self._right is None:

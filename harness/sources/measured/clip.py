@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from harness.files.tables import LARGEST
-from harness.sources import PersonTruth, Truth
+from harness.sources import PersonTruth, Truth, check_number
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
@@ -226,8 +226,7 @@ class FramesOfMeasurements:
         return hashlib.sha256(f"{self._content} {self._settings.model_dump_json()}".encode()).hexdigest()
 
     def _frame(self, number: int) -> MeasuredFrame:
-        if number not in self.measurements:
-            raise VfoaError(f"{self._where}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        check_number(number, self.frames, self._where)
         return self.measurements[number]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.sources import check_number
 from harness.sources.media.images import MOST_PIXELS, too_many_pixels
 from vfoa.errors import VfoaError
 from vfoa.types import Image
@@ -85,8 +86,7 @@ class Video:
         VfoaError
             If there is no such frame, or it cannot be decoded.
         """
-        if place not in self.frames:
-            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {self.frames[-1]}")
+        check_number(place, self.frames, self.path)
         self._go(place)
         is_decoded, image = self._capture.retrieve()
         if not is_decoded:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from harness.files.digests import digest_files
-from harness.sources import Recognised, Truth
+from harness.sources import Recognised, Truth, check_number
 from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
 from harness.sources.recordings.bags import BagContainer, bag_parts
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
@@ -206,8 +206,7 @@ class RecordingClip:
     # Frames
 
     def _places(self, number: int) -> FramePlaces:
-        if number not in self.frames:
-            raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._frames)}")
+        check_number(number, self.frames, self._where)
         return self._frames[number - 1]
 
     def _image(self, topic: Topic, place: Place) -> Image:
