@@ -170,10 +170,6 @@ class Rectifier:
         """
         return self._side("left", left), self._side("right", right)
 
-    def rectify_left(self, left: Image) -> Image:
-        """Rectify only the left image, as :meth:`rectify` does."""
-        return self._side("left", left)
-
     def _side(self, side: str, image: Image) -> Image:
         return self._sides[side].image(image, f"{side} image") if self._sides else image
 

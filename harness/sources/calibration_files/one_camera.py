@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from harness.files.io import read_text
 from harness.files.parsing import parse_json
 from harness.sources.calibration_files.documents import read_document, ros_camera
-from harness.sources.calibration_files.texts import floats
+from harness.sources.calibration_files.texts import camera_matrix, floats
 from harness.sources.depth_optics import pinhole, without_distortion
 from harness.sources.rectification import RawCamera
 from vfoa.errors import VfoaError
@@ -64,7 +64,4 @@ def _camera(path: Path, numbers: ArrayLike, size_px: tuple[int, int]) -> RawCame
     values = np.asarray(numbers, dtype=np.float64)
     if values.size != 9:
         raise VfoaError(f"{path}: found {values.size} numbers; expected nine (K): {FORMATS}")
-    k = values.reshape(3, 3)
-    if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and k[2, 2] == 1):
-        raise VfoaError(f"{path}: found {k.tolist()}; expected K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    return pinhole(k, size_px)
+    return pinhole(camera_matrix(values, path), size_px)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from harness.files.io import read_bytes
 from harness.sources.calibration import Calibration, from_projections
@@ -139,9 +140,7 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
     values = [value for line in _bare_lines(text) for value in floats(_BASELINE.sub("", line)) or [math.nan]]
     if len(values) not in (9, 10) or not np.isfinite(values).all():
         raise VfoaError(f"{path}: found {len(values)} values; expected a camera matrix of 3 x 3 numbers and a baseline")
-    k = np.array(values[:9]).reshape(3, 3)
-    if not (k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
-        raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
+    k = camera_matrix(values[:9], path)
     baseline = values[9] if len(values) == 10 else baseline_m
     if baseline is None:
         raise IncompleteCalibrationError(
@@ -152,6 +151,14 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
         raise VfoaError(f"{path}: the baseline is {baseline:g}; expected a positive number of metres")
     fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=float(baseline))
+
+
+def camera_matrix(values: ArrayLike, path: Path) -> Float:
+    """Return K (3, 3) of nine numbers by rows; VfoaError if they are no camera's."""
+    k = np.asarray(values, dtype=np.float64).reshape(3, 3)
+    if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
+        raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
+    return k
 
 
 def _bare_lines(text: str) -> list[str]:

@@ -61,23 +61,29 @@ _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([+-]?(?:\d+\.?\d*|\.\d+)(
 def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
     """Read a disparity map (H, W) float32, pixels, positive; unknown values are NaN.
 
-    ``.npy`` and ``.pfm`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit channel
-    holds ``counts_per_px`` counts per pixel (KITTI: 256), 0 = unknown.
+    ``.npy``, ``.pfm`` and ``.exr`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit
+    channel holds ``counts_per_px`` counts per pixel (KITTI: 256), 0 = unknown.
 
     Raises
     ------
     VfoaError
         If the file cannot be read, is of another kind, or holds no positive disparity but negative ones.
     """
-    match path.suffix.lower():
-        case ".npy":
-            disparity = _read_npy(path)
-        case ".pfm":
-            disparity = read_pfm(path)
-        case ".png":
-            disparity = _read_png(path, counts_per_px)
-        case other:
-            raise VfoaError(f"{path}: cannot read a {other!r} file; expected .npy, .pfm or .png")
+    pixels, is_png = _pixels(path), path.suffix.lower() == ".png"
+    if is_png and pixels.ndim == 3 and pixels.dtype == np.uint8:
+        disparity = pixels.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
+        disparity = np.where(disparity < 1023.98, disparity, np.float32(np.nan))
+    elif is_png and pixels.ndim == 2 and pixels.dtype == np.uint16:
+        disparity = (pixels / counts_per_px).astype(np.float32)
+    elif pixels.ndim == 2 and np.issubdtype(pixels.dtype, np.floating):
+        # values too large for float32 become infinite, which means unknown, as do signalling NaNs, which would warn
+        with np.errstate(over="ignore", invalid="ignore"):
+            disparity = pixels.astype(np.float32)
+    else:
+        raise VfoaError(
+            f"{path}: found shape {pixels.shape} of {pixels.dtype}; expected floating-point pixels, or a PNG of 8-bit "
+            "RGB (Sintel) or one 16-bit channel (KITTI)"
+        )
     known = np.isfinite(disparity)
     if (known & (disparity < 0)).any() and not (known & (disparity > 0)).any():
         raise VfoaError(f"{path}: every disparity is negative; expected positive ones (x_right = x_left - d)")
@@ -96,29 +102,6 @@ def read_pfm(path: Path) -> Map:
         raise VfoaError(f"{path}: found {n_bytes} bytes of pixels; expected {expected} for {width} x {height}")
     pixels = np.frombuffer(data, f"{order}f4", offset=header.end()).reshape(height, width)
     return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
-
-
-def _read_png(path: Path, counts_per_px: float) -> Map:
-    image = read_raw(path)
-    if image.ndim == 3 and image.dtype == np.uint8:
-        disparity = image.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
-        return np.where((disparity > 0) & (disparity < 1023.98), disparity, np.float32(np.nan))
-    if image.ndim == 2 and image.dtype == np.uint16:
-        return (image / counts_per_px).astype(np.float32)
-    raise VfoaError(f"{path}: found {_kind(image)}; expected 8-bit RGB (Sintel) or one 16-bit channel (KITTI)")
-
-
-def _read_npy(path: Path) -> Map:
-    array = read_npy(path)
-    if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
-        raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
-    # values too large for float32 become infinite, which means unknown, as do signalling NaNs, which would warn
-    with np.errstate(over="ignore", invalid="ignore"):
-        return array.astype(np.float32)
-
-
-def _kind(array: NDArray[Any]) -> str:
-    return f"shape {array.shape} of {array.dtype}"
 
 
 DEPTH_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy", ".exr", ".pfm"})
@@ -140,7 +123,7 @@ def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
     VfoaError
         If the file cannot be read, or holds no map of one channel.
     """
-    counts = _counts(path)
+    counts = _pixels(path)
     if counts.ndim == 3 and counts.shape[2] == 1:
         counts = counts[..., 0]
     is_depth = np.issubdtype(counts.dtype, np.floating) or (
@@ -154,7 +137,7 @@ def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
     return depth_map(counts, counts_per_m or default_counts_per_m(counts))
 
 
-def _counts(path: Path) -> NDArray[Any]:
+def _pixels(path: Path) -> NDArray[Any]:
     match path.suffix.lower():
         case ".npy":
             return read_npy(path)

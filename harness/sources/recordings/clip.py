@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import (
     Place,
     RecordingSettings,
+    Sides,
     Streams,
     Topic,
     find_streams,
@@ -34,12 +35,8 @@ _NOTED_NS = 1e6
 """Offset of colour and depth above which a note reports it."""
 
 
-class FramePlaces(NamedTuple):
-    """Positions of the messages of one frame."""
-
-    left: Place
-    right: Place | None
-    depth: Place | None
+FramePlaces = Sides[Place]
+"""Positions of the messages of one frame."""
 
 
 def join_streams(
@@ -69,7 +66,7 @@ def join_streams(
             notes.append(
                 f"{streams.depth.name}: {lost} of {len(joined)} frames have no depth within {_ms(tolerance_ns)}"
             )
-    return tuple(FramePlaces(left, rights.get(left), depths.get(left)) for left in joined), tuple(notes)
+    return tuple(Sides(left, rights.get(left), depths.get(left)) for left in joined), tuple(notes)
 
 
 def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[dict[Place, Place], list[str]]:
@@ -145,8 +142,8 @@ class RecordingClip:
         self._streams = find_streams(topics, settings, self._where)
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
-            for topic in self._streams.topics
-            if topic.type.kind == "video"
+            for topic in self._streams
+            if topic is not None and topic.type.kind == "video"
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
         self._optics: PairCameras | DepthCamera

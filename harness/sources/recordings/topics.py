@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, Self
+from typing import Generic, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -15,6 +15,8 @@ from harness.sources.recordings.messages import IMAGES, MessageType, Picture
 from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
+
+Item = TypeVar("Item")
 
 
 class Place(NamedTuple):
@@ -288,18 +290,15 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
     return [pair for pair in pairs if rank(pair) == highest]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Streams:
-    """The topics of the frames: a left image with a right image, with depth, or with both."""
+class Sides(NamedTuple, Generic[Item]):
+    """What makes a frame: of a left image and a right image, of a left image and depth, or of all three."""
 
-    left: Topic
-    right: Topic | None
-    depth: Topic | None
+    left: Item
+    right: Item | None
+    depth: Item | None
 
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """The topics in use."""
-        return tuple(topic for topic in (self.left, self.right, self.depth) if topic is not None)
+
+Streams = Sides[Topic]
 
 
 def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
@@ -312,19 +311,19 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     """
     if settings.depth is not None and settings.right is None:
         left, depth = find_colour_and_depth(topics, settings.left, settings.depth, where)
-        return Streams(left=left, right=None, depth=depth)
+        return Sides(left, None, depth)
     try:
         left, right = find_pair(topics, settings.left, settings.right, where)
     except VfoaError:
         if settings.right is not None or not depth_topics(topics):
             raise
         left, depth = find_colour_and_depth(topics, settings.left, None, where)
-        return Streams(left=left, right=None, depth=depth)
+        return Sides(left, None, depth)
     if settings.depth is not None:
         images = (topic for topic in topics if topic.is_image)
-        return Streams(left=left, right=right, depth=named(images, settings.depth, "depth", where))
+        return Sides(left, right, named(images, settings.depth, "depth", where))
     own = [topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
-    return Streams(left=left, right=right, depth=own[0] if len(own) == 1 else None)
+    return Sides(left, right, own[0] if len(own) == 1 else None)
 
 
 def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:

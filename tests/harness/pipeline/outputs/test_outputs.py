@@ -263,7 +263,7 @@ def test_a_map_of_another_size_or_a_missing_one_is_one_line(clip: StereoFolderCl
         ("a.pfm", b"PF\n2 2\n-1.0\n" + bytes(48), "not a one-channel PFM"),
         ("a.pfm", b"Pf\n2 2\n-1.0\n" + bytes(15), "found 15 bytes of pixels; expected 16"),
         ("a.npy", b"\x93NUMPY", "not an npy file"),
-        ("a.exr", b"", r"cannot read a '\.exr' file"),
+        ("a.exr", b"", "not a readable EXR"),
     ],
 )
 def test_damaged_maps_are_one_line(tmp_path: Path, name: str, content: bytes, message: str) -> None:
@@ -278,5 +278,5 @@ def test_negative_and_integer_disparities_are_refused(tmp_path: Path) -> None:
         read_disparity(tmp_path / "negative.npy")
     with pytest.raises(VfoaError, match="int16; expected"):
         read_disparity(tmp_path / "whole.npy")
-    with pytest.raises(VfoaError, match="expected 8-bit RGB"):
+    with pytest.raises(VfoaError, match="8-bit RGB"):
         read_disparity(write_image(tmp_path / "gray.png", np.ones((2, 2), np.uint8)))
