@@ -112,13 +112,13 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     """
     from rich.console import Console
 
-    from harness.report.comparisons import published_table, terminal_ablation
+    from harness.report.comparisons import ablation_table, published_table
     from harness.report.stages import stage_measures_table, terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
     from harness.report.verdict import headline, next_steps, verdict_sentence
     from harness.score.oracle_ablation import without_oracles
 
-    ablation = terminal_ablation(scores)
+    ablation = ablation_table(scores)
     if verbose:
         stages = terminal_measures(stage_measures_table(scores), scores)
         others = (seeds_table(scores), published_table(scores), ablation, stages)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, takewhile
 
 import numpy as np
@@ -126,17 +126,6 @@ def ablation_table(scores: Scores) -> Table:
             "95 %: interval of the points, by clips or, below 6 clips, by looks of these clips. As good: it holds 0.",
             "A true head pose can cost frames: a head need not point at what the eyes look at, and one that stops "
             "short of it is turned onto it by an error at times.",
-        ),
-    )
-
-
-def terminal_ablation(scores: Scores) -> Table:
-    """The same table with shorter notes."""
-    return replace(
-        ablation_table(scores),
-        notes=(
-            "Each row replaces one stage more by the truth; points of FRR gained by that, with their 95 % interval "
-            "(as good: it holds 0). frr.md says how to read it.",
         ),
     )
 

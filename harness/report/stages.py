@@ -54,12 +54,14 @@ def terminal_measures(table: Table, scores: Scores) -> Table:
     chosen = replace(table, rows=tuple(row for row in rows if row[1] in shown)).only(
         ("Configuration", "Disparity px", "Over 2 px %", "Known %", "Box IoU", "Eyes cm", "Head deg", "Gaze deg")
     )
-    return replace(
-        chosen,
+    return Table.of(
+        table.title,
+        "Configuration | Disp. px | > 2 px % | Known % | IoU | Eyes cm | Head ° | Gaze °",  # fits 80 characters
+        chosen.rows,
         words=1,
         notes=(
-            "Medians: errors of disparity, eye origin, head and gaze direction. Over 2 px: share of disparities that "
-            "far off; known: pixels with a disparity; IoU: 3D boxes and the true ones, mean.",
+            "Medians: errors of disparity, eye origin, head and gaze direction. > 2 px: share of disparities that far "
+            "off; known: pixels with a disparity; IoU: 3D boxes and the true ones, mean.",
         ),
     )
 

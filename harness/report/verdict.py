@@ -120,16 +120,15 @@ def compared_rows(scores: Scores) -> list[ScoreRow]:
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
     """The configurations that the best one beats, and those that cannot be told from it."""
     names = list(dict.fromkeys(name for comparison in comparisons for name in comparison.names))
-    against = {
-        name: [_seen_from(name, comparison) for comparison in comparisons if name in comparison.names] for name in names
-    }
-    leads = {
-        name: sum(comparison.difference for comparison in compared if not math.isnan(comparison.difference))
-        for name, compared in against.items()
-    }
+    leads = dict.fromkeys(names, 0.0)
+    for comparison in comparisons:
+        if not math.isnan(comparison.difference):
+            leads[comparison.configuration] += comparison.difference
+            leads[comparison.reference] -= comparison.difference
     best = max(names, key=lambda name: leads[name])
-    beaten = [comparison for comparison in against[best] if comparison.is_significant and comparison.difference > 0]
-    tied = [comparison for comparison in against[best] if not comparison.is_significant]
+    against = [_seen_from(best, comparison) for comparison in comparisons if best in comparison.names]
+    beaten = [comparison for comparison in against if comparison.is_significant and comparison.difference > 0]
+    tied = [comparison for comparison in against if not comparison.is_significant]
     better, untold = [], []
     if len(beaten) > _MOST_NAMES:
         gains = [100 * comparison.difference for comparison in beaten]

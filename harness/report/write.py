@@ -15,7 +15,6 @@ from harness.report.comparisons import (
     comparison_table,
     comparisons_csv,
     published_table,
-    terminal_ablation,
 )
 from harness.report.csv_tables import frames_csv, scores_table
 from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
@@ -178,7 +177,7 @@ def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
     papers = {
         "frr": terminal_table(scores),
         "paper": tables["paper"],
-        "oracle_ablation": terminal_ablation(scores),
+        "oracle_ablation": tables["ablation"],
         "measures": terminal_measures(tables["stages"], scores),
     }
     return {

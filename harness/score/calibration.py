@@ -111,17 +111,19 @@ class DirectionCheck:
         return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
 
-def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
-    """One for each configuration with probabilities, in the order of the outcomes.
-
-    The seeds of a configuration are taken together, here and below.
-    """
+def _with_values(outcomes: Iterable[Outcomes], column: str) -> dict[str, list[Outcomes]]:
+    """By configuration, all seeds together: the outcomes that have a value in a column."""
     groups: dict[str, list[Outcomes]] = {}
     for outcome in outcomes:
-        if not np.isnan(outcome.confidence).all():
+        if not np.isnan(getattr(outcome, column)).all():
             groups.setdefault(base_of(outcome.configuration), []).append(outcome)
+    return groups
+
+
+def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
+    """One for each configuration with probabilities, in the order of the outcomes."""
     found = []
-    for name, group in groups.items():
+    for name, group in _with_values(outcomes, "confidence").items():
         frames = np.concatenate([np.stack([of.confidence, of.correct, of.brier], axis=1) for of in group])
         clips = list(dict.fromkeys(outcome.clip for outcome in group))
         codes = np.repeat([clips.index(outcome.clip) for outcome in group], [len(outcome.frames) for outcome in group])
@@ -132,12 +134,8 @@ def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
 
 def coverages(outcomes: Iterable[Outcomes]) -> list[SetCoverage]:
     """One coverage for each configuration that gives probabilities."""
-    groups: dict[str, list[Outcomes]] = {}
-    for outcome in outcomes:
-        if not np.isnan(outcome.set_size).all():
-            groups.setdefault(base_of(outcome.configuration), []).append(outcome)
     found = []
-    for name, group in groups.items():
+    for name, group in _with_values(outcomes, "set_size").items():
         sizes = np.concatenate([outcome.set_size for outcome in group])
         covered, n = sum(int(outcome.is_covered.sum()) for outcome in group), int((~np.isnan(sizes)).sum())
         found.append(SetCoverage(configuration=name, n=n, covered=covered, mean_size=float(np.nanmean(sizes))))

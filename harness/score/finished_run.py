@@ -62,8 +62,7 @@ class FinishedRun:
             raise VfoaError(f"{directory.path}: this run is not finished; repeat the same `vfoa run` to continue it")
         if missing := next((key for key in ("clips", "configurations") if not manifest.get(key)), None):
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
-        clips = [{"manifest": "", "notes": [], **clip} for clip in manifest.get("clips", [])]
-        return cls(directory=directory, manifest={"notes": [], "configurations": {}, **manifest, "clips": clips})
+        return cls(directory=directory, manifest=manifest)
 
     def records(self) -> Iterator[FrameRecord]:
         """Yield the comparable records: those of every configuration that ran on every clip, on these clips.

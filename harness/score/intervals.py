@@ -134,7 +134,7 @@ def standard_error(units: Units) -> float:
     merged = units.merged()
     residuals = merged.values - merged.rate * merged.frames
     total = 0.0
-    for stratum in _strata(merged):
+    for stratum in _strata(merged.clips):
         inside = residuals[stratum]
         total += len(inside) / (len(inside) - 1) * float(((inside - inside.mean()) ** 2).sum())
     return math.sqrt(total) / float(merged.frames.sum())
@@ -143,19 +143,16 @@ def standard_error(units: Units) -> float:
 def degrees_of_freedom(units: Units) -> int:
     """Degrees of freedom of :func:`standard_error`: units less strata."""
     merged = units.merged()
-    return len(merged.frames) - len(_strata(merged))
+    return len(merged.frames) - len(_strata(merged.clips))
 
 
-def _strata(units: Units) -> list[Codes]:
-    """The indices of the units that are resampled among themselves.
+def _strata(clips: Codes) -> list[Codes]:
+    """The indices of the units, from their clips (U,), that are resampled among themselves.
 
     Clips that stand for others, and looks if a clip has only one, form one stratum; otherwise each clip is one.
     """
-    everything = np.arange(len(units.frames))
-    clips, counts = np.unique(units.clips, return_counts=True)
-    if counts.min() < 2:
-        return [everything]
-    return [everything[units.clips == clip] for clip in clips]
+    names, counts = np.unique(clips, return_counts=True)
+    return [np.arange(len(clips))] if counts.min() < 2 else [np.flatnonzero(clips == name) for name in names]
 
 
 def _interval(units: Units, low: float, high: float) -> Interval:
@@ -202,10 +199,9 @@ def _draws(layout: bytes, by_clip: bool) -> NDArray[np.uint16]:
     # cached, because every configuration asks for the same
     clips = np.frombuffer(layout, dtype=np.intp)
     rng = np.random.default_rng(list(hashlib.sha256(layout).digest()))
-    units = Units(clips=clips, frames=np.ones(len(clips)), values=np.zeros(len(clips)))
     counts = np.zeros((REPLICATES, len(clips)), dtype=np.uint16)
     if not by_clip:
-        for stratum in _strata(units):
+        for stratum in _strata(clips):
             counts[:, stratum] = rng.multinomial(len(stratum), np.full(len(stratum), 1 / len(stratum)), REPLICATES)
         return counts
     names = np.unique(clips)
