@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -30,9 +30,11 @@ from harness.annotate.session import Session
 from harness.annotate.views import RegionPx, View
 from harness.clips.naming import NameRule
 from harness.files.folders import cache_root
+from harness.files.parsing import parse_json
 from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 _LONGEST_S = 24 * 3600
 _PATIENCE_S = 20
@@ -142,7 +144,7 @@ def create_app(session: Session) -> Starlette:
         view = request.path_params["view"]
         if view not in get_args(View):
             raise HTTPException(404)
-        shown = Shown.model_validate({**request.query_params})
+        shown = parse(Shown, {**request.query_params}, "picture")
         at = request.path_params["at"]
         coded = session.picture(view, at, shown.subject, region=shown.region, width=shown.width)
         if coded is None:
@@ -150,7 +152,7 @@ def create_app(session: Session) -> Starlette:
         return Response(coded, media_type="image/jpeg")
 
     def change(body: bytes) -> Response:
-        actions = Changes.model_validate_json(body)
+        actions = parse(Changes, parse_json(body, "request"), "request")
         with session.changing:
             names = session.manifest
             try:
@@ -167,7 +169,7 @@ def create_app(session: Session) -> Starlette:
 
     def change_targets(kind: type[Settings], make: Callable[..., None]) -> Callable[[Request], Any]:
         def answer(body: bytes) -> Response:
-            make(**dict(kind.model_validate_json(body)))
+            make(**dict(parse(kind, parse_json(body, "request"), "request")))
             return JSONResponse({"about": session.about(), **states()})
 
         return _posted(answer)
@@ -188,7 +190,6 @@ def create_app(session: Session) -> Starlette:
         exception_handlers={
             VfoaError: lambda _, error: _refused(error),
             OSError: lambda _, error: _refused(error),
-            ValidationError: _malformed,
         },
     )
 
@@ -210,8 +211,3 @@ def _refused(error: Exception, **more: Any) -> Response:
     if isinstance(error, OSError):
         problem, status = f"{error.filename or 'the disk'}: {error.strerror or error}", 507
     return JSONResponse({"error": problem, **more}, status)
-
-
-def _malformed(request: Request, error: Exception) -> Response:
-    first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
-    return JSONResponse({"error": f"{'.'.join(map(str, first['loc']))}: {first['msg']}"}, 400)

@@ -13,7 +13,6 @@ from statistics import median
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
-from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import read_clip_records
 
 
@@ -146,17 +145,13 @@ class Predictions:
         person = next((person for person in record.subjects if person.name == subject), None)
         if person is None or person.missing or (person.focus is None and not self._says_nowhere):
             return None
-        return _prediction(record, person)
+        if person.focus is None:
+            return Prediction(target=NOWHERE, attention=0.0, margin=0.0)
+        totals = sorted((attention.total for attention in person.attention), reverse=True)
+        first, second = (*totals, 0.0, 0.0)[:2]
+        return Prediction(target=record.target(person.focus).name, attention=first, margin=first - second)
 
     def order(self, frames: Sequence[int], subject: str) -> list[int]:
         """Positions of the frames, the most uncertain first; frames without a prediction come before all others."""
         margins = [prediction.margin if (prediction := self.predict(n, subject)) else -1.0 for n in frames]
         return sorted(range(len(frames)), key=lambda position: (margins[position], position))
-
-
-def _prediction(record: FrameRecord, subject: SubjectRecord) -> Prediction:
-    totals = sorted((attention.total for attention in subject.attention), reverse=True)
-    first, second = (*totals, 0.0, 0.0)[:2]
-    if subject.focus is None:
-        return Prediction(target=NOWHERE, attention=0.0, margin=0.0)
-    return Prediction(target=record.target(subject.focus).name, attention=first, margin=first - second)

@@ -8,7 +8,6 @@ header.
 from __future__ import annotations
 
 import asyncio
-import logging
 import re
 import secrets
 from typing import Any
@@ -30,8 +29,6 @@ REQUEST_S = 20.0
 """Seconds that a client may take for a request, from its connection or from the previous answer."""
 
 _LOOK_S = 1.0
-_SILENT_S = 60.0
-_log = logging.getLogger(__name__)
 
 ENTRANCES = ("/", "/open")
 """Paths whose address may hold the token: those that a person opens from the terminal."""
@@ -152,7 +149,6 @@ class Connections:
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
         self._open: dict[Any, _Connection] = {}
-        self._logged_s = -_SILENT_S
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request; its connection keeps its place meanwhile."""
@@ -173,9 +169,6 @@ class Connections:
         """Give a new connection a place, and close the slowest one if there are too many."""
         self._open[client] = connection
         if len(self._open) > MOST_CONNECTIONS:
-            if connection.since - self._logged_s >= _SILENT_S:
-                self._logged_s = connection.since
-                _log.warning("more than %d connections at once: those without a request are closed", MOST_CONNECTIONS)
             owing = [other for other in self._open.values() if other.owes]
             slowest = min(owing, key=lambda other: other.since, default=connection)
             self.leave(slowest)

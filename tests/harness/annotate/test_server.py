@@ -107,7 +107,7 @@ def test_a_form_of_another_page_cannot_post(page: Page) -> None:
     ("change", "found"),
     [
         ({"kind": "forget"}, "kind: "),
-        ({"colour": "red"}, "colour: "),
+        ({"colour": "red"}, "unknown key 'changes.0.colour'"),
         ({"subject": "anna"}, "unknown subject 'anna'; did you mean 'ann'"),
         ({"target": "cups"}, "unknown target 'cups'; did you mean 'cup'"),
         ({"target": "ann"}, "'ann' looks at 'ann'"),
