@@ -75,18 +75,14 @@ class StageKind:
             return None
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
-        checked = parse(self.settings_class(name), settings, f"{where}: {self.name}", beside=(self.key,))
+        checked = parse(self.stage_class(name).Settings, settings, f"{where}: {self.name}", beside=(self.key,))
         return StageChoice(slot=self.name, name=name, settings=checked)
-
-    def settings_class(self, name: str) -> type[Settings]:
-        """The class of the settings of the stage called ``name``."""
-        return self.stage_class(name).Settings
 
     def takes(self, name: object, key: str) -> bool:
         """Whether the stage called ``name`` has a setting called ``key``; False for an unknown name."""
         if key == self.key:
             return True
-        return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
+        return name != OFF and name in self and key in self.stage_class(str(name)).Settings.model_fields
 
     def build(self, choice: StageChoice, clip: Clip, beside: Executor | None = None) -> Any:
         """Build the stage for one clip. ``beside`` segments key frames in another thread, for settings with a delay."""

@@ -235,7 +235,7 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
     for name in slot.library.builtin:
         needed: tuple[str, ...] | None = None
         with suppress(ValueError):  # its settings must name them
-            needed = tuple(weights_of(slot.settings_class(name)()))
+            needed = tuple(weights_of(slot.stage_class(name).Settings()))
         chosen: tuple[str, ...] = (f"{slot.name}.{slot.key}={name}",)
         if needed is None or not all(map(_find, needed)):
             networks = (entry for entry in catalogue().values() if entry.stage == f"{slot.name}.{name}")

@@ -94,7 +94,6 @@ def run_plan(
             tell(f"interrupted: finished frames are kept in {directory.path}; the same command continues")
             raise
         _finish(plan, directory, of_run, failures, account, started)
-        write_value(directory.noted_inputs, KNOWN)
     for line in cache_lines(account.rows()):
         tell(line)
     return directory

@@ -26,7 +26,7 @@ def test_nothing_is_imported_before_load() -> None:
 def test_every_builtin_stage_can_be_loaded_and_has_settings(slot: object) -> None:
     for name in slot.names():  # type: ignore[attr-defined]
         if name != "none":
-            assert slot.settings_class(name).model_config["extra"] == "forbid"  # type: ignore[attr-defined]
+            assert slot.stage_class(name).Settings.model_config["extra"] == "forbid"  # type: ignore[attr-defined]
 
 
 def test_another_distribution_adds_a_name_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

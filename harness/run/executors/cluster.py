@@ -196,26 +196,19 @@ def on_worker(
     """
     from distributed import get_worker
 
-    with _naming(get_worker().address):
+    words: list[str] = []
+
+    def progress(word: str) -> None:
+        words.append(word)
+        _check_goes_on(run)
+
+    try:
         _prepare(here, code, sees, run)
-        words: list[str] = []
-
-        def progress(word: str) -> None:
-            words.append(word)
-            _check_goes_on(run)
-
         _check_goes_on(run)
         return work(job, progress), words
-
-
-@contextmanager
-def _naming(address: str) -> Iterator[None]:
-    """Name the worker in an error of the block, such as that of a storage that only this worker cannot read."""
-    try:
-        yield
-    except VfoaError as error:
+    except VfoaError as error:  # such as that of a storage that only this worker cannot read
         if type(error) is VfoaError:
-            raise VfoaError(f"{address}: {error}") from None
+            raise VfoaError(f"{get_worker().address}: {error}") from None
         raise
 
 
