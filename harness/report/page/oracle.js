@@ -6,10 +6,15 @@ import { data } from "./packs.js";
 
 const HEIGHT = 230;
 
+const number = (cell) => (cell === "" ? null : Number(cell));
+
+const STEPS = data.oracle.map(([configuration, replaced, , frr, gained, low, high, reads]) =>
+  ({ configuration, replaced, frr: Number(frr), gained: number(gained), low: number(low), high: number(high), reads }));
+
 function ablations() {
   const groups = [];
-  for (const step of data.oracle) {
-    if (step.replaced === null) groups.push([]);
+  for (const step of STEPS) {
+    if (step.replaced === "") groups.push([]);
     groups.at(-1).push(step);
   }
   return groups;
@@ -44,7 +49,7 @@ function drawOne(steps, width, from) {
 }
 
 export function drawOracle(place) {
-  const lowest = Math.min(...data.oracle.map((each) => each.frr));
+  const lowest = Math.min(...STEPS.map((each) => each.frr));
   const from = Math.max(0, Math.floor(10 * lowest - 0.5) / 10);
   for (const steps of ablations()) {
     const part = document.createElement("div");

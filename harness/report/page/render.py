@@ -20,7 +20,7 @@ from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import headline, next_steps, verdict_sentence
 from harness.score.calibration import reliabilities
 from harness.score.comparison import Comparison
-from harness.score.oracle_ablation import steps, without_oracles
+from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 
 _FOLDER = Path(__file__).parent
@@ -95,30 +95,18 @@ def render_page(
         served=served is not None,
         script=script("main"),
         packs=packs,
-        data={**data, **_figures(scores, times)},
+        data={**data, **_figures(scores, tables, times)},
     )
 
 
-def _figures(scores: Scores, times: StageTimes) -> dict[str, Any]:
+def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, Any]:
     """Data of the small figures.
 
-    ``oracle``: steps ``{configuration, replaced or null, frr, gained, low, high, reads}``. ``calibration``:
-    ``{configuration, error, bins: [[confidence, right, frames]]}``. ``speed``: ``{configurations, stages, ms}``, a row
-    of ``ms`` per stage; null without times.
+    ``oracle``: the rows of ``oracle_ablation.csv``. ``calibration``: ``{configuration, error, bins: [[confidence,
+    right, frames]]}``. ``speed``: ``{configurations, stages, ms}``, a row of ``ms`` per stage; null without times.
     """
     return {
-        "oracle": [
-            {
-                "configuration": step.configuration,
-                "replaced": step.replaced,
-                "frr": step.row.frr,
-                "gained": step.gained,
-                "low": _known(step.interval.low if step.interval else None),
-                "high": _known(step.interval.high if step.interval else None),
-                "reads": step.reads,
-            }
-            for step in steps(scores)
-        ],
+        "oracle": tables["oracle_ablation.csv"].rows,
         "calibration": [
             {
                 "configuration": reliability.configuration,
@@ -158,10 +146,6 @@ def render_comparison(comparisons: Sequence[Comparison]) -> str:
         script=script("compare"),
         data={},
     )
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None or value != value else value
 
 
 def _facts(scores: Scores, manifest: Mapping[str, Any]) -> list[str]:

@@ -327,3 +327,16 @@ def test_a_page_compares_runs_in_a_table_that_is_sorted_by_points_interval_and_p
         heads["Points"].click()
         assert points() == sorted(points(), reverse=falls)
     assert session.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_the_oracle_ablation_is_a_waterfall(session: Chrome, tmp_path: Path) -> None:
+    said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
+    records = [record for name, words in said.items() for record in answers(words, configuration=name)]
+    (tmp_path / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    score_run(tmp_path / "results.jsonl", Reference(labels={"clip": labels(*["cup"] * 4)}))
+    _open(session, tmp_path / "report.html")
+    titles = session.find_elements("css selector", "#draw-oracle rect ~ title, #draw-oracle g > title")
+    assert [title.get_attribute("textContent") for title in titles] == [
+        "as run: FRR 50.0 %",
+        "+ true gaze: FRR 75.0 %, +25.0 points",
+    ]
