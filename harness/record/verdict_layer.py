@@ -25,7 +25,6 @@ from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
 from harness.run.results import Block, find_blocks, read_block
-from harness.score import probabilities
 from harness.score import verdicts as scored
 from harness.score.verdicts import judge
 from vfoa.errors import VfoaError
@@ -91,7 +90,7 @@ def write_verdict_layers(
 @cache
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
-    modules = (verdicts, entities, frame_log, layer_file, appearance, scored, probabilities)
+    modules = (verdicts, entities, frame_log, layer_file, appearance, scored)
     files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 

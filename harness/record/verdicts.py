@@ -26,8 +26,7 @@ from harness.record.appearance import (
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.probabilities import prediction_set
-from harness.score.verdicts import ERROR_TYPES, Verdict
+from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set
 from vfoa.geometry import quaternion
 
 NO_PREDICTION = "no prediction"

@@ -12,9 +12,8 @@ from harness.run.directory import Pair
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
 from harness.score.metrics import load_metrics
-from harness.score.probabilities import prediction_set
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES, Verdict
+from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set
 from vfoa.errors import VfoaError
 
 ALL = "(all)"

@@ -24,9 +24,8 @@ from harness.score.calibration import (
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import LEAST_PROBABILITY, load_metrics
 from harness.score.oracle_ablation import without_oracles
-from harness.score.probabilities import SET_LEVEL
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES
+from harness.score.verdicts import ERROR_TYPES, SET_LEVEL
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "

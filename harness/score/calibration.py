@@ -3,7 +3,7 @@
 **Calibration**: whether 70 % of the frames with a confidence of 70 % are right. Guo et al. (2017): predictions are
 sorted into ten bins by confidence, the probability of the predicted target. The expected calibration error is the mean
 distance between a bin's share of right frames and its mean confidence.
-**Sets** and Brier's score are those of :mod:`harness.score.probabilities`.
+**Sets** and Brier's score are those of :mod:`harness.score.verdicts`.
 
 **Directions** are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
 probability of directions that fit worse than the measured ones. If the model is right, these tail probabilities are

@@ -17,8 +17,7 @@ from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRec
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import JudgedPart
-from harness.score.probabilities import UNKNOWN_WORTH
-from harness.score.verdicts import find_subject, right_answers
+from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, did_you_mean

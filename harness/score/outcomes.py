@@ -14,9 +14,20 @@ from harness.run.directory import Pair, Published
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Choices, best_limit_rad, choose, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
-from harness.score.probabilities import NO_PROBABILITIES, UNKNOWN_WORTH, Worth, worth_of
 from harness.score.statistics import Codes, Flags
-from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, right_answers
+from harness.score.verdicts import (
+    NO_HIT,
+    NO_PROBABILITIES,
+    UNKNOWN_WORTH,
+    Verdict,
+    Worth,
+    answer,
+    find_subject,
+    judge,
+    judge_absent,
+    right_answers,
+    worth_of,
+)
 from vfoa.types import DirectionFit, Float
 
 NO_PREDICTION = -1
@@ -55,7 +66,7 @@ class Outcomes:
     ``looks`` number the looks (see :mod:`harness.score.looks`). ``no_hit`` are the frames in which nothing got any
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
     so, ``blocked`` those whose line of sight the label calls blocked. ``confidence``, ``on_truth``, ``brier``,
-    ``set_size`` and ``is_covered`` are as in :class:`harness.score.probabilities.Worth`. ``baselines`` (n, baselines)
+    ``set_size`` and ``is_covered`` are as in :class:`harness.score.verdicts.Worth`. ``baselines`` (n, baselines)
     says which baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is
     the smallest angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
     ``rate_hz`` is the rate of the clip's frames, None if unknown.

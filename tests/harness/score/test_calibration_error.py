@@ -14,8 +14,8 @@ from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.calibration import coverages, misfit_notes, reliabilities, reliability
 from harness.score.outcomes import Reference
-from harness.score.probabilities import prediction_set
 from harness.score.score import Scores, score
+from harness.score.verdicts import prediction_set
 from tests.records import frame_record, subject_record, target_record
 from vfoa.types import DirectionFit
 
