@@ -138,6 +138,7 @@ class FinishedRun:
             notes=(
                 *_left_out(run)[2],
                 *run.get("notes", ()),
+                *carried_mask_notes(run["configurations"]),
                 *([f"Scored against the labels of {annotator!r}."] if annotator else []),
                 *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
                 *changed,
@@ -239,3 +240,20 @@ def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, An
     targets: dict[str, Any] = clip["names"].get("targets", {})
     now = manifest.names_now(targets)
     return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
+
+
+def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a note for each distance and delay of key frames, with the configurations that have it."""
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, configuration in configurations.items():
+        segmentation = configuration.get("segmentation") or {}
+        every, delay = segmentation.get("every", 1), segmentation.get("delay", 0)
+        if every + delay > 1:
+            names.setdefault((every, delay), []).append(name)
+    for (every, delay), chosen in names.items():
+        later = f" and used from {delay} frames later on" if delay else ""
+        yield (
+            f"{', '.join(chosen)}: masks are found once in {every} frames{later} (segmentation.every = {every}, "
+            f"segmentation.delay = {delay}). Optical flow carries them to the frames in between, so they are up to "
+            f"{every + delay - 1} frames old; masks_from and masks_age_s in results.jsonl say which and how old."
+        )
