@@ -82,7 +82,8 @@ class _FileDirections:
         columns = (*DIRECTION, *(f"{name}{unit}" for name in (*self.angles, "sigma") for unit in _UNITS))
         self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
-        self._table = table = read_table(path, columns, clip.frames)
+        table = read_table(path, columns, clip.frames)
+        self._keys = table.keys()
         table.reject(
             ~self._heads.has(table),
             lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
@@ -114,7 +115,7 @@ class _FileDirections:
             for subject, boxes in heads.items()
         ]
         overlap, _, subject = max(overlaps, key=lambda candidate: candidate[:2], default=(0.0, False, ""))
-        row = next((row for row in self._table.rows(frame.index) if self._table.subjects[row] == subject), None)
+        row = next((row for row in self._keys.rows(frame.index) if self._keys.subjects[row] == subject), None)
         if row is None or overlap < LEAST_OVERLAP:
             return None
         angles, direction, sigma_rad = self._angles[row].tolist(), self._directions[row], float(self._sigmas[row])

@@ -33,10 +33,9 @@ KEYS = ("frame", "subject")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTable:
-    """The columns of a table of stage outputs, with the frame (n,) and the subject of each row."""
+class RowKeys:
+    """The frame (n,) and the subject of each row of a table."""
 
-    columns: TableColumns
     frames: NDArray[np.int64]
     subjects: tuple[str, ...]
 
@@ -48,6 +47,17 @@ class FrameTable:
         """The rows of a frame, in the file's order."""
         rows: list[int] = np.flatnonzero(self.frames == frame).tolist()
         return rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTable(RowKeys):
+    """A table of stage outputs while it is checked, with the text of its cells."""
+
+    columns: TableColumns
+
+    def keys(self) -> RowKeys:
+        """The keys of the rows, without the text: an hour of video has 90,000 rows for each person."""
+        return RowKeys(frames=self.frames, subjects=self.subjects)
 
     def reject(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
         """Raise a :class:`VfoaError` for the first wrong row; ``problem`` says what is wrong with a row."""
@@ -137,7 +147,7 @@ class HeadTable:
         columns = table.columns
         self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
-        self._table, ids = table, self._instances
+        self._keys, ids = table.keys(), self._instances
         table.reject(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
         table.reject(
             # the person's id need not be among the masks: a hidden person has no pixel there
@@ -151,11 +161,11 @@ class HeadTable:
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""
-        return {self._table.subjects[row]: self._head(row) for row in self._table.rows(frame)}
+        return {self._keys.subjects[row]: self._head(row) for row in self._keys.rows(frame)}
 
     def has(self, table: FrameTable) -> NDArray[np.bool_]:
         """Whether the frame and the subject of each row (n,) of another table have a head."""
-        known = {*self._table.pairs()}
+        known = {*self._keys.pairs()}
         return np.array([key in known for key in table.pairs()], dtype=bool)
 
     def _head(self, row: int) -> Head:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -19,7 +18,7 @@ from harness.files.io import check_name, read_bytes
 from harness.files.parsing import parse_json_as
 from harness.remote import expand
 from harness.sources import Clip
-from harness.sources.media.frame_files import check_printf, number_names, printf_name
+from harness.sources.media.frame_files import FolderFiles, check_printf, number_names, printf_name
 from harness.sources.media.images import read_raw
 from harness.sources.media.maps import present_ids, read_disparity, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
@@ -143,7 +142,7 @@ class CocoPanoptic:
         if frame.index not in self._masks.files:
             raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
         path = self._png / self._masks.files[frame.index]
-        segments = self._masks.segments[frame.index]
+        segments = self._masks.segments(frame.index)
         ids = _read_ids(path)
         if ids.shape != frame.left.shape[:2]:
             raise VfoaError(
@@ -215,34 +214,48 @@ class _PanopticFile(Struct):
     categories: list[_Category]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Masks:
-    """The content of a file: the categories by id; by frame, the PNG file's name and the segments in the file's order.
+_PACKED = np.dtype([("id", np.uint32), ("category_id", np.int64), ("iscrowd", np.bool_), ("score", np.float64)])
 
-    ``small`` are the 16-bit ids.
+
+class _Masks:
+    """The content of a file: the categories by id, the PNG files by frame below their folder, and the segments.
+
+    ``small`` are the 16-bit ids. Segments are packed: an hour of four objects has 360,000 of them.
     """
 
-    categories: Mapping[int, _Category]
-    files: Mapping[int, str]
-    segments: Mapping[int, Sequence[_Segment]]
-    small: Mapping[int, int]
+    def __init__(self, file: _PanopticFile, path: Path) -> None:
+        self.categories: dict[int, _Category] = _by_key(file.categories, "id", f"{path}: categories")
+        by_name = _by_key(file.annotations, "file_name", f"{path}: annotations")
+        for annotation in file.annotations:
+            _by_key(annotation.segments_info, "id", f"{path}: {annotation.file_name}: segments_info")
+        names = number_names(by_name, f"{path}: annotations") if by_name else {}
+        self.files = FolderFiles(Path(), names)
+        in_order = [by_name[name].segments_info for name in names.values()]
+        every = [segment for segments in in_order for segment in segments]
+        self.small = small_ids((segment.id for segment in every), str(path))
+        self._numbers = np.array([*names], dtype=np.int64)
+        self._begins = np.cumsum([0, *map(len, in_order)])
+        self._packed = np.fromiter(
+            ((segment.id, segment.category_id, bool(segment.iscrowd), segment.score) for segment in every),
+            _PACKED,
+            len(every),
+        )
+        self._names = {place: segment.name for place, segment in enumerate(every) if segment.name is not None}
+
+    def segments(self, frame: int) -> list[_Segment]:
+        """The segments of a frame, in the file's order."""
+        place = int(np.searchsorted(self._numbers, frame))
+        begin, end = self._begins[place : place + 2].tolist()
+        return [
+            _Segment(id=id_, category_id=category, iscrowd=crowd, score=score, name=self._names.get(begin + offset))
+            for offset, (id_, category, crowd, score) in enumerate(self._packed[begin:end].tolist())
+        ]
 
 
 @lru_cache(maxsize=2)
 def _read(path: Path, digest: str) -> _Masks:
     """Read the file once per content: the stage needs it, and the description of the run."""
-    file = parse_json_as(_PanopticFile, read_bytes(path), path)
-    by_name = _by_key(file.annotations, "file_name", f"{path}: annotations")
-    for name, annotation in by_name.items():
-        _by_key(annotation.segments_info, "id", f"{path}: {name}: segments_info")
-    files = number_names(by_name, f"{path}: annotations") if by_name else {}
-    segments = {number: by_name[name].segments_info for number, name in files.items()}
-    return _Masks(
-        categories=_by_key(file.categories, "id", f"{path}: categories"),
-        files=files,
-        segments=segments,
-        small=small_ids((segment.id for own in segments.values() for segment in own), str(path)),
-    )
+    return _Masks(parse_json_as(_PanopticFile, read_bytes(path), path), path)
 
 
 def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:
