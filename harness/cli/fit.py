@@ -40,6 +40,7 @@ def fit(
     even_if_worse: Annotated[
         bool, typer.Option("--even-if-worse", help="Write the file even if the default weights are better.")
     ] = False,
+    tables: Annotated[Path | None, typer.Option(metavar="FILE.md", help="Also write the tables as Markdown.")] = None,
     replace: Replace = False,
 ) -> None:
     """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
@@ -49,6 +50,7 @@ def fit(
     from harness.cli.terminal import print_reports
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
+    from harness.report.formats import to_markdown
     from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError
@@ -57,7 +59,9 @@ def fit(
     first_s = _seconds(first)
     name, inputs, directory = _source(what)
     path = out or Path(f"{name}-fitted.toml")
-    check_new(path, replace=replace, hint=", or another --out", inputs=inputs)
+    for option, place in (("--out", path), ("--tables", tables)):
+        if place is not None:
+            check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
     run = read_labelled(directory(), config)
     try:
         fitted = fit_logit(run, first_s=first_s)
@@ -65,7 +69,10 @@ def fit(
         if not even_if_worse:
             raise
         fitted = fit_logit(run, first_s=first_s, scored=False)
-    print_reports(fit_tables(fitted))
+    reports = fit_tables(fitted)
+    print_reports(reports)
+    if tables is not None:
+        atomic_write(tables, "\n".join(map(to_markdown, reports)))
     own = fitted.fit.score_of(f"{FITTED}, forward")
     # default weights that were fitted on these clips are no measure
     rival = COMMONEST if set(fitted.fit.clips) & set(shipped_fit().get("clips", ())) else f"{DEFAULT}, forward"
