@@ -288,21 +288,36 @@ def reliability_table(reliabilities: Sequence[Reliability]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
     return Table.of(
         "Calibration of the probabilities",
-        "Configuration | n | Right % | Mean confidence % | ECE | 95 % | Brier",
+        "Configuration | n | Right % | Mean confidence % | ECE | 95 % | ECE, adaptive | Brier",
         (
-            (
-                *(row.configuration, row.n, percent(row.share_right), percent(row.mean_confidence)),
-                *(number(row.calibration_error, 3), interval_range(row.interval, ".3f"), number(row.brier, 3)),
-            )
+            (row.configuration, *_means(row), interval_range(row.interval, ".3f"), *_errors(row))
             for row in reliabilities
         ),
         words=1,
         notes=(
             f"Over the scored frames with a prediction. ECE: expected calibration error, {BINS} equal bins of the "
-            f"probability of what was predicted; 95 %: clips resampled, from {LEAST_CLIPS} clips on. Brier: squared "
-            "distance of all probabilities from the truth, 0 to 2.",
+            f"probability of what was predicted; 95 %: clips resampled, from {LEAST_CLIPS} clips on. Adaptive: bins "
+            "of as many frames each. Brier: squared distance of all probabilities from the truth, 0 to 2.",
         ),
     )
+
+
+def subject_reliability_table(reliabilities: Sequence[tuple[str, str, Reliability]]) -> Table:
+    """One row for each subject of a clip and configuration that gives probabilities."""
+    return Table.of(
+        "Calibration by subject",
+        "Clip | Subject | Configuration | n | Right % | Mean confidence % | ECE | ECE, adaptive | Brier",
+        ((*place, row.configuration, *_means(row), *_errors(row)) for *place, row in reliabilities),
+        words=3,
+    )
+
+
+def _means(row: Reliability) -> tuple[object, ...]:
+    return row.n, percent(row.share_right), percent(row.mean_confidence), number(row.calibration_error, 3)
+
+
+def _errors(row: Reliability) -> tuple[str, str]:
+    return number(row.adaptive_error, 3), number(row.brier, 3)
 
 
 def prediction_set_table(coverages: Sequence[SetCoverage]) -> Table:

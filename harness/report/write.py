@@ -39,13 +39,14 @@ from harness.report.tables import (
     prediction_set_table,
     reliability_table,
     seeds_table,
+    subject_reliability_table,
     subjects_table,
     terminal_table,
     visible_table,
 )
 from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
-from harness.score.calibration import coverages, reliabilities
+from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
 from harness.score.score import Scores
 
@@ -151,6 +152,7 @@ def run_tables(scores: Scores) -> RunTables:
         "ablation": ablation_table(scores),
         "stages": stage_measures_table(scores),
         "calibration": reliability_table(reliabilities(scores.outcomes)),
+        "calibration by subject": subject_reliability_table(reliabilities_by_subject(scores.outcomes)),
         "sets": prediction_set_table(coverages(scores.outcomes)),
         "directions": direction_check_table(scores.directions),
         "comparisons": comparison_table(comparisons),

@@ -2,7 +2,9 @@
 
 **Calibration**: whether 70 % of the frames with a confidence of 70 % are right. Guo et al. (2017): predictions are
 sorted into ten bins by confidence, the probability of the predicted target. The expected calibration error is the mean
-distance between a bin's share of right frames and its mean confidence.
+distance between a bin's share of right frames and its mean confidence. If probabilities are high, equal bins put most
+frames in one bin; adaptive bins (Nguyen and O'Connor 2015) hold the same number of frames each.
+
 **Sets** and Brier's score are those of :mod:`harness.score.verdicts`.
 
 **Directions** are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
@@ -48,12 +50,14 @@ class Reliability:
     """The calibration of one configuration's probabilities over ``n`` scored frames with a prediction.
 
     ``confidence``, ``accuracy`` (means) and ``counts`` are by equal bin (B,); the means of an empty bin are NaN.
-    ``interval`` is that of the calibration error, clips resampled; unknown with few clips.
+    ``interval`` is that of the calibration error, clips resampled; unknown with few clips. ``adaptive_error`` is the
+    calibration error of adaptive bins.
     """
 
     configuration: str
     n: int
     brier: float
+    adaptive_error: float
     interval: Interval
     confidence: Float
     accuracy: Float
@@ -132,6 +136,14 @@ def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
     return found
 
 
+def reliabilities_by_subject(outcomes: Iterable[Outcomes]) -> list[tuple[str, str, Reliability]]:
+    """Clip, subject and calibration: one for each configuration with probabilities, sorted by clip and subject."""
+    groups: dict[tuple[str, str], list[Outcomes]] = {}
+    for outcome in outcomes:
+        groups.setdefault((outcome.clip, outcome.subject), []).append(outcome)
+    return [(*place, row) for place, group in sorted(groups.items()) for row in reliabilities(group)]
+
+
 def coverages(outcomes: Iterable[Outcomes]) -> list[SetCoverage]:
     """One coverage for each configuration that gives probabilities."""
     found = []
@@ -176,11 +188,20 @@ def reliability(configuration: str, frames: Float, clips: Codes | None = None) -
         configuration=configuration,
         n=len(frames),
         brier=float(brier.mean()),
+        adaptive_error=adaptive_error(confidence, right),
         interval=_interval(confidence - right, bins, np.zeros(len(frames), dtype=np.intp) if clips is None else clips),
         confidence=mean,
         accuracy=share,
         counts=counts,
     )
+
+
+def adaptive_error(confidence: Float, right: Float) -> float:
+    """The expected calibration error of :data:`BINS` bins of equal numbers of frames; equal confidences share one."""
+    order = np.argsort(confidence, kind="stable")
+    edges = confidence[order][np.linspace(0, len(order), BINS + 1).astype(int)[1:-1].clip(max=len(order) - 1)]
+    bins = np.searchsorted(np.unique(edges), confidence, side="right")
+    return float(np.abs(np.bincount(bins, confidence - right)).sum() / len(confidence))
 
 
 def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:

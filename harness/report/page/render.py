@@ -30,7 +30,7 @@ _GROUPS = {
     "rates": ("frr", "comparisons", "seeds", "visible", "nowhere", "published"),
     "errors": ("errors",),
     "oracle": ("ablation",),
-    "calibration": ("calibration", "sets", "directions"),
+    "calibration": ("calibration", "calibration by subject", "sets", "directions"),
 }
 _MORE = ("subjects", "agreement", "baselines", "stages", "objects")
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})

@@ -14,7 +14,7 @@ from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
 from harness.run.results import pooled_measures
-from harness.score.calibration import coverages, reliabilities
+from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from harness.score.score import score
@@ -95,6 +95,7 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
     (calibration,) = reliabilities(scores.outcomes)
     assert (calibration.configuration, calibration.n) == ("bayes", 6)
     assert calibration.share_right == pytest.approx(5 / 6)
+    assert [(each.configuration, each.n) for *_, each in reliabilities_by_subject(scores.outcomes)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in coverages(scores.outcomes)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in scores.directions] == [("bayes", 6)]
     assert {key: len(frames) for key, frames in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.calibration import coverages, misfit_notes, reliabilities, reliability
+from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.score.verdicts import prediction_set
@@ -76,7 +76,7 @@ def test_a_run_without_probabilities_has_no_calibration():
 
 def test_the_table_has_rate_confidence_and_both_errors():
     found = [reliability("bayes", np.array([[0.7, 1, 0.1], [0.8, 0, 0.5]]))]
-    assert reliability_table(found).rows == (("bayes", "2", "50.0", "75.0", "0.550", "–", "0.300"),)
+    assert reliability_table(found).rows == (("bayes", "2", "50.0", "75.0", "0.550", "–", "0.550", "0.300"),)
 
 
 def test_confidences_fall_into_tenths_of_which_the_last_holds_certainty():
@@ -102,6 +102,16 @@ def test_clips_without_labels_and_configurations_without_frames_have_no_calibrat
     (found,) = reliabilities(scored([*frames, free], truth, "bayes", "idle").outcomes)
     assert (found.configuration, found.n) == ("bayes", 3)
     assert found.share_right == pytest.approx(2 / 3)
+
+
+def test_adaptive_bins_hold_as_many_frames_each() -> None:
+    """A hundred distinct confidences, ten to a bin: the error is that of a plain loop over sorted tens."""
+    rng = np.random.default_rng(4)
+    confidence, right = 0.9 + 0.1 * rng.random(100), (rng.random(100) < 0.8).astype(float)
+    order = np.argsort(confidence)
+    tens = [order[k : k + 10] for k in range(0, 100, 10)]
+    expected = sum(abs(float((confidence[each] - right[each]).sum())) for each in tens) / 100
+    assert adaptive_error(confidence, right) == pytest.approx(expected)
 
 
 def test_the_interval_of_the_error_needs_six_clips_and_holds_it() -> None:
