@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.files.digests import code_of, file_digest
+from harness.files.parsing import differing_keys
 from harness.pipeline import cache_store
 from harness.pipeline.cache_store import Store, content_digest, decode, encode, warn_damaged
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
@@ -75,11 +76,15 @@ def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> Identity | None
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Tally:
-    """The outputs of one stage on a clip that were reused, and computed, by the names of their files."""
+    """The outputs of one stage on a clip that were reused, and computed, by the names of their files.
+
+    ``absent`` is the reason why there were none before; None if there were some.
+    """
 
     identity: Identity
+    absent: str | None = None
     reused: set[str] = field(default_factory=set)
     computed: set[str] = field(default_factory=set)
 
@@ -121,17 +126,29 @@ def _file_name(frame: int | None, inputs: Sequence[object]) -> str:
     return f"{name}-{content_digest(*inputs)}.bin"
 
 
+def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
+    """Say why there are no outputs yet: how the most similar stored identity differs."""
+    of_stage = [identity for identity in stored if identity["stage"] == parts["stage"]]
+    of_clip = [identity for identity in of_stage if identity["clip"] == parts["clip"]]
+    if not of_clip:
+        return "first time on this clip" if of_stage else "first time"
+    nearest = min((sorted(differing_keys(parts, identity)) for identity in of_clip), key=len)
+    return f"{', '.join(nearest)} changed"
+
+
 class StoredOutputs:
     """The stored outputs of one stage on one clip. Keys are the frame's number and the content of all other inputs."""
 
     def __init__(self, store: Store, identity: Identity) -> None:
-        self._store, self._identity, self._tally = store, identity, Tally(identity)
+        self._store, self._identity = store, identity
         self._folder = store.folder(identity.slot, identity.digest)
+        stored = (parts for _, parts in store.described(identity.slot))
+        self._tally = Tally(identity, None if self._folder.exists() else difference(identity.parts, stored))
         self._is_writable = True
 
     def take(self) -> Tally:
         """Return what was reused and computed since the last call."""
-        taken, self._tally = self._tally, Tally(self._identity)
+        taken, self._tally = self._tally, Tally(self._identity, self._tally.absent)
         return taken
 
     def load(self, inputs: Sequence[object]) -> tuple[float, Any] | None:
@@ -183,11 +200,12 @@ class Account:
         for tally in tallies:
             identity = tally.identity
             total = self._totals.setdefault((identity.parts["clip"], identity.digest), Tally(identity))
+            total.absent = total.absent or tally.absent
             total.reused.update(tally.reused)
             total.computed.update(tally.computed)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return one row per stage and clip for the run's manifest."""
+        """Return one row per stage and clip for the run's manifest; ``why`` is None if all outputs were reused."""
         return [
             {
                 "clip": clip,
@@ -195,16 +213,18 @@ class Account:
                 "stage": total.identity.parts["stage"],
                 "reused": len(total.reused - total.computed),
                 "computed": len(total.computed),
+                "why": (total.absent or "missing or damaged") if total.computed else None,
             }
             for (clip, _), total in self._totals.items()
         ]
 
 
 def cache_lines(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the rows in words: a line for each stage, over all clips."""
-    counts: dict[str, Counter[str]] = {}
+    """Yield the rows in words: a line for each stage and reason, over all clips."""
+    counts: dict[tuple[str, str | None], Counter[str]] = {}
     for row in rows:
-        count = counts.setdefault(f"{row['slot']} {row['stage']}", Counter())
+        count = counts.setdefault((f"{row['slot']} {row['stage']}", row["why"]), Counter())
         count.update(reused=row["reused"], computed=row["computed"])
-    for stage, count in counts.items():
-        yield f"Cache: {stage}: {count['reused']} reused, {count['computed']} computed"
+    for (stage, why), count in counts.items():
+        reason = f" ({why})" if why else ""
+        yield f"Cache: {stage}: {count['reused']} reused, {count['computed']} computed{reason}"

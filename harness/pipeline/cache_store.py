@@ -21,7 +21,7 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,14 +135,21 @@ class Store:
         if not path.exists():
             atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
 
+    def described(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """The folder and the description of each identity of a slot (``*``: of any); damaged ones are left out."""
+        for path in sorted(self.stages.glob(f"{slot}/*/{_IDENTITY}")):
+            parts = None
+            with suppress(VfoaError):
+                parts = parse_json(read_bytes(path), path)
+            if isinstance(parts, dict) and {"stage", "clip"} <= parts.keys():
+                yield path.parent, parts
+
     def usage(self) -> list[Usage]:
         """Disk usage by stage and clip, all settings together, largest first; undescribed outputs are left out."""
         sizes: dict[tuple[str, str, str], list[int]] = {}
-        for path in sorted(self.stages.glob(f"*/*/{_IDENTITY}")):
-            with suppress(VfoaError, TypeError, KeyError):  # damaged
-                parts = parse_json(read_bytes(path), path)
-                key = path.parent.parent.name, str(parts["stage"]), str(parts["clip"])
-                sizes.setdefault(key, []).extend(size for _, size, _ in _results(path.parent))
+        for folder, parts in self.described("*"):
+            key = folder.parent.name, str(parts["stage"]), str(parts["clip"])
+            sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
         usages = (
             Usage(slot=slot, name=name, clip=clip, files=len(own), bytes=sum(own))
             for (slot, name, clip), own in sizes.items()

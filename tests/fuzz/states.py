@@ -17,7 +17,7 @@ from harness.bench.stage_outputs import write_coco_panoptic
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Timeline, timeline_of
-from harness.pipeline.cache import Identity, StoredOutputs
+from harness.pipeline.cache import Identity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
@@ -189,7 +189,7 @@ def use_identity(path: Path) -> Any:
     place = store.folder("stereo", "abc") / path.name
     place.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(path, place)
-    return store.usage()
+    return store.usage(), difference(_IDENTITY.parts, (parts for _, parts in store.described("stereo")))
 
 
 def load_rendered(path: Path) -> Any:

@@ -51,9 +51,9 @@ def _run(experiment: Path, out: Path, store: Store | None, *overrides: str) -> R
     return run_plan(plan, out, workers=1, progress=lambda clip: None, cache=store)
 
 
-def _uses(directory: RunDirectory) -> dict[str, tuple[int, int]]:
+def _uses(directory: RunDirectory) -> dict[str, tuple[int, int, str | None]]:
     rows = directory.read_manifest()["cache"]
-    return {f"{row['slot']} {row['stage']}": (row["reused"], row["computed"]) for row in rows}
+    return {f"{row['slot']} {row['stage']}": (row["reused"], row["computed"], row["why"]) for row in rows}
 
 
 def test_a_cache_changes_nothing_and_saves_everything(experiment: Path, plain: RunDirectory, tmp_path: Path) -> None:
@@ -61,8 +61,8 @@ def test_a_cache_changes_nothing_and_saves_everything(experiment: Path, plain: R
     first, second = (_run(experiment, tmp_path / name, store) for name in ("first", "second"))
     assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
     stages = ("stereo bm", "heads person_mask", "gaze gaze360", "gaze l2cs")
-    assert _uses(first) == dict.fromkeys(stages, (0, FRAMES))
-    assert _uses(second) == dict.fromkeys(stages, (FRAMES, 0))
+    assert _uses(first) == dict.fromkeys(stages, (0, FRAMES, "first time"))
+    assert _uses(second) == dict.fromkeys(stages, (FRAMES, 0, None))
     # what a stage cost when it was computed is what it costs
     stereo = [line for line in first.timings.read_text().splitlines() if ",stereo," in line]
     assert stereo == [line for line in second.timings.read_text().splitlines() if ",stereo," in line]
@@ -72,8 +72,8 @@ def test_a_changed_setting_computes_its_stage_again_and_no_other(experiment: Pat
     store = Store(tmp_path / "cache", 10**9)
     _run(experiment, tmp_path / "first", store)
     changed = _uses(_run(experiment, tmp_path / "second", store, "stereo.block_size_px=9"))
-    assert changed.pop("stereo bm") == (0, FRAMES)
-    assert set(changed.values()) == {(FRAMES, 0)}
+    assert changed.pop("stereo bm") == (0, FRAMES, "settings.block_size_px changed")
+    assert set(changed.values()) == {(FRAMES, 0, None)}
 
 
 def test_a_damaged_result_is_named_and_made_again(
@@ -85,9 +85,9 @@ def test_a_damaged_result_is_named_and_made_again(
     victim.write_bytes(victim.read_bytes()[:-7])
     second = _run(experiment, tmp_path / "second", store)
     assert f"{victim}: damaged; its result is computed again" in caplog.text
-    assert _uses(second)["stereo bm"] == (FRAMES - 1, 1)
+    assert _uses(second)["stereo bm"] == (FRAMES - 1, 1, "missing or damaged")
     assert second.results.read_bytes() == plain.results.read_bytes()
-    assert _uses(_run(experiment, tmp_path / "third", store))["stereo bm"] == (FRAMES, 0)
+    assert _uses(_run(experiment, tmp_path / "third", store))["stereo bm"] == (FRAMES, 0, None)
 
 
 def test_a_cache_that_cannot_be_written_costs_no_run(
@@ -104,7 +104,7 @@ def test_beyond_the_limit_results_are_removed_and_computed_again(experiment: Pat
     store = Store(tmp_path / "cache", 1)
     _run(experiment, tmp_path / "first", store)
     assert list(store.stages.rglob("*.bin")) == []
-    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (0, FRAMES)
+    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (0, FRAMES, "missing or damaged")
 
 
 def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
@@ -117,7 +117,7 @@ def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
 
     options = ("--cache", str(tmp_path / "cache"))
     run = ("run", str(experiment), *options, "--limit", "2", "--recording", "none", "--workers", "1", "--out")
-    assert "Cache: stereo bm: 0 reused, 2 computed\n" in says(*run, str(tmp_path / "first"))
+    assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in says(*run, str(tmp_path / "first"))
     assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
     assert "second: finished already; nothing was computed\n" in says(*run, str(tmp_path / "second"))
     usage = open_store(str(tmp_path / "cache")).usage()
@@ -136,5 +136,5 @@ def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path:
     plain = _run(experiment, tmp_path / "plain", None, region)
     first, second = (_run(experiment, tmp_path / name, store, region) for name in ("first", "second"))
     assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
-    assert _uses(first)["stereo bm"] == (0, FRAMES)
-    assert _uses(second)["stereo bm"] == (FRAMES, 0)
+    assert _uses(first)["stereo bm"] == (0, FRAMES, "first time")
+    assert _uses(second)["stereo bm"] == (FRAMES, 0, None)

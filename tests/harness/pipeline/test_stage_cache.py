@@ -8,7 +8,7 @@ import pytest
 
 from harness.files.digests import code_of
 from harness.pipeline import cache_store
-from harness.pipeline.cache import identify, parts_of_clip
+from harness.pipeline.cache import difference, identify, parts_of_clip
 from harness.pipeline.configuration import StageChoice
 from harness.run.experiment import load_experiment
 from tests.disk import write_text
@@ -126,3 +126,20 @@ def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(
         seen.add(digest())
     assert {"numpy", "python", "machine"} <= code_of("mine.stage")[1].keys()
     assert "mine" not in sys.modules  # looking at code must not run it
+
+
+def test_why_there_is_nothing_is_how_the_nearest_differs() -> None:
+    parts = {
+        "stage": "bm",
+        "clip": "table",
+        "settings": {"wls": True, "block": 5},
+        "code": "1",
+        "versions": {"cv": "5"},
+    }
+    near = {**parts, "settings": {"wls": False, "block": 5}}
+    far = {**parts, "code": "2", "versions": {"cv": "4"}}
+    assert difference(parts, []) == "first time"
+    assert difference(parts, [{**near, "stage": "sgbm"}]) == "first time"
+    assert difference(parts, [{**near, "clip": "talk"}]) == "first time on this clip"
+    assert difference(parts, [far, near]) == "settings.wls changed"
+    assert difference(parts, [far]) == "code, versions.cv changed"
