@@ -80,7 +80,24 @@ export function drawSubject(current) {
   for (const button of find("subjects").children) button.setAttribute("aria-pressed", button.textContent === current);
 }
 
+// Working time since the page was opened, without the rest of a longer pause, and the labels there were then.
+const LONGEST_PAUSE_S = 30;
+const work = { s: 0, last_s: null, begun: null };
+
+// After a minute and a twentieth of the labels, so that the pace is known.
+function timeLeft(labelled, total) {
+  const now_s = performance.now() / 1000;
+  work.begun ??= labelled;
+  work.s += Math.min(now_s - (work.last_s ?? now_s), LONGEST_PAUSE_S);
+  work.last_s = now_s;
+  const gained = labelled - work.begun;
+  if (labelled === total || work.s < 60 || gained < total / 20) return "";
+  const left_s = work.s * (total - labelled) / gained;
+  return `, about ${left_s < 90 ? `${Math.ceil(left_s)} s` : `${Math.ceil(left_s / 60)} min`} left`;
+}
+
 export function drawProgress({ labelled, total }) {
   find("bar").value = labelled / total;
-  find("share").textContent = `${labelled} of ${total} labelled (${Math.floor(100 * labelled / total)} %)`;
+  const share = `${labelled} of ${total} labelled (${Math.floor(100 * labelled / total)} %)`;
+  find("share").textContent = `${share}${timeLeft(labelled, total)}`;
 }

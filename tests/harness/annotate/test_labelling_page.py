@@ -649,6 +649,17 @@ def test_the_keys_are_shown_above_all_and_the_speed_is_remembered(browser: Chrom
     assert "not labelled" in browser.find_element("id", "label").text
 
 
+def test_the_time_left_follows_from_the_pace_without_pauses(browser: Chrome, noise: Start) -> None:
+    _open(browser, noise())
+    _drag(browser, 0, 5)
+    _keys(browser, "1")  # a quarter of 24 labels
+    assert "left" not in browser.find_element("id", "share").text
+    for _ in range(2):  # an hour each, of which 30 s count
+        browser.execute_script("const now = performance.now(); performance.now = () => now + 3.6e6")
+        _keys(browser, "l")
+    assert browser.find_element("id", "share").text.endswith("labelled (25 %), about 4 min left")
+
+
 def test_no_button_of_the_page_is_dead(browser: Chrome, noise: Start, work: Path) -> None:
     _open(browser, noise(run=work / "run"))
     browser.get_log("browser")
