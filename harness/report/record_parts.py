@@ -3,6 +3,7 @@
 They are in ``score_cache/`` in a run's directory, so that only changed results are read again::
 
     blocks.noted    the blocks of results.jsonl, each with the digest of its lines
+    times.noted     the times of the stages from timings.csv
     inputs.noted    digests of the inputs, which the run notes
     <key>.part      the part of a block; the key depends on its lines, its labels and the code
 
@@ -23,9 +24,10 @@ from typing import Any
 import harness
 import vfoa
 from harness.files.digests import file_digest
-from harness.files.folders import read_value, settled_stamp, write_value
+from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.report.csv_tables import FrameLines, frame_lines
 from harness.report.page.packing import AttentionPart
+from harness.report.stages import StageTimes, stage_times
 from harness.run.directory import Pair
 from harness.run.records import FrameRecord, merge, renamed
 from harness.run.results import Block, MeasuredPart, block_bytes, find_blocks, lines_digest, read_block
@@ -73,7 +75,8 @@ class KeptParts:
     """The blocks of a run's results, and the stored part of each; ``reference`` holds the labels."""
 
     def __init__(self, run: FinishedRun, reference: Reference) -> None:
-        self._results, self._folder = run.directory.results, run.directory.score_cache
+        self._results, self._timings = run.directory.results, run.directory.timings
+        self._folder = run.directory.score_cache
         self._reference = reference
         self._labels: dict[tuple[str, tuple[int, ...]], str] = {}
         self.blocks = _indexed(self._results, self._folder / "blocks.noted")
@@ -94,6 +97,11 @@ class KeptParts:
             if path.stem not in needed:
                 path.unlink(missing_ok=True)
         return run
+
+    def times(self) -> StageTimes:
+        """Return the times of the stages. Raises as :func:`harness.report.stages.stage_times` does."""
+        path = self._folder / "times.noted"
+        return kept_while_unchanged(path, self._timings, StageTimes, _code_digest(), lambda: stage_times(self._timings))
 
     def _watched(self, block: Block) -> Part:
         names, part = self._reference.names_now.get(block.clip, {}), Part()

@@ -100,7 +100,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         run = FinishedRun.read(directory)
         reference = run.reference(annotator)
         kept = KeptParts(run, reference)
-        scores = write_scores(directory, kept.read(), run.manifest, stage_times(directory.timings))
+        scores = write_scores(directory, kept.read(), run.manifest, kept.times())
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
