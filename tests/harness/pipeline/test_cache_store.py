@@ -23,7 +23,9 @@ def test_what_is_saved_is_loaded_and_nothing_else_is(store: Store) -> None:
     assert [each.name for each in path.parent.iterdir()] == [path.name]
 
 
-@pytest.mark.parametrize("spoil", [lambda data: data[:-1], lambda data: b"", lambda data: data[:-1] + b"?"])
+@pytest.mark.parametrize(
+    "spoil", [lambda data: data[:-1], lambda data: b"", lambda data: data[:-1] + bytes([data[-1] ^ 1])]
+)
 def test_a_damaged_result_is_told_from_a_missing_one(
     store: Store, spoil: object, caplog: pytest.LogCaptureFixture
 ) -> None:

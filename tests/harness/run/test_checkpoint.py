@@ -147,7 +147,7 @@ def killed(runs: tuple[RunDirectory, dict[tuple[int, int], Path]]) -> Path:
     ("damage", "expected"),
     [
         (lambda head, body: head.replace(b" 1 ", b" 0 ") + body, "expected format 1"),
-        (lambda head, body: head + body[:-1] + b"\0", "expected format 1 with a right checksum"),
+        (lambda head, body: head + body[:-1] + bytes([body[-1] ^ 1]), "expected format 1 with a right checksum"),
     ],
     ids=["version", "content"],
 )
