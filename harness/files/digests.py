@@ -17,7 +17,8 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.machinery import ModuleSpec, PathFinder
@@ -59,14 +60,30 @@ KNOWN: dict[str, str] = {}
 """Digests by the stamp of their files: those of this process, and those that an earlier one has noted."""
 
 
+_used: dict[str, str] | None = None
+
+
+@contextmanager
+def used_digests() -> Iterator[dict[str, str]]:
+    """Collect the digests that are used in the block, by the stamp of their files."""
+    global _used
+    before, _used = _used, (used := dict[str, str]())
+    try:
+        yield used
+    finally:
+        _used = before
+
+
 def digest_by_stamp(parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
     """The digest of (role, file) pairs: the known one, else that of ``read``, which reads the files."""
     stamp = stamp_of(parts)
-    if stamp and stamp.digest in KNOWN:
-        return KNOWN[stamp.digest]
-    digest = read()
-    if stamp and stamp.is_settled:
+    if stamp is None:
+        return read()
+    digest = KNOWN.get(stamp.digest) or read()
+    if stamp.is_settled:
         KNOWN[stamp.digest] = digest
+        if _used is not None:
+            _used[stamp.digest] = digest
     return digest
 
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from harness.files.digests import KNOWN, digest_files
+from harness.files.digests import KNOWN, digest_files, used_digests
 from harness.files.folders import read_value, write_value
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
@@ -65,7 +65,8 @@ def run_plan(
     """
     for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
         KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})
-    identity = describe(plan)
+    with used_digests() as inputs:
+        identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
     if directory.path != out:
         different = differences(RunDirectory(out).read_manifest(), identity)
@@ -83,7 +84,7 @@ def run_plan(
         started = _now()
         of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
         directory.write_manifest(of_run)
-        write_value(directory.noted_inputs, KNOWN)
+        write_value(directory.noted_inputs, inputs)
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:

@@ -67,6 +67,17 @@ def test_files_left_alone_are_read_once(
     assert digest(parts) == (first, [])
 
 
+def test_what_a_run_uses_is_told_whether_it_was_known_or_not(
+    parts: Parts, digest: Callable[..., tuple[str, object]], later: Callable[..., None]
+) -> None:
+    later(10)
+    digest(parts[:1])
+    for _ in range(2):
+        with digests.used_digests() as used:
+            both = digest(parts)[0]
+        assert [*used.values()] == [both]
+
+
 @pytest.mark.parametrize("write", [_in_place, _by_another_file])
 def test_new_content_of_the_same_size_and_time_is_read(
     parts: Parts, digest: Callable[..., tuple[str, object]], later: Callable[..., None], write: Callable[..., None]
