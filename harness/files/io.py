@@ -14,7 +14,7 @@ import stat
 import tempfile
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -192,6 +192,12 @@ def take_lock(file: IO[Any]) -> bool:
     return True
 
 
+def place_in(ascending: Sequence[int], number: int) -> int | None:
+    """The place of a number in an ascending sequence; None if it is not there. An hour of video has 90,000 frames."""
+    place = bisect_left(ascending, number)
+    return place if place < len(ascending) and ascending[place] == number else None
+
+
 Frame = TypeVar("Frame")
 
 LARGE_BYTES = 1 << 20
@@ -267,8 +273,8 @@ class UnchangedFiles:
     def check(self, path: str, status: os.stat_result) -> None:
         """Raise a :class:`ChangedError` if a file of the clip has another stamp."""
         paths, stamps = self._stamps
-        place = bisect_left(paths, key := hash(path))
-        if place < len(paths) and paths[place] == key and stamps[place] != _short(status):
+        place = place_in(paths, hash(path))
+        if place is not None and stamps[place] != _short(status):
             raise ChangedError(f"{path}: changed during the run")
 
     def note(self, path: str, status: os.stat_result) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from harness.files.io import place_in
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 from vfoa.types import Box3D, Disparity, Float, Instances, Scene, StereoFrame
@@ -172,8 +172,7 @@ class Recogniser(Protocol):
 
 def check_number(number: int, frames: Sequence[int], where: object) -> None:
     """Reject a number that is not one of a clip's frames; ``where`` opens the message."""
-    place = bisect.bisect_left(frames, number)  # an hour of video has 90,000 frames
-    if place == len(frames) or frames[place] != number:
+    if place_in(frames, number) is None:
         raise VfoaError(f"{where}: no frame {number}; expected {frames[0]} to {frames[-1]}")
 
 

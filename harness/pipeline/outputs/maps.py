@@ -233,7 +233,6 @@ class _Masks:
         in_order = [by_name[name].segments_info for name in names.values()]
         every = [segment for segments in in_order for segment in segments]
         self.small = small_ids((segment.id for segment in every), str(path))
-        self._numbers = np.array([*names], dtype=np.int64)
         self._begins = np.cumsum([0, *map(len, in_order)])
         self._packed = np.fromiter(
             ((segment.id, segment.category_id, bool(segment.iscrowd), segment.score) for segment in every),
@@ -244,7 +243,7 @@ class _Masks:
 
     def segments(self, frame: int) -> list[_Segment]:
         """The segments of a frame, in the file's order."""
-        place = int(np.searchsorted(self._numbers, frame))
+        place = self.files.place(frame)
         begin, end = self._begins[place : place + 2].tolist()
         return [
             _Segment(id=id_, category_id=category, iscrowd=crowd, score=score, name=self._names.get(begin + offset))

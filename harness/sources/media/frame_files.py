@@ -6,7 +6,6 @@ import glob
 import os
 import re
 from array import array
-from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from harness.files.io import place_in
 from vfoa.errors import VfoaError
 
 Value = TypeVar("Value")
@@ -35,10 +35,13 @@ class FolderFiles(Mapping[int, Path]):
         self._names = np.array([os.fsencode(name) for name in names.values()])
 
     def __getitem__(self, number: int) -> Path:
-        place = bisect_left(self._numbers, number)
-        if place == len(self) or self._numbers[place] != number:
+        return self._folder / os.fsdecode(self._names[self.place(number)])
+
+    def place(self, number: int) -> int:
+        """The place of a frame in their order; raises a :class:`KeyError` if there is no such frame."""
+        if (place := place_in(self._numbers, number)) is None:
             raise KeyError(number)
-        return self._folder / os.fsdecode(self._names[place])
+        return place
 
     def __iter__(self) -> Iterator[int]:
         return iter(self._numbers)
