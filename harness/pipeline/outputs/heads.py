@@ -34,9 +34,10 @@ KEYS = ("frame", "subject")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowKeys:
-    """The frame (n,) and the subject of each row of a table."""
+    """The frame (n,) and the subject of each row of a table; ``order`` (n,) sorts the rows by frame."""
 
     frames: NDArray[np.int64]
+    order: NDArray[np.intp]
     subjects: tuple[str, ...]
 
     def pairs(self) -> Iterator[tuple[int, str]]:
@@ -45,7 +46,8 @@ class RowKeys:
 
     def rows(self, frame: int) -> list[int]:
         """The rows of a frame, in the file's order."""
-        rows: list[int] = np.flatnonzero(self.frames == frame).tolist()
+        begin, end = np.searchsorted(self.frames, (frame, frame + 1), sorter=self.order).tolist()
+        rows: list[int] = self.order[begin:end].tolist()
         return rows
 
 
@@ -57,7 +59,7 @@ class FrameTable(RowKeys):
 
     def keys(self) -> RowKeys:
         """The keys of the rows, without the text: an hour of video has 90,000 rows for each person."""
-        return RowKeys(frames=self.frames, subjects=self.subjects)
+        return RowKeys(frames=self.frames, order=self.order, subjects=self.subjects)
 
     def reject(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
         """Raise a :class:`VfoaError` for the first wrong row; ``problem`` says what is wrong with a row."""
@@ -82,7 +84,9 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> F
         of cells, a frame that the clip does not have, a blank subject, or a repeated pair of frame and subject.
     """
     content = read_columns(path, (*KEYS, *columns), KEYS)
-    table = FrameTable(columns=content, frames=content.integers("frame"), subjects=content.cells["subject"])
+    numbers = content.integers("frame")
+    order = np.argsort(numbers, kind="stable")
+    table = FrameTable(columns=content, frames=numbers, order=order, subjects=content.cells["subject"])
     table.reject(
         ~np.isin(table.frames, np.array([*frames], dtype=np.int64)),
         lambda row: f"frame {table.frames[row]}: not in the clip; expected {min(frames)} to {max(frames)}",
