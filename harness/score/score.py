@@ -41,10 +41,10 @@ class ScoreRow:
     their looks and clips. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of
     these, ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks
     (see :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values
-    of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` counts the
-    frames in which "looks at nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and
-    ``visible_correct`` count the frames whose line of sight no label calls blocked.
-    ``baselines`` are the rates of :mod:`harness.score.metrics`, ``beats`` says whether the best of them is beaten.
+    of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` counts the frames in which "looks at
+    nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and ``visible_correct`` count
+    the frames whose line of sight no label calls blocked. ``baselines`` are the rates of
+    :mod:`harness.score.baselines`, ``beats`` says whether the best of them is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
     ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
     """

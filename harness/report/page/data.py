@@ -81,7 +81,8 @@ def page_data(
         states, letters, error_types   states of a frame; words for each
         names                          targets and answers; elsewhere numbers stand for them, -1 for none
         configurations                 {name, oracle: whether it is a step of the oracle ablation}
-        clips                          {name, subjects, frames, rate_hz or null, stride}: values every ``stride`` frames
+        clips                          {name, subjects, frames, rate_hz or null}
+        stride                         attention is here for every ``stride``-th frame
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
         overall                        rows over all clips
         scored                         configurations that rows name: one for all seeds of a configuration
@@ -91,8 +92,8 @@ def page_data(
 
     Packs: ``rows`` are the rows of the clips. ``clip-K`` is the output of :func:`_clip_data` for clip number K,
     ``attention-K`` its values: for each subject, configuration and target a byte per ``stride`` frames of total, then
-    of gaze and head; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame,
-    and the objects that each configuration saw.
+    of gaze and head; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame, and the objects that
+    each configuration saw.
     """
     names, numbers = Names(), {name: i for i, name in enumerate(scores.configurations)}
     scored = {name: i for i, name in enumerate(scores.scored_configurations)}

@@ -63,7 +63,7 @@ def render_page(
     served
         For a page that a server delivers. None: no frame is a link, and the page contains no address.
     """
-    rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]}
+    rates = {clip["name"]: clip.get("rate_hz") for clip in manifest["clips"]}
     data, packs = page_data(scores, attention, thumbnails, served, rates)
     asked = without_oracles(scores.configurations)
     panels = draw_panels(scores)
@@ -79,7 +79,7 @@ def render_page(
     packs["tables"] = pack_json([plain_table(table) for table in shown])
     packs["manifest"] = pack_json(_printed(manifest))
     return template("page.html.jinja").render(
-        title=f"Run {manifest['experiment']}",
+        title=f"Run {manifest.get('experiment', '')}",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
         headline=headline(scores),
@@ -87,7 +87,7 @@ def render_page(
         fails=next(iter(next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)), None),
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
-        versions=manifest["versions"],
+        versions=manifest.get("versions", {}),
         groups=groups,
         titles=[table.title for table in shown],
         drawings=[panel for panel in panels if isinstance(panel, Picture)],
@@ -200,7 +200,9 @@ def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
         (
             (UNKNOWN if value is None else value for value in values)
             for clip in clips
-            for values in [(clip["name"], clip["licence"], clip.get("citation"), len(clip["frames"]), clip["rate_hz"])]
+            for values in [
+                (clip["name"], clip.get("licence"), clip.get("citation"), len(clip["frames"]), clip.get("rate_hz"))
+            ]
         ),
         words=3,
     )

@@ -197,6 +197,17 @@ def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
     ]
 
 
+def test_a_manifest_with_no_more_than_scores_need_has_a_page() -> None:
+    scores, tables, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
+    manifest = {"clips": [{"name": "clip", "frames": [1]}], "configurations": {"one": {}}}
+    (table,) = (
+        each
+        for each in _Page(render_page(scores, tables, attention, manifest)).pack("tables")
+        if each["title"] == "Clips, licences"
+    )
+    assert table["rows"] == [["clip", "–", "–", "1", "–"]]
+
+
 def test_every_name_that_a_module_imports_is_exported_there() -> None:
     texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(packing.__file__).parent.glob("*.js")}
     exported = {
