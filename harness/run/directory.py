@@ -117,6 +117,7 @@ class _RunManifest(_Table):
     failed: list[_Failure] = []
     labels_sha256: dict[str, str | None] = {}
     versions: dict[str, Any] = {}
+    commit: str | None = None
     published: Published | None = None
 
 
@@ -324,9 +325,10 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("a+", errors="replace") as file:
+        is_free = take_lock(file)
         file.seek(0)
         holder = file.read(200).strip()
-        if not take_lock(file):
+        if not is_free:
             raise VfoaError(
                 f"{folder}: {holder or 'another process'} runs here; expected one run in a directory: wait for it, or "
                 "choose another --out"

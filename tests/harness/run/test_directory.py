@@ -28,3 +28,9 @@ def test_what_is_no_run_says_where_runs_are(place: str, found: str) -> None:
     with pytest.raises(VfoaError) as error:
         RunDirectory(Path(place)).read_manifest()
     assert str(error.value) == f"{place}: expected a run's directory, {found}"
+
+
+def test_a_commit_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    RunDirectory(tmp_path).write_manifest({"commit": 5})
+    with pytest.raises(VfoaError, match="commit"):
+        RunDirectory(tmp_path).read_manifest()

@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import cv2
 import pytest
 
 from harness.files import digests
+from harness.files.io import take_lock
 from harness.pipeline.cache_store import Store
 from harness.run import runner
 from harness.run.directory import LOCK, locked
@@ -126,6 +127,22 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over_and_said(tmp_path: P
     with locked(tmp_path, said.append):
         pass
     assert said == [f"{tmp_path}: took over the lock of process 1234 on elsewhere, which has ended"]
+
+
+def test_a_lock_that_is_released_as_it_is_asked_for_is_not_taken_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / LOCK).write_text("process 1234 on elsewhere")
+
+    def take(file: IO[str]) -> bool:
+        (tmp_path / LOCK).write_bytes(b"")
+        return take_lock(file)
+
+    monkeypatch.setattr("harness.run.directory.take_lock", take)
+    said: list[str] = []
+    with locked(tmp_path, said.append):
+        pass
+    assert said == []
 
 
 @dataclass(frozen=True)
