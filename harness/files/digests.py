@@ -19,29 +19,20 @@ import platform
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache, partial
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import Distribution, distributions, version
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
-from harness.files.io import LARGE_BYTES, check_readable, note_stamp, unreadable
+from harness.files.io import LARGE_BYTES, note_stamp, opened
 
 SETTLED_NS = 3 * 10**9
 """Least age of the last change, ns, of a file whose digest is kept: the coarsest clock (FAT) ticks every 2 s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stamp:
-    """The stamp of a set of files, as a digest. ``is_settled``: the files had not changed for :data:`SETTLED_NS`."""
-
-    digest: str
-    is_settled: bool
-
-
-def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
-    """The stamp of (role, file) pairs in order; None if one of them is missing."""
+def settled_stamp(parts: Sequence[tuple[str, str]]) -> str | None:
+    """The stamp of (role, file) pairs in order; None if one is missing, or has changed within :data:`SETTLED_NS`."""
     settled_ns = time.time_ns() - SETTLED_NS
     total, newest_ns = hashlib.blake2b(digest_size=20), 0
     try:
@@ -53,7 +44,7 @@ def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
             total.update(f"{role}\0{path}\0{status.st_size} {times} {status.st_ino} {status.st_dev}\n".encode())
     except (OSError, ValueError):  # reading them gives the error
         return None
-    return Stamp(total.hexdigest(), newest_ns <= settled_ns)
+    return total.hexdigest() if newest_ns <= settled_ns else None
 
 
 KNOWN: dict[str, str] = {}
@@ -76,14 +67,12 @@ def used_digests() -> Iterator[dict[str, str]]:
 
 def digest_by_stamp(parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
     """The digest of (role, file) pairs: the known one, else that of ``read``, which reads the files."""
-    stamp = stamp_of(parts)
+    stamp = settled_stamp(parts)
     if stamp is None:
         return read()
-    digest = KNOWN.get(stamp.digest) or read()
-    if stamp.is_settled:
-        KNOWN[stamp.digest] = digest
-        if _used is not None:
-            _used[stamp.digest] = digest
+    digest = KNOWN[stamp] = KNOWN.get(stamp) or read()
+    if _used is not None:
+        _used[stamp] = digest
     return digest
 
 
@@ -92,22 +81,15 @@ def file_digest(path: Path) -> str:
 
     A large file is not read again while its stamp is the same (:mod:`harness.files.digests`).
     """
-    check_readable(path)
-    try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size <= LARGE_BYTES:  # a clip has many: no buffer for each
-                return hashlib.sha256(file.read()).hexdigest()
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        if os.fstat(file.fileno()).st_size <= LARGE_BYTES:  # a clip has many: no buffer for each
+            return hashlib.sha256(file.read()).hexdigest()
     return digest_by_stamp([("large", os.fspath(path))], partial(_digest_of_large, path))
 
 
 def _digest_of_large(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import platformdirs
 
-from harness.files.digests import stamp_of
+from harness.files.digests import settled_stamp
 from harness.files.io import is_file_or_link, replacing
 
 if TYPE_CHECKING:
@@ -65,12 +65,6 @@ def write_value(path: Path, value: object) -> None:
         draft.write_bytes(sealed(msgspec.msgpack.encode(value)))
 
 
-def settled_stamp(path: Path) -> str | None:
-    """The stamp of a file before it is read; None if it is missing, or changed too recently (``SETTLED_NS``)."""
-    stamp = stamp_of([("file", str(path))])
-    return stamp.digest if stamp and stamp.is_settled else None
-
-
 def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:
     """Return what ``read`` returns for a file, without reading it if neither file nor code has changed.
 
@@ -83,7 +77,7 @@ def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str,
     code
         The digest of the code that reads it.
     """
-    stamp = settled_stamp(source)
+    stamp = settled_stamp([("file", str(source))])
     kept = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
     if kept is not None and kept[:2] == (stamp, code):
         value: Value = kept[2]

@@ -16,6 +16,7 @@ from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -28,15 +29,25 @@ _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
 
 def read_bytes(path: Path) -> bytes:
     """Read a whole file; raises a :class:`VfoaError` that names it if that fails."""
-    check_readable(path)
+    with opened(path) as file:
+        content = file.read()
+        if _active is not None:
+            _active.check(os.fspath(path), os.fstat(file.fileno()))
+    return content
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BufferedReader]:
+    """Open a file to read; raises a :class:`VfoaError` that names it if opening or reading fails.
+
+    A pipe, a socket or a device is rejected: reading it may never end.
+    """
+    _check_plain(path, "read")
     try:
         with path.open("rb") as file:
-            content = file.read()
-            if _active is not None:
-                _active.check(os.fspath(path), os.fstat(file.fileno()))
-    except (OSError, ValueError) as error:
+            yield file
+    except OSError as error:
         raise unreadable(path, error) from None
-    return content
 
 
 def read_text(path: Path) -> str:
@@ -132,17 +143,6 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
         raise VfoaError(f"{path}: this command reads it and would replace it; expected another file to write")
     if path.exists() and not replace:
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
-
-
-def check_readable(path: Path) -> None:
-    """Reject a pipe, a socket or a device, whose reading may never end. Other errors show on reading.
-
-    Raises
-    ------
-    VfoaError
-        If it is one.
-    """
-    _check_plain(path, "read")
 
 
 def _check_plain(path: Path, use: str, *, folders: bool = True) -> None:

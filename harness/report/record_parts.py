@@ -23,8 +23,8 @@ from typing import Any
 
 import harness
 import vfoa
-from harness.files.digests import file_digest
-from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
+from harness.files.digests import file_digest, settled_stamp
+from harness.files.folders import kept_while_unchanged, read_value, write_value
 from harness.report.csv_tables import FrameLines, frame_lines
 from harness.report.page.packing import AttentionPart
 from harness.report.stages import StageTimes, stage_times
@@ -129,7 +129,7 @@ class KeptParts:
 
 def _indexed(results: Path, index: Path) -> list[Block]:
     """Return the blocks of the results: those of the index if every line is the same, otherwise divided again."""
-    stamp = settled_stamp(results)
+    stamp = settled_stamp([("file", str(results))])
     noted: tuple[str | None, list[Block]] | None = read_value(index, tuple[str | None, list[Block]])
     before, blocks = noted or (None, [])
     if stamp is not None and stamp == before:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from harness.clips.manifest import ClipManifest
-from harness.files.io import check_readable, unreadable
+from harness.files.io import opened
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
@@ -107,25 +107,21 @@ def find_blocks(path: Path) -> list[Block]:
     frames: list[int] = []
     first, start, end = 1, 0, 0
     pair: tuple[str, str] | None = None
-    check_readable(path)
-    try:
-        with path.open("rb") as file:
-            for number, line in enumerate(file, start=1):
-                place = _decoded(_PLACES, line, path, number)
-                if (earlier := seen.setdefault((place.clip, place.configuration, place.frame), number)) != number:
-                    raise VfoaError(
-                        f"{path}:{number}: frame {place.frame} of clip {place.clip!r} under {place.configuration!r} is "
-                        f"on line {earlier} already"
-                    )
-                if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
-                    cut.append(_block(path, pair, first, start, end, frames))
-                    frames, first, start = [], number, end
-                pair = place.clip, place.configuration
-                frames.append(place.frame)
-                end += len(line)
-        return [*cut, _block(path, pair, first, start, end, frames)] if pair else cut
-    except OSError as error:
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        for number, line in enumerate(file, start=1):
+            place = _decoded(_PLACES, line, path, number)
+            if (earlier := seen.setdefault((place.clip, place.configuration, place.frame), number)) != number:
+                raise VfoaError(
+                    f"{path}:{number}: frame {place.frame} of clip {place.clip!r} under {place.configuration!r} is "
+                    f"on line {earlier} already"
+                )
+            if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
+                cut.append(_block(path, pair, first, start, end, frames))
+                frames, first, start = [], number, end
+            pair = place.clip, place.configuration
+            frames.append(place.frame)
+            end += len(line)
+    return [*cut, _block(path, pair, first, start, end, frames)] if pair else cut
 
 
 def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
@@ -136,12 +132,9 @@ def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
 
 def block_bytes(path: Path, block: Block) -> bytes:
     """Read the lines of a block; fewer if the file has become shorter."""
-    try:
-        with path.open("rb") as file:
-            file.seek(block.start)
-            return file.read(block.end - block.start)
-    except OSError as error:
-        raise unreadable(path, error) from None
+    with opened(path) as file:
+        file.seek(block.start)
+        return file.read(block.end - block.start)
 
 
 def lines_digest(lines: bytes) -> str:

@@ -6,7 +6,7 @@ import os
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +19,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
-from harness.files.io import check_readable, unreadable
+from harness.files.io import opened
 from harness.sources.recordings.containers import TopicIndex, Window, unpack
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
@@ -52,56 +52,48 @@ def parts_of(record: McapRecord) -> list[McapRecord]:
     return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
 
 
-@dataclass(slots=True)
-class Walk:
-    """Findings of one pass through a file, beside its messages.
-
-    ``losses`` describe unreadable parts.
-    """
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    losses: list[str] = field(default_factory=list)
-
-
-def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
-    """Yield every readable message as (record's offset in the file, place in that record, message); fills ``walk``.
+def walk_messages(
+    path: Path, summary: Summary, losses: list[str], offsets: Sequence[int] | None = None
+) -> Iterator[tuple[int, int, Message]]:
+    """Yield every readable message as (record's offset in the file, place in that record, message).
 
     Holds one chunk at a time. A chunk with a wrong checksum is left out completely. Attachments and metadata are
-    skipped. ``offsets``: read only the chunks at these offsets.
+    skipped.
+
+    Parameters
+    ----------
+    summary
+        The file's own, whose schemas and channels are completed: the chunk that declares them may be lost, or a cut
+        file has no summary.
+    losses
+        Gets a description of each unreadable part.
+    offsets
+        Read only the chunks at these offsets.
 
     Raises
     ------
     VfoaError
         If the file cannot be opened or is not MCAP.
     """
-    if (summary := read_summary(path)) is not None:  # the chunk with the first channels may be lost
-        walk.schemas.update(summary.schemas)
-        walk.channels.update(summary.channels)
-    check_readable(path)
-    try:
-        file = path.open("rb")
-    except OSError as error:
-        raise unreadable(path, error) from None
-    with file:
-        for offset in _offsets(path, file, walk) if offsets is None else offsets:
+    with opened(path) as file:
+        for offset in _offsets(path, file, losses) if offsets is None else offsets:
             try:
                 parts = parts_of(_record_at(file, offset))
             except Exception as error:  # of struct, text decoding, the library or a decompressor; or a wrong index
-                walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
+                losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue
             messages = 0
             for part in parts:
                 if isinstance(part, Schema):
-                    walk.schemas[part.id] = part
+                    summary.schemas[part.id] = part
                 elif isinstance(part, Channel):
-                    walk.channels[part.id] = part
+                    summary.channels[part.id] = part
                 elif isinstance(part, Message):
                     yield offset, messages, part
                     messages += 1
 
 
-def _offsets(path: Path, file: BinaryIO, walk: Walk) -> Iterator[int]:
+def _offsets(path: Path, file: BinaryIO, losses: list[str]) -> Iterator[int]:
     """The places of all records of these kinds in a file."""
     size = os.fstat(file.fileno()).st_size
     if (magic := file.read(len(MAGIC))) != MAGIC:
@@ -112,15 +104,15 @@ def _offsets(path: Path, file: BinaryIO, walk: Walk) -> Iterator[int]:
         if opcode == Opcode.FOOTER:
             return
         if offset + HEAD.size + length > size:
-            walk.losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
+            losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
             return
         if opcode == 0:  # no such record: zeros of the file system
-            walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
+            losses.append(f"damaged at byte {offset}: everything after it is lost")
             return
         if opcode in _RECORDS:
             yield offset
         offset += HEAD.size + length
-    walk.losses.append(f"cut at byte {size}: everything after it is lost")
+    losses.append(f"cut at byte {size}: everything after it is lost")
 
 
 @lru_cache(maxsize=2)
@@ -130,22 +122,21 @@ def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Me
         return tuple(part for part in parts_of(_record_at(file, offset)) if isinstance(part, Message))
 
 
-def read_summary(path: Path) -> Summary | None:
-    """Schemas, channels, statistics and the index of chunks at a file's end; None in a truncated file, or without."""
+def read_summary(path: Path) -> Summary:
+    """Schemas, channels, statistics and the index of chunks at a file's end; empty in a truncated file, or without."""
     try:
-        check_readable(path)
-        with path.open("rb") as file:
-            return SeekingReader(file).get_summary()
+        with opened(path) as file:
+            return SeekingReader(file).get_summary() or Summary()
     except Exception:  # of the library, struct or the file; reading the records reports the damage
-        return None
+        return Summary()
 
 
 def log_span_ns(path: Path) -> tuple[int, int] | None:
     """First and last log time of a file: from its statistics, or else its messages; None without messages."""
     summary = read_summary(path)
-    if summary is not None and (statistics := summary.statistics) is not None and statistics.message_count:
+    if (statistics := summary.statistics) is not None and statistics.message_count:
         return statistics.message_start_time, statistics.message_end_time
-    times_ns = [message.log_time for _, _, message in walk_messages(path, Walk())]
+    times_ns = [message.log_time for _, _, message in walk_messages(path, summary, [])]
     return (min(times_ns), max(times_ns)) if times_ns else None
 
 
@@ -178,13 +169,14 @@ class McapContainer:
         """Read all files once, one chunk at a time. If the files have indexes, only a window's chunks are read."""
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
         for number, path in enumerate(self.files):
-            walk = Walk()
-            for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
-                channel = walk.channels.get(message.channel_id)
+            summary, losses = read_summary(path), list[str]()
+            chunks = None if window is None else _chunks(summary, window)
+            for offset, place, message in walk_messages(path, summary, losses, chunks):
+                channel = summary.channels.get(message.channel_id)
                 if channel is not None:  # else it was in a chunk that is lost
-                    topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
+                    topic = topics.meet(channel.topic, message_type(channel, summary.schemas.get(channel.schema_id)))
                     topics.add(topic, message.log_time, message.data, (number, offset, place))
-            topics.losses += [f"{path.name}: {loss}" for loss in walk.losses]
+            topics.losses += [f"{path.name}: {loss}" for loss in losses]
         return topics.sorted()
 
     def read(self, topic: Topic, place: Place) -> bytes:
@@ -200,20 +192,17 @@ def files_in(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
 
 
-def _chunks(path: Path, window: Window) -> list[int] | None:
-    """Offsets of the chunks to read for a window, by the file's index.
+def _chunks(summary: Summary, window: Window) -> list[int] | None:
+    """Offsets of the chunks to read for a window, by a file's index.
 
     Beside those of the window: for each channel of calibrations and poses, the last chunk before the window with one of
     its messages, since a camera may send its calibration once. None: all, if there is no index, or if decoding a video
     begins before the window.
     """
-    summary = read_summary(path)
-    if summary is None or not summary.chunk_indexes:
-        return None
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     channels = summary.channels.values()
     kinds = {channel.id: message_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
-    if "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
+    if not chunks or "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
         return None
     wanted = {
         chunk.chunk_start_offset

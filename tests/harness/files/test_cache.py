@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.files.digests import SETTLED_NS
-from harness.files.folders import kept_while_unchanged, read_value, settled_stamp, write_value
+from harness.files.digests import SETTLED_NS, settled_stamp
+from harness.files.folders import kept_while_unchanged, read_value, write_value
 from tests.disk import write_bytes
 
 
@@ -21,9 +21,9 @@ def test_a_file_has_a_settled_stamp_once_it_cannot_change_within_the_same_tick(
     ages = {}
     for age in (-SETTLED_NS, SETTLED_NS - 1, SETTLED_NS):
         monkeypatch.setattr(time, "time_ns", lambda age=age: changed + age)
-        ages[age] = settled_stamp(path) is not None
+        ages[age] = settled_stamp([("file", str(path))]) is not None
     assert ages == {-SETTLED_NS: False, SETTLED_NS - 1: False, SETTLED_NS: True}
-    assert settled_stamp(tmp_path / "missing") is None
+    assert settled_stamp([("file", str(tmp_path / "missing"))]) is None
 
 
 def test_a_value_is_read_again_if_its_file_or_the_code_changes_or_it_is_damaged(
