@@ -7,7 +7,6 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,6 @@ from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels
 from vfoa.errors import VfoaError, reported_as
 from vfoa.types import Map
 
-_DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)
-"""Errors that NumPy raises for a damaged file: its header is Python."""
-
 
 def read_npy(path: Path) -> NDArray[Any]:
     """Read an array of numbers; no pickle.
@@ -31,13 +27,9 @@ def read_npy(path: Path) -> NDArray[Any]:
     VfoaError
         If it cannot be read, or is not an .npy file.
     """
-    try:
-        data = io.BytesIO(read_bytes(path))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a file that Python 2 wrote
-            return np.lib.format.read_array(data, allow_pickle=False)
-    except _DAMAGED as error:
-        raise VfoaError(f"{path}: not an npy file: {error}") from None
+    with reported_as(f"{path}: not an npy file"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file that Python 2 wrote
+        return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
 
 
 MILLIMETRES = 1000.0
