@@ -78,15 +78,6 @@ class Track:
         return tuple((1 - share) * a + share * b for a, b in zip(here.place, after.place, strict=True))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
-    """A shape in one frame."""
-
-    name: str
-    kind: Kind
-    place: Place
-
-
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
     """All shapes drawn on a clip: at most one track of each name and kind, in the order of the file."""
@@ -98,10 +89,9 @@ class Drawn:
         """The names of all drawn shapes, each once."""
         return tuple(dict.fromkeys(track.name for track in self.tracks))
 
-    def at(self, frame: int) -> tuple[Shape, ...]:
-        """Return all shapes that are visible in a frame."""
-        visible = ((track, place) for track in self.tracks if (place := track.at(frame)) is not None)
-        return tuple(Shape(name=track.name, kind=track.kind, place=place) for track, place in visible)
+    def at(self, frame: int) -> list[tuple[Track, Place]]:
+        """The tracks that are visible in a frame, each with its place there."""
+        return [(track, place) for track in self.tracks if (place := track.at(frame)) is not None]
 
 
 def size_of(kind: Kind) -> int:

@@ -118,11 +118,6 @@ class Labels:
         row = self._by_subject[subject][position]
         return row.label if frame <= row.last_frame else None
 
-    def is_given(self, frame: int, subject: str) -> bool:
-        """Whether a subject has a label in a frame; a placeholder ("not labelled yet") does not count."""
-        label = self.at(frame, subject)
-        return label is not None and not label.is_placeholder
-
     def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
         """Every (frame, subject, label) among these frames, in their order, subjects sorted."""
         subjects = self.subjects

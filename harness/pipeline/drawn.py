@@ -84,13 +84,13 @@ class DrawnClip:
     def _at(self, frame: int) -> list[DrawnShape]:
         return [
             DrawnShape(
-                name=shape.name,
-                label=self.categories[shape.name],
-                category_id=self._category_ids[self.categories[shape.name]],
-                kind=shape.kind,
-                box_px=(shape.place[0], shape.place[1], shape.place[-2], shape.place[-1]),
+                name=track.name,
+                label=self.categories[track.name],
+                category_id=self._category_ids[self.categories[track.name]],
+                kind=track.kind,
+                box_px=(place[0], place[1], place[-2], place[-1]),
             )
-            for shape in self.drawn.at(frame)
+            for track, place in self.drawn.at(frame)
         ]
 
     @property

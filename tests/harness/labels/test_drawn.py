@@ -12,7 +12,6 @@ from harness.labels.drawn import (
     KeyFrame,
     Kind,
     Place,
-    Shape,
     Track,
     drawn_of,
     format_drawn,
@@ -76,9 +75,9 @@ def test_a_frame_has_all_that_is_there(tmp_path: Path) -> None:
     bird = "1,bird,box,0,0,10,10,\n11,bird,box,10,20,20,30,\n21,bird,box,10,20,20,30,1\n"
     rows = f"{bird}1,girl,head,5,5,9,9,\n3,cup,point,7,8,,,\n"
     drawn = _read(write_text(tmp_path / "a.drawn.csv", HEAD + rows))
-    girl, cup = Shape(name="girl", kind="head", place=(5, 5, 9, 9)), Shape(name="cup", kind="point", place=(7, 8))
-    assert drawn.at(2) == (Shape(name="bird", kind="box", place=(1, 2, 11, 12)), girl)
-    assert drawn.at(25) == (cup, girl)
+    shown = [[(track.name, track.kind, place) for track, place in drawn.at(frame)] for frame in (2, 25)]
+    bird, girl, cup = ("bird", "box", (1, 2, 11, 12)), ("girl", "head", (5, 5, 9, 9)), ("cup", "point", (7, 8))
+    assert shown == [[bird, girl], [cup, girl]]
 
 
 @pytest.mark.parametrize(
