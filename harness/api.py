@@ -197,8 +197,7 @@ def run_experiment(
     VfoaError
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
-    from harness.files.folders import cache_root
-    from harness.pipeline.cache_store import Store, cache_limit
+    from harness.pipeline.cache_store import open_store
     from harness.report.sinks import composed_sinks
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
@@ -211,7 +210,7 @@ def run_experiment(
         out_folder(Path("runs") / experiment.name if out is None else out),
         workers=workers or os.cpu_count() or 1,
         progress=lambda clip: None,
-        cache=Store(cache_root(), cache_limit()) if cache else None,
+        cache=open_store() if cache else None,
         beside=out is None,
     )
     rescore(directory)

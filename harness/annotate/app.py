@@ -187,10 +187,7 @@ def create_app(session: Session) -> Starlette:
             Route("/api/target/change", change_targets(ChangedTarget, session.change_target), methods=["POST"]),
             Route("/api/target/delete", change_targets(DeletedTarget, session.delete_target), methods=["POST"]),
         ],
-        exception_handlers={
-            VfoaError: lambda _, error: _refused(error),
-            OSError: lambda _, error: _refused(error),
-        },
+        exception_handlers=dict.fromkeys((VfoaError, OSError), lambda _, error: _refused(error)),
     )
 
 

@@ -326,10 +326,9 @@ def prefetch(items: Generator[T], depth: int) -> Generator[T]:
 
     An error is raised in place of its item. When the caller stops, the thread ends after its current item.
     """
-    return _computed_ahead(items, depth) if depth else items
-
-
-def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
+    if not depth:
+        yield from items
+        return
     thread = ThreadPoolExecutor(1)
     try:
         ahead = deque(thread.submit(next, items, _END) for _ in range(depth + 1))

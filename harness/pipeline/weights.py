@@ -141,7 +141,6 @@ class ModelCheck:
 
     name: str
     verdict: Verdict
-    path: str | None = None
     provider: str | None = None
     inference_ms: float | None = None
     checksum_known: bool = False
@@ -165,11 +164,10 @@ def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> 
                 f"{path}: corrupt, or another version: found sha256 {sha256[:16]}..., expected {entry.sha256[:16]}..."
             )
     except VfoaError as error:
-        return ModelCheck(name=name, verdict="fails", path=str(path), message=str(error))
+        return ModelCheck(name=name, verdict="fails", message=str(error))
     return ModelCheck(
         name=name,
         verdict="ok",
-        path=str(path),
         provider=provider,
         inference_ms=inference_ms,
         checksum_known=entry.sha256 is not None,
@@ -214,7 +212,6 @@ def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> t
 class ReadyStage:
     """A stage of the library that can run here, and the settings that choose it, such as ``gaze.model=l2cs``."""
 
-    slot: str
     name: str
     settings: tuple[str, ...]
     licences: tuple[str, ...]
@@ -244,7 +241,7 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
                 continue
             needed, chosen = (other.file,), (*chosen, f"{slot.name}.weights={other.file}")
         licences = {entry.licence for entry in catalogue().values() if entry.file in needed}
-        ready.append(ReadyStage(slot=slot.name, name=name, settings=chosen, licences=tuple(sorted(licences))))
+        ready.append(ReadyStage(name=name, settings=chosen, licences=tuple(sorted(licences))))
     return ready
 
 

@@ -222,12 +222,11 @@ def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
 
 
-def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
+def eye_controls(scene: Scene) -> tuple[Float, Float]:
     """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_for`."""
-    seen = list(box_corners([target.box for target in scene.targets if target.box is not None])) if scene else []
-    if scene is not None:
-        seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
-    return eye_for(seen)
+    boxes = [target.box for target in scene.targets if target.box is not None]
+    eyes = [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
+    return eye_for([*box_corners(boxes), *eyes])
 
 
 def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:

@@ -189,7 +189,7 @@ class VideoEncoder:
 
         os.environ.setdefault("SVT_LOG", "1")  # the encoder would write its settings to the terminal
         codec: av.VideoCodecContext = av.CodecContext.create("libsvtav1", "w")
-        codec.width, codec.height = _even(width_px), _even(height_px)
+        codec.width, codec.height = (size_px + size_px % 2 for size_px in (width_px, height_px))
         codec.pix_fmt = "yuv420p"
         codec.time_base = Fraction(1, 25)  # only the order counts
         codec.gop_size = key_every
@@ -241,7 +241,3 @@ def open_without_real_time(codec: av.VideoCodecContext) -> None:
         with contextlib.suppress(ProcessLookupError):
             if os.sched_getscheduler(thread) != policy:
                 os.sched_setscheduler(thread, policy, parameters)
-
-
-def _even(size_px: int) -> int:
-    return size_px + size_px % 2
