@@ -20,7 +20,6 @@ from harness.files.parsing import parse_yaml
 from harness.sources.recordings.containers import (
     MOST_BYTES,
     TopicIndex,
-    Window,
     starts_with,
     unpack,
     zstd_size,
@@ -183,7 +182,7 @@ class BagContainer:
         readers = [reader for part in self._parts if (reader := self._reader(part)).message_count]
         return (min(r.start_time for r in readers), max(r.end_time for r in readers) - 1) if readers else None
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
+    def index(self, window: range | None, *, by_log_time: bool) -> TopicIndex:
         """Read all messages of cameras; other topics are counted by the bag's index."""
         topics = TopicIndex(self._parts, window, by_log_time=by_log_time)
         topics.losses = [
@@ -206,7 +205,7 @@ class BagContainer:
             self._readers[part] = open_reader(part)
         return self._readers[part]
 
-    def _index_part(self, number: int, topics: TopicIndex, window: Window | None) -> Iterator[str]:
+    def _index_part(self, number: int, topics: TopicIndex, window: range | None) -> Iterator[str]:
         """Add the content of one part to the topics; yield a note for each unreadable part of it."""
         reader = self._reader(self._parts[number])
         always: list[Connection] = []
@@ -220,7 +219,7 @@ class BagContainer:
         if always:
             yield from self._index_messages(number, reader.messages(always), topics)
         if images:
-            bounds = () if window is None else (window.start_ns, window.end_ns)
+            bounds = () if window is None else (window.start, window.stop)
             yield from self._index_messages(number, reader.messages(images, *bounds), topics)
 
     def _index_messages(self, number: int, messages: Iterator[Any], topics: TopicIndex) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -65,23 +65,8 @@ def zstd_size(head: bytes) -> int | None:
     return None if size == zstandard.CONTENTSIZE_UNKNOWN else size
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Window:
-    """Log times from ``start_ns`` to before ``end_ns`` (None: to the end)."""
-
-    start_ns: int
-    end_ns: int | None
-
-    def __contains__(self, log_time_ns: int) -> bool:
-        return self.start_ns <= log_time_ns and (self.end_ns is None or log_time_ns < self.end_ns)
-
-    def overlaps(self, first_ns: int, last_ns: int) -> bool:
-        """Whether a message between these two log times may lie in the window."""
-        return last_ns >= self.start_ns and (self.end_ns is None or first_ns < self.end_ns)
-
-
-def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: float | None, where: str) -> Window | None:
-    """Return the window between two times in seconds after the recording's first message; None if neither is given.
+def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: float | None, where: str) -> range | None:
+    """Return the log times, ns, between two times in seconds after the first message's; None if neither is given.
 
     ``span_ns`` are the log times of the first and the last message.
 
@@ -98,7 +83,7 @@ def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: flo
     start = first + round((start_s or 0) * 1e9)
     if start > last:
         raise VfoaError(f"{where}: source.start_s: found {start_s:g}; the recording lasts {(last - first) / 1e9:.3f} s")
-    return Window(start_ns=start, end_ns=None if end_s is None else first + round(end_s * 1e9))
+    return range(start, last + 1 if end_s is None else first + round(end_s * 1e9))
 
 
 class TopicIndex:
@@ -111,13 +96,13 @@ class TopicIndex:
     files
         For error messages.
     window
-        Only images of these log times are indexed. Calibrations, transforms and video packets of all times are indexed,
-        because images within the window may need them.
+        Only images of these log times, ns, are indexed. Calibrations, transforms and video packets of all times are
+        indexed, because images within the window may need them.
     by_log_time
         Use the times at which messages were recorded, not those in their headers.
     """
 
-    def __init__(self, files: Sequence[Path], window: Window | None, *, by_log_time: bool) -> None:
+    def __init__(self, files: Sequence[Path], window: range | None, *, by_log_time: bool) -> None:
         self._files, self._window, self._by_log_time = files, window, by_log_time
         self.topics: dict[str, Topic] = {}
         self.losses: list[str] = []
@@ -172,8 +157,8 @@ class Container(Protocol):
     def span_ns(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None without messages."""
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
-        """Read all messages once and index them.
+    def index(self, window: range | None, *, by_log_time: bool) -> TopicIndex:
+        """Read all messages once and index them; ``window`` are log times, ns (:func:`window_of`).
 
         Raises
         ------

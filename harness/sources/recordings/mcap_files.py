@@ -20,7 +20,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import opened
-from harness.sources.recordings.containers import TopicIndex, Window, unpack
+from harness.sources.recordings.containers import TopicIndex, unpack
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
@@ -165,7 +165,7 @@ class McapContainer:
         spans = [span for path in self.files if (span := log_span_ns(path)) is not None]
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
-    def index(self, window: Window | None, *, by_log_time: bool) -> TopicIndex:
+    def index(self, window: range | None, *, by_log_time: bool) -> TopicIndex:
         """Read all files once, one chunk at a time. If the files have indexes, only a window's chunks are read."""
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
         for number, path in enumerate(self.files):
@@ -192,7 +192,7 @@ def files_in(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
 
 
-def _chunks(summary: Summary, window: Window) -> list[int] | None:
+def _chunks(summary: Summary, window: range) -> list[int] | None:
     """Offsets of the chunks to read for a window, by a file's index.
 
     Beside those of the window: for each channel of calibrations and poses, the last chunk before the window with one of
@@ -207,11 +207,11 @@ def _chunks(summary: Summary, window: Window) -> list[int] | None:
     wanted = {
         chunk.chunk_start_offset
         for chunk in chunks
-        if window.overlaps(chunk.message_start_time, chunk.message_end_time)
+        if chunk.message_end_time >= window.start and chunk.message_start_time < window.stop
     }
     for channel in (number for number, kind in kinds.items() if kind in ("calibration", "transforms", "extrinsics")):
         holding = [chunk for chunk in chunks if channel in chunk.message_index_offsets]
-        before = [chunk for chunk in holding if chunk.message_start_time < window.start_ns]
+        before = [chunk for chunk in holding if chunk.message_start_time < window.start]
         wanted.update(chunk.chunk_start_offset for chunk in (before[-1:] or holding[:1]))
     return sorted(wanted)
 
