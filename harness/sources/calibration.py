@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfoa.errors import VfoaError
-from vfoa.types import StereoRig
+from vfoa.types import Float, StereoRig
 
 SIDE_PX = (4, 16_383)
 """Smallest and largest side of a clip's images: recordings and thumbnails are WebP, which has no larger ones."""
@@ -53,6 +53,12 @@ class Calibration:
     cx_right_px: float
     baseline_m: float
     size_px: tuple[int, int] | None = None
+
+    @classmethod
+    def of_equal_cameras(cls, k: Float, baseline_m: float) -> Calibration:
+        """Return the calibration of two cameras with the same matrix (3, 3)."""
+        fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        return cls(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=baseline_m)
 
     def rig(self, width_px: int, height_px: int) -> StereoRig:
         """Return the rig for images of this size.

@@ -28,19 +28,15 @@ class Intrinsics(Settings):
         """Return the rectified pair; without a baseline raise a :class:`VfoaError` that begins with ``where``."""
         if self.baseline_m is None:
             raise VfoaError(f"{where}: source.camera.baseline_m: missing; expected the pair's baseline in metres")
-        return Calibration(
-            fx_px=self.fx_px,
-            fy_px=self.fy_px or self.fx_px,
-            cx_px=self.cx_px,
-            cy_px=self.cy_px,
-            cx_right_px=self.cx_px,
-            baseline_m=self.baseline_m,
-        )
+        return Calibration.of_equal_cameras(self._k, self.baseline_m)
 
     def camera(self, size_px: tuple[int, int]) -> RawCamera:
         """Return it as a camera for images of this (width, height)."""
-        k: Float = np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px or self.fx_px, self.cy_px], [0, 0, 1]])
-        return pinhole(k, size_px)
+        return pinhole(self._k, size_px)
+
+    @property
+    def _k(self) -> Float:
+        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px or self.fx_px, self.cy_px], [0, 0, 1]])
 
 
 def check_one_calibration(calibration: object, camera: Intrinsics | None) -> None:
@@ -53,7 +49,7 @@ def check_one_calibration(calibration: object, camera: Intrinsics | None) -> Non
 
 def pinhole(k: Float, size_px: tuple[int, int]) -> RawCamera:
     """Return a camera with this matrix (3, 3) and no distortion."""
-    return RawCamera(size_px=size_px, k=k, d=np.zeros(0)).unbent()
+    return RawCamera(size_px=size_px, k=k, d=np.zeros(0)).unrotated()
 
 
 def without_distortion(camera: RawCamera) -> RawCamera:
@@ -79,7 +75,7 @@ class DepthOptics(Undistorter):
         fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
         with located(where):
             check_camera(camera.size_px, (fx, fy), (cx, cy))
-        super().__init__(camera.unbent(), where)
+        super().__init__(camera.unrotated(), where)
         self.rig = StereoRig.of_depth_camera(width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 
 
@@ -116,7 +112,7 @@ class DepthRegistration:
         """
         known = np.isfinite(depth_m)
         z = depth_m[known].astype(np.float64)
-        projected = [self._project(rays[known], z) for rays in self._corners]
+        projected = [self._project(corner[known], z) for corner in self._corners]
         u, v, depths = (np.stack(values) for values in zip(*projected, strict=True))
         rig, seen = self._target, depths.mean(axis=0)
         nearest_m = np.full(rig.height_px * rig.width_px, np.inf, np.float32)
@@ -135,9 +131,9 @@ class DepthRegistration:
         nearest_m[np.isinf(nearest_m)] = np.nan
         return nearest_m.reshape(rig.height_px, rig.width_px)
 
-    def _project(self, rays: Float, z: Float) -> tuple[Float, Float, Float]:
-        """Columns and rows in the target, and depth there, of points at depth z on rays (N, 2) = (x / z, y / z)."""
-        points = np.column_stack([rays * z[:, None], z]) @ self._motion[:3, :3].T + self._motion[:3, 3]
+    def _project(self, directions: Float, z: Float) -> tuple[Float, Float, Float]:
+        """Columns and rows in the target, and depth there, of points (N, 2) = (x / z, y / z) at depth z."""
+        points = np.column_stack([directions * z[:, None], z]) @ self._motion[:3, :3].T + self._motion[:3, 3]
         depth = np.where(points[:, 2] > 0, points[:, 2], np.nan)
         rig = self._target
         u, v = points[:, 0] / depth * rig.fx_px + rig.cx_px, points[:, 1] / depth * rig.fy_px + rig.cy_px

@@ -61,8 +61,8 @@ class RawCamera:
         """Whether rectification would change no pixel."""
         return bool(not self.d.any() and np.array_equal(self.r, np.eye(3)) and np.array_equal(self.k, self.p[:, :3]))
 
-    def unbent(self) -> RawCamera:
-        """The same camera whose lens distortion is to be removed, without a rotation: depths stay depths."""
+    def unrotated(self) -> RawCamera:
+        """The same camera, of which only the lens distortion is to be removed: without a rotation, z stays z."""
         return replace(self, r=np.eye(3), p=np.column_stack([self.k, np.zeros(3)]))
 
 

@@ -139,10 +139,8 @@ class SintelClip:
         paths = self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number)
         left, right = map(read_rgb, paths)
         check_sizes(left, right, *paths)
-        camera = read_camera(self._path("camdata_left", number))
-        fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        calibration = Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=BASELINE_M)
-        rig = calibration.rig(left.shape[1], left.shape[0])
+        k = read_camera(self._path("camdata_left", number))
+        rig = Calibration.of_equal_cameras(k, BASELINE_M).rig(left.shape[1], left.shape[0])
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:

@@ -149,8 +149,7 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
         )
     if not baseline > 0:
         raise VfoaError(f"{path}: the baseline is {baseline:g}; expected a positive number of metres")
-    fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=float(baseline))
+    return Calibration.of_equal_cameras(k, float(baseline))
 
 
 def camera_matrix(values: ArrayLike, path: Path) -> Float:

@@ -245,7 +245,7 @@ def _object_cells(number: int, measured_object: MeasuredObject) -> Cells:
         return [*named, *[None] * 10]
     quaternion: Cells = [None] * 4
     if not np.array_equal(box.left_from_box, np.eye(3)):
-        from scipy.spatial.transform import Rotation  # not above: see tables.py
+        from scipy.spatial.transform import Rotation  # not above: as in _object
 
         quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
     return [*named, *_vector_cells(box.center_m), *_vector_cells(2 * box.half_size_m), *quaternion]
