@@ -90,7 +90,6 @@ def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path
     job = ClipJob(
         manifest=clip.manifest,
         frames=clip.frames,
-        labels=clip.labels,
         configurations=plan.experiment.configurations,
         directory=RunDirectory(out),
         sinks=sinks,

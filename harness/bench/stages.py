@@ -69,7 +69,6 @@ def measure_stages(
         job = ClipJob(
             manifest=manifest,
             frames=tuple(frames),
-            labels=None,
             configurations=tuple(configurations),
             directory=directory,
             sinks=(recordings(configurations), ThumbnailSinks(), ResultsSinks()),

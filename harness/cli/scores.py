@@ -193,9 +193,8 @@ def plan(
     points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
 ) -> None:
     """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
-    from harness.report.comparisons import plan_table, plans
+    from harness.report.comparisons import plan_table
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    planned = plans(read_scores(RunDirectory(run_folder(run))), points)
-    print_reports([plan_table(planned, points)])
+    print_reports([plan_table(read_scores(RunDirectory(run_folder(run))), points)])

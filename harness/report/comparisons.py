@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from itertools import combinations, takewhile
 
 import numpy as np
@@ -22,7 +21,7 @@ from harness.report.formats import (
 )
 from harness.run.directory import PublishedCount
 from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
-from harness.score.intervals import LEAST_CLIPS, pair
+from harness.score.intervals import LEAST_CLIPS, Units, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import SIGNIFICANCE, wilson_interval
@@ -148,65 +147,27 @@ def ablation_csv(scores: Scores) -> Table:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
-    """Clips that two configurations need: ``clips`` with as many looks each as now, ``clips_longer`` with twice those.
+def plan_table(scores: Scores, difference: float) -> Table:
+    """The clips and looks that every two configurations need to see a difference in points of FRR.
 
-    ``difference`` is the observed one, ``detectable`` the one that this run can detect; both are shares. The tests are
-    corrected for ``family`` comparisons. None: not reachable, or not known from so few clips.
+    Tests are corrected for the number of these comparisons. Cells are unknown where it is not reachable, or if there
+    are too few clips to tell.
     """
-
-    reference: str
-    configuration: str
-    difference: float
-    detectable: float
-    spread: Spread
-    family: int
-    clips: Clips | None
-    clips_longer: Clips | None
-
-
-def plans(scores: Scores, difference: float, power: float = POWER) -> list[Plan]:
-    """Plan for every two configurations how to detect a difference of so many points of FRR."""
     compared = combinations(without_oracles(scores.scored_configurations), 2)
     known = [(names, units) for names in compared if (units := pair(*map(scores.frames_of, names)).units)]
-    family, share = len(known), difference / 100
-    return [
-        Plan(
-            reference=reference,
-            configuration=configuration,
-            difference=units.rate,
-            detectable=detectable_difference(units, family, power),
-            spread=spread,
-            family=family,
-            clips=clips_needed(spread, share, power=power, family=family),
-            clips_longer=clips_needed(spread, share, looks=2 * spread.looks, power=power, family=family),
-        )
-        for (reference, configuration), units in known
-        for spread in [Spread.of(units)]
-    ]
-
-
-def plan_table(planned: list[Plan], difference: float, power: float = POWER) -> Table:
-    """The clips and looks that every two configurations need to see a difference in points."""
-    family = planned[0].family if planned else 1
+    family = max(len(known), 1)
     return Table.of(
         f"Clips needed to see a difference of {difference:g} points",
         "Configuration | Against | Points now | Detectable now | Spread of clips | Spread of looks | Clips | Range | "
         "Power % | Twice the looks",
         (
-            (
-                *(plan.configuration, plan.reference, points(plan.difference), _detectable(plan.detectable)),
-                *(percent(math.sqrt(plan.spread.between)), percent(math.sqrt(plan.spread.within))),
-                *_clips(plan.clips),
-                UNKNOWN if plan.clips_longer is None else plan.clips_longer.needed,
-            )
-            for plan in planned
+            (configuration, reference, *_plan(units, difference / 100, family))
+            for (reference, configuration), units in known
         ),
         words=2,
         notes=(
             f"Clips: as many as find a true difference of this size significant at 5 %, corrected for {family} "
-            f"comparison{'s' if family > 1 else ''}, with a probability of {100 * power:.0f} %; at least "
+            f"comparison{'s' if family > 1 else ''}, with a probability of {100 * POWER:.0f} %; at least "
             f"{LEAST_CLIPS}, the fewest that a test by clip takes. Power: that probability for the clips given. Twice "
             "the looks: the clips if each has twice as many looks.",
             "The spread of few clips is uncertain itself: power is averaged over the spreads that these clips leave "
@@ -216,6 +177,16 @@ def plan_table(planned: list[Plan], difference: float, power: float = POWER) -> 
             "in points. The differences of clips are taken as normal and independent.",
         ),
     )
+
+
+def _plan(units: Units, difference: float, family: int) -> Iterator[str]:
+    """Yield the numbers of a row: those of now, the clips for a difference (a share), and those with longer clips."""
+    spread = Spread.of(units)
+    longer = clips_needed(spread, difference, looks=2 * spread.looks, family=family)
+    yield from (points(units.rate), _detectable(detectable_difference(units, family)))
+    yield from (percent(math.sqrt(spread.between)), percent(math.sqrt(spread.within)))
+    yield from _clips(clips_needed(spread, difference, family=family))
+    yield UNKNOWN if longer is None else str(longer.needed)
 
 
 def _clips(clips: Clips | None) -> tuple[str, str, str]:

@@ -133,7 +133,7 @@ def scores_table(scores: Scores) -> Table:
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
     events, said, nowhere = row.events, row.nowhere, [""] * 5
     if said:
-        nowhere = [*map(str, said.counts), csv_share(said.precision), csv_share(said.recall)]
+        nowhere = [*map(str, said), csv_share(said.precision), csv_share(said.recall)]
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
         *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),
@@ -142,7 +142,7 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
         *map(csv_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
         *(str(row.visible), csv_share(row.frr_visible)),
         *nowhere,
-        *map(str, events.counts),
+        *map(str, events),
         *map(csv_share, events.rates),
         *(csv_share(row.baselines[name]) for name in BASELINES),
         row.beats,

@@ -89,11 +89,7 @@ class Panel(Protocol):
         ...
 
 
-PANELS = Registry(
-    kind="report panel",
-    builtin={},
-    group="vfoa.panels",
-)
+PANELS = Registry(kind="report panel", builtin={}, group="vfoa.panels")
 
 
 def draw_panels(scores: Scores) -> list[Table | Picture]:

@@ -216,7 +216,7 @@ def nowhere_table(scores: Scores) -> Table:
         "Looking at nothing",
         "Clip | Configuration | True | Said | Both | Precision % | Recall %",
         (
-            (row.clip or ALL, row.configuration, *said.counts, percent(said.precision), percent(said.recall))
+            (row.clip or ALL, row.configuration, *said, percent(said.precision), percent(said.recall))
             for row in scores.by_clip()
             if (said := row.nowhere) and (said.true or said.predicted)
         ),

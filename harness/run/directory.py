@@ -230,10 +230,6 @@ class RunDirectory:
         """Digests of the inputs by their files' stamps, to continue (:mod:`harness.files.digests`)."""
         return self.score_cache / "inputs.noted"
 
-    def recording(self, pair: Pair) -> Path:
-        """The Rerun recording of one clip under one configuration."""
-        return self.path / f"{_stem(pair)}.rrd"
-
     def traceback(self, pair: Pair) -> Path:
         """The file for the traceback of a (clip, configuration) that a stage's fault ended."""
         return self.partial(pair, "traceback.txt")

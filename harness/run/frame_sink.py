@@ -12,7 +12,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
-from harness.labels.labels import Labels
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
 from vfoa.types import FrameResult, Percepts, StereoFrame
@@ -77,12 +76,11 @@ class ResumableSink(FrameSink, Protocol):
 class SinkContext:
     """Context of a sink: one configuration on one clip.
 
-    ``labels`` is None for a clip without labels. ``run_id`` is the run's, also on another computer. ``resumed`` is the
-    state to continue from: files are cut to it, and the frames after it follow.
+    ``run_id`` is the run's, also on another computer. ``resumed`` is the state to continue from: files are cut to it,
+    and the frames after it follow.
     """
 
     manifest: ClipManifest
-    labels: Labels | None
     configuration: str
     rate_hz: float | None
     directory: RunDirectory

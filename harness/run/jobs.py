@@ -167,10 +167,12 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         for configuration in configurations
         if not directory.is_finished((clip, configuration.name))
     ]
-    job = ClipJob(
+    cache = None
+    if store is not None and not isinstance(prepared.clip, MeasuredClip):  # poses: nothing to perceive
+        cache = open_cache(store, clip, prepared.clip, tuple(todo), prepared.digest)
+    return ClipJob(
         manifest=prepared.manifest,
         frames=prepared.frames,
-        labels=prepared.labels,
         configurations=tuple(todo),
         directory=directory,
         run_id=directory.read_manifest()["run_id"],
@@ -178,10 +180,8 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         drawn=prepared.drawn,
         digest=prepared.digest,
         known=dict(KNOWN),
+        cache=cache,
     )
-    if store is None or isinstance(prepared.clip, MeasuredClip):  # nothing to perceive
-        return job
-    return replace(job, cache=open_cache(store, clip, prepared.clip, job.configurations, prepared.digest))
 
 
 Unchanged = Callable[[], AbstractContextManager[None]]

@@ -18,7 +18,6 @@ from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
-from harness.labels.labels import Labels
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn import DrawnClip
@@ -53,7 +52,6 @@ class ClipJob:
 
     manifest: ClipManifest
     frames: tuple[int, ...]
-    labels: Labels | None
     configurations: tuple[Configuration, ...]
     directory: RunDirectory
     run_id: str = field(default_factory=new_run_id)
@@ -275,7 +273,6 @@ class ConfigurationRunner:
         self._job, self._configuration, self._measurer = job, configuration, measurer
         self._context = SinkContext(
             manifest=job.manifest,
-            labels=job.labels,
             configuration=configuration.name,
             rate_hz=rate_hz,
             directory=job.directory,

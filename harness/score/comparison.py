@@ -22,10 +22,10 @@ from harness.score.statistics import (
     holm,
     inferiority_p,
     needed_shift,
+    power,
     sign_flip_p,
     smallest_p,
 )
-from harness.score.statistics import power as flip_power
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -188,15 +188,15 @@ def format_p(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
 
 
-def detectable_difference(units: Units, family: int = 1, power: float = POWER) -> float:
-    """The true difference that the test on these units, corrected for ``family`` comparisons, finds with this power.
+def detectable_difference(units: Units, family: int = 1) -> float:
+    """The true difference that the test on these units, corrected for ``family`` comparisons, finds with 80 % power.
 
     Infinite if it can find none; NaN if the units do not vary, so that their spread is unknown. Their spread is taken
     as the true one, and normal.
     """
     merged = units.merged()
     n = len(merged.frames)
-    shift = needed_shift(n, SIGNIFICANCE / family, power)
+    shift = needed_shift(n, SIGNIFICANCE / family, POWER)
     if math.isinf(shift):
         return shift
     error = standard_error(units)
@@ -256,10 +256,8 @@ class Clips:
     most: int | None
 
 
-def clips_needed(
-    spread: Spread, difference: float, looks: float | None = None, power: float = POWER, family: int = 1
-) -> Clips | None:
-    """The fewest clips on which a true difference (a share) is found significant with this probability.
+def clips_needed(spread: Spread, difference: float, looks: float | None = None, family: int = 1) -> Clips | None:
+    """The fewest clips on which a true difference (a share) is found significant with a probability of 80 %.
 
     The spread of few clips is uncertain itself. So the power is averaged over the spreads that it leaves possible
     (assurance: O'Hagan, Stevens and Campbell, "Assurance in clinical trial design", 2005), with clips' differences
@@ -291,11 +289,11 @@ def clips_needed(
     careful = float(np.quantile(possible, _SHARE_NEAR))
 
     def powers(clips: int, deviation: float | Float) -> Float:
-        return flip_power(clips, level, difference / np.maximum(deviation, _LEAST_DEVIATION))
+        return power(clips, level, difference / np.maximum(deviation, _LEAST_DEVIATION))
 
     def enough(clips: int) -> bool:
         mean = float(powers(clips, possible).mean())
-        return mean >= power and float(powers(clips, careful)) >= mean - _NEAR
+        return mean >= POWER and float(powers(clips, careful)) >= mean - _NEAR
 
     needed = _fewest(enough)
     if needed is None:
@@ -303,8 +301,8 @@ def clips_needed(
     return Clips(
         needed=needed,
         power=float(powers(needed, possible).mean()),
-        fewest=_fewest(lambda clips: float(powers(clips, narrow)) >= power) or needed,
-        most=_fewest(lambda clips: float(powers(clips, wide)) >= power),
+        fewest=_fewest(lambda clips: float(powers(clips, narrow)) >= POWER) or needed,
+        most=_fewest(lambda clips: float(powers(clips, wide)) >= POWER),
     )
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -125,8 +124,7 @@ class Event(NamedTuple):
     last: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MatchCounts:
+class MatchCounts(NamedTuple):
     """Numbers of what is true (events, or frames), what was found, and what matches; and the rates of detection."""
 
     true: int
@@ -148,11 +146,6 @@ class MatchCounts:
         """Harmonic mean of recall and precision; NaN without any."""
         both = self.true + self.predicted
         return 2 * self.matched / both if both else math.nan
-
-    @property
-    def counts(self) -> tuple[int, int, int]:
-        """The three numbers."""
-        return self.true, self.predicted, self.matched
 
     @property
     def rates(self) -> tuple[float, float, float]:

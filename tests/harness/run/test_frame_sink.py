@@ -67,7 +67,6 @@ def _job(out: Path, *sinks: Witnesses) -> ClipJob:
     return ClipJob(
         manifest=manifest,
         frames=(1, 2),
-        labels=None,
         configurations=tuple(chosen),
         directory=RunDirectory(out),
         sinks=(*sinks, ResultsSinks()),
