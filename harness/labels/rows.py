@@ -42,7 +42,6 @@ class RowReader:
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
         self._timeline = timeline
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
-        self._labels: dict[tuple[str, ...], Label] = {}
 
     def read(self, cells: list[str], where: str) -> LabelRange | None:
         """Parse the row at a place (for messages); None for a range of time in which a partly known clip has no frame.
@@ -55,10 +54,7 @@ class RowReader:
         if len(cells) != self._width:
             raise VfoaError(f"{where}: found {len(cells)} cells; expected {self._width}, as in the header")
         ends = self._times(cells, where) if self.in_time else self._frames(cells, where)
-        words = tuple(cells[2:])
-        label = self._labels.get(words)
-        if label is None:  # long files repeat the same few texts
-            label = self._labels[words] = self._label(cells, where)
+        label = self._label(cells, where)
         if ends is None:
             return None
         first, last, span_ns = ends
