@@ -15,11 +15,11 @@ from pydantic import NonNegativeInt
 
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import SubjectNames, name_targets
+from harness.clips.naming import SubjectNames, name_instances
 from harness.run.records import BoxPx, FrameRecord
 from harness.sources import Clip
 from vfoa.stereo import MATCHERS
-from vfoa.types import Disparity, FrameResult, Image, Instance, Instances, Mask, Scene, StereoFrame, Target
+from vfoa.types import Disparity, Image, Instance, Instances, Mask, StereoFrame
 
 View = Literal["left", "right", "disparity", "head"]
 RegionPx = tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt, NonNegativeInt]
@@ -94,7 +94,7 @@ class Views:
     def _of_truth(self, number: int) -> tuple[list[SceneObject], dict[str, BoxPx]]:
         truth, subjects = self._clip.truth(number), self._manifest.subjects
         heads = {person.name: _box(person.head_box_px) for person in truth.people or () if person.name in subjects}
-        return [] if truth.instances is None else _named(number, truth.instances, self._manifest), heads
+        return [] if truth.instances is None else _named(truth.instances, self._manifest), heads
 
     def _disparity(self, frame: StereoFrame) -> Disparity:
         """The disparity of a frame: measured, else the true one, else by semi-global matching."""
@@ -115,11 +115,11 @@ def _scene_object(name: str, label: str, box_px: BoxPx, edges: Outline) -> Scene
     return {"name": name, "label": label, "box_px": box_px, "outline": edges}
 
 
-def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
+def _named(instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
     """Instances with their names by the manifest's rules, as in a run; stuff is left out."""
     masks = {thing: instances.mask(thing.id) for thing in instances.instances if thing.is_thing}
     boxes = {thing: _extent(mask) for thing, mask in masks.items() if mask.any()}
-    names = _by_rules(number, [*boxes.items()], manifest)
+    names = _by_rules([*boxes.items()], manifest)
     return [_scene_object(names[thing.id], thing.label, box, outline(masks[thing])) for thing, box in boxes.items()]
 
 
@@ -132,7 +132,7 @@ def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]
         )
         for target in record.targets
     ]
-    fresh = _by_rules(record.frame, instances, manifest)
+    fresh = _by_rules(instances, manifest)
     known = {*manifest.targets, *manifest.subjects}
     return {
         target.instance_id: fresh[target.instance_id]
@@ -142,15 +142,10 @@ def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]
     }
 
 
-def _by_rules(number: int, boxed: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest) -> Mapping[int, str]:
+def _by_rules(boxed: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest) -> Mapping[int, str]:
     """Names by instance id."""
-    empty = np.zeros((0, 3), np.float32)
-    targets = tuple(
-        Target(instance=instance, box_px=None if box is None else np.array(box), points_left=empty, box=None)
-        for instance, box in boxed
-    )
-    result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
-    return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
+    seen = [(instance, None if box is None else np.array(box)) for instance, box in boxed]
+    return name_instances(seen, {}, manifest.subjects, manifest.targets, SubjectNames())
 
 
 def _area(box_px: BoxPx) -> float:

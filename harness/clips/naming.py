@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from vfoa.geometry import box_iou
 from vfoa.settings import Settings
-from vfoa.types import Float, FrameResult
+from vfoa.types import Float, FrameResult, Instance
 
 PointPx = tuple[float, float]
 
@@ -83,9 +83,11 @@ def name_frame(
 ) -> tuple[Names, SubjectNames]:
     """Name the people and the targets of one frame."""
     memory = name_subjects(result, subjects, memory)
-    tracks = [attention.subject.track_id for attention in result.attentions]
-    named = {track: memory.by_track[track] for track in tracks if track in memory.by_track}
-    return Names(subjects=named, targets=name_targets(result, subjects, targets, memory)), memory
+    present = {attention.subject.track_id: attention.subject.person.instance_id for attention in result.attentions}
+    named = {track: memory.by_track[track] for track in present if track in memory.by_track}
+    of_people = {present[track]: name for track, name in named.items()}
+    seen = [(target.instance, target.box_px) for target in result.scene.targets]
+    return Names(subjects=named, targets=name_instances(seen, of_people, subjects, targets, memory)), memory
 
 
 def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> SubjectNames:
@@ -109,20 +111,26 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     return SubjectNames(by_track=by_track, last_seen_px={**memory.last_seen_px, **seen})
 
 
-def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
-    """Name every instance of a frame: by the subject it belongs to, its own name, the rules, or as ``label#id``."""
+def name_instances(
+    seen: Sequence[tuple[Instance, Float | None]],
+    of_people: Mapping[int | None, str],
+    subjects: Rules,
+    targets: Rules,
+    memory: SubjectNames,
+) -> dict[int, str]:
+    """Name every instance of a frame: by the subject it belongs to, its own name, the rules, or as ``label#id``.
+
+    ``seen`` has the instances with their boxes (4,), ``of_people`` the names of subjects by the ids of their instances.
+    """
     things = [
         _Candidate(key=instance.id, instance_id=instance.id, label=instance.label, box_px=box_px)
-        for instance, box_px in ((target.instance, target.box_px) for target in result.scene.targets)
+        for instance, box_px in seen
     ]
-    names = {}
-    for person in _people(result):
-        if person.key in memory.by_track and person.instance_id is not None:
-            names[person.instance_id] = memory.by_track[person.key]
-    for target in result.scene.targets:
-        own, known = target.instance.name, {**subjects, **targets}
-        if own in known and own not in names.values():
-            names.setdefault(target.instance.id, own)
+    names = {instance_id: name for instance_id, name in of_people.items() if instance_id is not None}
+    known = {**subjects, **targets}
+    for instance, _ in seen:
+        if instance.name in known and instance.name not in names.values():
+            names.setdefault(instance.id, instance.name)
     exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
     names = _named(names, (*_in_turn(subjects, memory), exact), things)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
