@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -70,6 +70,12 @@ class StageError(VfoaError):
 
     def __str__(self) -> str:
         return super().__str__() if self.frame is None else f"frame {self.frame}: {super().__str__()}"
+
+
+def check_known(name: object, known: Collection[object], problem: str) -> None:
+    """Raise a :class:`VfoaError` if a name is not known: ``"<problem> 'sgmb'; did you mean 'sgbm'? ..."``."""
+    if name not in known:
+        raise VfoaError(f"{problem} {name!r}; {did_you_mean(str(name), map(str, known))}")
 
 
 def did_you_mean(name: str, expected: Iterable[str]) -> str:

@@ -22,7 +22,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -65,8 +65,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
         If the run has no such clip, or the clip no such subject.
     """
     manifest = load_manifest(_place(directory, clip), clip)
-    if subject not in manifest.subjects:
-        raise VfoaError(f"{clip}: unknown subject {subject!r}; {did_you_mean(subject, manifest.subjects)}")
+    check_known(subject, manifest.subjects, f"{clip}: unknown subject")
     others = (name for name in manifest.subjects if name != subject)
     return (*manifest.targets, *others, "none", "ignore")
 
@@ -103,8 +102,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
 def _place(directory: RunDirectory, clip: str) -> str:
     """The manifest of a run's clip where the run found it or, if it has moved since, its name."""
     places = {entry["name"]: entry["manifest"] for entry in directory.read_manifest()["clips"]}
-    if clip not in places:
-        raise VfoaError(f"{directory.path}: no clip {clip!r}; {did_you_mean(clip, places)}")
+    check_known(clip, places, f"{directory.path}: no clip")
     return places[clip] if Path(places[clip]).is_file() else clip
 
 

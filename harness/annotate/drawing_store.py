@@ -23,7 +23,7 @@ from harness.labels.drawn import (
     read_drawn,
     write_drawn,
 )
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.settings import Settings
 
 Keys = tuple[KeyFrame, ...]
@@ -126,8 +126,7 @@ class DrawingStore(JournaledStore[Drawn]):
 
     def _check(self, draw: Draw) -> None:
         names = [*self.targets, *self.subjects]
-        if draw.name not in names:
-            raise VfoaError(f"no subject or target {draw.name!r}; {did_you_mean(draw.name, names)}")
+        check_known(draw.name, names, "no subject or target")
         others = [kind for name, kind in self._tracks if name == draw.name]
         check_kind(draw.name, draw.kind, self.subjects, others, "drawn")
         self.check_position(draw.at)

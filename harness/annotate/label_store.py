@@ -24,7 +24,7 @@ from harness.annotate.marks import (
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.labels import RESERVED, Labels
 from harness.labels.rows import check_text
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known, did_you_mean
 
 Change = dict[str, Any]
 
@@ -202,8 +202,7 @@ class LabelStore(JournaledStore[Labels]):
             self.commit({"set": list(changes)})
 
     def _check_subject(self, subject: str) -> None:
-        if subject not in self.subjects:
-            raise VfoaError(f"unknown subject {subject!r}; {did_you_mean(subject, self.subjects)}")
+        check_known(subject, self.subjects, "unknown subject")
 
     def _check_stretch(self, subject: str, stretch: Stretch) -> None:
         for at in (stretch.first, stretch.last):
@@ -213,8 +212,7 @@ class LabelStore(JournaledStore[Labels]):
             raise VfoaError(f"position {stretch.first} comes after position {stretch.last}")
         if mark is None:
             return
-        if mark.target not in self.names():
-            raise VfoaError(f"unknown target {mark.target!r}; {did_you_mean(mark.target, self.names())}")
+        check_known(mark.target, self.names(), "unknown target")
         if mark.target == subject:
             raise VfoaError(f"{subject!r} looks at {subject!r}; expected another target, or none")
         check_text((mark.note,), "note")

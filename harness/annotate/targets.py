@@ -26,7 +26,7 @@ from harness.files.folders import came_with_program
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json, parse_toml
 from harness.labels.labels import Timeline
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -214,8 +214,7 @@ def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
 
 def _targets(path: Path, document: tomlkit.TOMLDocument, name: str) -> Any:
     targets: Any = document.get("targets", {})
-    if name not in targets:
-        raise VfoaError(f"{path}: no target {name!r}; {did_you_mean(name, [*targets])}")
+    check_known(name, targets, f"{path}: no target")
     return targets
 
 

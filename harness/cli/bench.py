@@ -38,12 +38,11 @@ def bench(
     from harness.report.formats import to_markdown
     from harness.run.experiment import load_experiment
     from harness.run.plan import host, versions
-    from vfoa.errors import VfoaError, did_you_mean
+    from vfoa.errors import check_known
     from vfoa.onnx import check_provider
 
     for name in only or ():
-        if name not in SECTIONS:
-            raise VfoaError(f"bench: --only: no {name!r}; {did_you_mean(name, SECTIONS)}")
+        check_known(name, SECTIONS, "bench: --only: no")
     check_provider(provider)
     changes = tuple(overrides or ())
     loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)

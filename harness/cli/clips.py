@@ -224,15 +224,14 @@ def fetch_clips(
     """
     from harness.clips import fetch
     from harness.remote import expand
-    from vfoa.errors import VfoaError, did_you_mean
+    from vfoa.errors import check_known
 
     repositories: dict[str, tuple[str, str, str, Callable[[Path], None]]] = {
         "idiap_vfoa": (fetch.IDIAP_LICENCE, fetch.IDIAP_HOME, "", _import_idiap),
         "vr_objects": (fetch.VR_LICENCE, fetch.VR_HOME, "data", _convert_vr_objects),
         "opencv_stereo": (fetch.OPENCV_LICENCE, fetch.OPENCV_HOME, "", lambda root: None),
     }
-    if source not in (known := ["sintel", *repositories]):
-        raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, known)}")
+    check_known(source, ["sintel", *repositories], "clips fetch: no")
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
     if source in repositories:
         licence, home, folder, finish = repositories[source]

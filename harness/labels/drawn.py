@@ -27,7 +27,7 @@ from typing import Literal, get_args
 from harness.files.io import atomic_write
 from harness.files.tables import TableRow, format_rows, read_rows
 from harness.labels.rows import check_text
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 
 VERSION_LINE = "# vfoa drawn 1"
 BOX = ("u0_px", "v0_px", "u1_px", "v1_px")
@@ -178,8 +178,7 @@ def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collect
 
 def _name(row: TableRow, subjects: Collection[str], targets: Collection[str]) -> str:
     name, known = row.cells.get("name", ""), [*targets, *subjects]
-    if name not in known:
-        raise VfoaError(f"{row.where}: name: no subject or target {name!r}; {did_you_mean(name, known)}")
+    check_known(name, known, f"{row.where}: name: no subject or target")
     return name
 
 

@@ -17,7 +17,7 @@ from harness.labels.labels import (
     missing_between,
     parse_seconds,
 )
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 
 FRAME_COLUMNS = ("first_frame", "last_frame")
 TIME_COLUMNS = ("start_s", "end_s")
@@ -63,10 +63,8 @@ class RowReader:
     def _label(self, cells: list[str], where: str) -> Label:
         check_text(cells, where)
         subject, target, note = cells[2:5]
-        if subject not in self._subjects:
-            raise VfoaError(f"{where}: unknown subject {subject!r}; {did_you_mean(subject, self._subjects)}")
-        if target not in self._targets:
-            raise VfoaError(f"{where}: unknown target {target!r}; {did_you_mean(target, self._targets)}")
+        check_known(subject, self._subjects, f"{where}: unknown subject")
+        check_known(target, self._targets, f"{where}: unknown target")
         if target == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return Label(

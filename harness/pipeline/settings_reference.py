@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.settings import Settings
 
 _UNITS = {unit: unit for unit in ("m", "cm", "px", "ms", "s", "frames", "bytes")}
@@ -74,8 +74,7 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
     tables = [settings_table for table in ([wanted] if only else TABLES) for settings_table in _tables_of(table)]
     if choice:
         named = {settings_table.name: settings_table for settings_table in tables}
-        if choice not in named:
-            raise VfoaError(f"settings: {wanted}: no {choice!r}; {did_you_mean(choice, named)}")
+        check_known(choice, named, f"settings: {wanted}: no")
         tables = [named[choice]]
     return tuple(tables)
 

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from harness.files.digests import file_digest
 from harness.files.parsing import read_toml
 from harness.pipeline.configuration import STAGES, StageChoice, StageKind
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.settings import Settings
 from vfoa.validation import parse
 from vfoa.weights import cache_directory, directories, is_lfs_pointer, locate, weights_of
@@ -92,8 +92,7 @@ def find_model(name: str) -> CatalogueEntry:
         If there is none; the message suggests the nearest name.
     """
     models = catalogue()
-    if name not in models:
-        raise VfoaError(f"models: no {name!r}; {did_you_mean(name, models)}")
+    check_known(name, models, "models: no")
     return models[name]
 
 

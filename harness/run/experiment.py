@@ -48,7 +48,7 @@ from harness.pipeline.configuration import (
 from harness.run.directory import Published
 from harness.run.grid import base_of, repeated, variants
 from vfoa.config import Tables, dotted_tables
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.logit import LogitSettings
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -320,7 +320,4 @@ def _find(name_or_path: str) -> Path:
 
 def _check_published(file: _File, configurations: list[str], where: str) -> None:
     for name in file.published.counts if file.published else ():
-        if name not in configurations:
-            raise VfoaError(
-                f"{where}: published.counts: no configuration {name!r}; {did_you_mean(name, configurations)}"
-            )
+        check_known(name, configurations, f"{where}: published.counts: no configuration")

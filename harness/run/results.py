@@ -20,7 +20,7 @@ from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.types import PROBABILISTIC
 
 T = TypeVar("T")
@@ -224,8 +224,7 @@ def _choose(names: list[str], wanted: str | None, run: Path) -> str:
         return names[0]
     if wanted is None:
         raise VfoaError(f"{run}: has several configurations; choose one with --config: {', '.join(names)}")
-    if wanted not in names:
-        raise VfoaError(f"{run}: no configuration {wanted!r}; {did_you_mean(wanted, names)}")
+    check_known(wanted, names, f"{run}: no configuration")
     return wanted
 
 

@@ -20,7 +20,7 @@ from harness.score.outcomes import JudgedPart
 from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.logit import LogitSettings, Traces, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_cues import Seen
@@ -95,8 +95,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     bases = list(dict.fromkeys(base_of(name) for name in known))
     logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
-    if chosen not in bases:
-        raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, bases)}")
+    check_known(chosen, bases, f"{directory.path}: no configuration")
     return _labelled_runs(run, [chosen], defaultdict(JudgedPart))[0]
 
 

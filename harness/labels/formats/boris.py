@@ -17,7 +17,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_json
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, Span, from_spans, one_line
 from harness.labels.labels import Label
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 
 _GZIP = b"\x1f\x8b"
 _LARGEST_BYTES = 2**28
@@ -54,8 +54,7 @@ class Boris(ReadOnly):
 def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
     """Return the wanted observation, or the only one."""
     if wanted is not None:
-        if wanted not in names:
-            raise VfoaError(f"{path}: --observation: no {wanted!r}; {did_you_mean(wanted, names)}")
+        check_known(wanted, names, f"{path}: --observation: no")
         return wanted
     if len(names) > 1:
         listed = ", ".join(map(repr, names))

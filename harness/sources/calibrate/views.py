@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.types import Float, Image
 
 FEWEST_CORNERS = 3
@@ -73,8 +73,7 @@ def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dic
     if not 0 < marker_m < square_m:
         raise VfoaError(f"marker: found {marker_m * 1000:g} mm; expected less than the square's {square_m * 1000:g} mm")
     known = {name for name in dir(cv2.aruco) if name.startswith("DICT_")}
-    if dictionary not in known:
-        raise VfoaError(f"dictionary {dictionary!r}; {did_you_mean(dictionary, known)}")
+    check_known(dictionary, known, "dictionary")
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     if (count := len(markers.bytesList)) < columns * rows // 2:
         raise VfoaError(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.sources.media.images import decode, decode_rgb
 from harness.sources.media.maps import default_counts_per_m, depth_map
 from harness.sources.recordings.messages import MessageType, Picture, picture
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 from vfoa.types import Image, Map
 
 # encoding -> bytes of one sample, samples of one pixel, OpenCV's conversion (None: RGB already)
@@ -57,8 +57,7 @@ def rgb(raw: Picture, where: str) -> Image:
     VfoaError
         If the encoding is unknown, the data are too short for the size, or YUV has an odd width.
     """
-    if raw.form not in _ENCODINGS:
-        raise VfoaError(f"{where}: encoding {raw.form!r}; {did_you_mean(raw.form, _ENCODINGS)}")
+    check_known(raw.form, _ENCODINGS, f"{where}: encoding")
     sample_bytes, samples, conversion = _ENCODINGS[raw.form]
     rows = _rows(raw, samples * sample_bytes, where)
     height, width = len(rows), rows.shape[1] // (samples * sample_bytes)
