@@ -63,7 +63,8 @@ VERBS: dict[str, Writes | Left] = {
     ),
     "init": Writes(("init", "other")),
     "labels import": Writes(
-        ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "eve", "--replace")
+        ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "eve", "--replace"),
+        varies=(".jsonl",),
     ),
     "labels export": Writes(("labels", "export", "talk", "mine.eaf", "--format", "elan", "--replace")),
     "labels agreement": Writes(("labels", "agreement", "talk", "--out", "agreement")),
