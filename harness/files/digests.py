@@ -17,7 +17,7 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib.machinery import ModuleSpec, PathFinder
@@ -101,7 +101,7 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     return digest_by_stamp(files, partial(_digest_of_all, files))
 
 
-def _digest_of_all(parts: Sequence[tuple[str, str]]) -> str:
+def _digest_of_all(parts: Sequence[tuple[str, str | Path]]) -> str:
     total = hashlib.sha256()
     for role, path in parts:
         total.update(f"{role}\0{file_digest(Path(path))}\n".encode())
@@ -115,13 +115,13 @@ def code_of(module: str) -> tuple[str, dict[str, str]]:
     The versions are those of the distributions that this code imports, of Python, and the kind of machine.
     """
     sources, outside = import_closure((module,))
-    return _digest(sources), _versions(outside)
+    return _digest_of_all(sorted(sources.items())), _versions(outside)
 
 
 @cache
 def code_digest(modules: tuple[str, ...]) -> str:
     """The digest of the source of several modules with all that they import of their own packages and of vfoa."""
-    return _digest(import_closure(modules)[0])
+    return _digest_of_all(sorted(import_closure(modules)[0].items()))
 
 
 def import_closure(modules: Iterable[str]) -> tuple[dict[str, Path], set[str]]:
@@ -138,13 +138,6 @@ def import_closure(modules: Iterable[str]) -> tuple[dict[str, Path], set[str]]:
             sources[name] = path
             pending += _imports(name, path, file_digest(path))
     return sources, outside
-
-
-def _digest(sources: Mapping[str, Path]) -> str:
-    total = hashlib.sha256()
-    for name, path in sorted(sources.items()):
-        total.update(f"{name}\0{file_digest(path)}\n".encode())
-    return total.hexdigest()
 
 
 def _source(module: str) -> Path | None:
