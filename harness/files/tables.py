@@ -6,9 +6,10 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
-INTEGER = re.compile(r"-?[0-9]{1,19}")
+Number = TypeVar("Number", int, float)
+_INTEGER = re.compile(r"-?[0-9]{1,19}")
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -38,12 +40,9 @@ class TableRow:
         Raises
         ------
         VfoaError
-            If it is not a whole number.
+            If it is not a whole number of 64 bits.
         """
-        cell = self.cells.get(column)
-        if cell is not None and not INTEGER.fullmatch(cell):
-            raise VfoaError(f"{self.where}: {column}: expected a whole number, found {cell!r}")
-        return None if cell is None else int(cell)
+        return self._value(column, whole_number, "a whole number of 64 bits")
 
     def number(self, column: str) -> float | None:
         """The number in a column; None if it is blank.
@@ -53,12 +52,14 @@ class TableRow:
         VfoaError
             If it is not a finite number.
         """
-        cell = self.cells.get(column)
-        if cell is None:
+        return self._value(column, _finite_number, "a finite number")
+
+    def _value(self, column: str, parse: Callable[[str], Number | None], expected: str) -> Number | None:
+        if (cell := self.cells.get(column)) is None:
             return None
-        if (number := _finite_number(cell)) is None:
-            raise VfoaError(f"{self.where}: {column}: expected a finite number, found {cell!r}")
-        return number
+        if (value := parse(cell)) is None:
+            raise VfoaError(f"{self.where}: {column}: expected {expected}, found {cell!r}")
+        return value
 
     def numbers(self, columns: Sequence[str]) -> Float | None:
         """The numbers (n,) of columns that belong together; None if all are blank.
@@ -98,14 +99,10 @@ class TableColumns:
         Raises
         ------
         VfoaError
-            For the first cell that is blank, or no whole number.
+            For the first cell that is blank, or no whole number of 64 bits.
         """
-        values: list[int] = []
-        for row, cell in enumerate(self.cells[column]):
-            if not INTEGER.fullmatch(cell) or abs(int(cell)) >= 2**63:
-                content = repr(cell) if cell else "nothing"
-                raise VfoaError(f"{self.where(row)}: {column}: expected a whole number, found {content}")
-            values.append(int(cell))
+        values = [whole_number(cell) for cell in self.cells[column]]
+        self._refuse_none(column, values, "a whole number of 64 bits")
         return np.array(values, dtype=np.int64)
 
     def numbers(self, column: str) -> Float:
@@ -120,10 +117,15 @@ class TableColumns:
         if not any(cells):
             return np.broadcast_to(np.float64(np.nan), len(self.lines))
         values = [_finite_number(cell) if cell else math.nan for cell in cells]
+        self._refuse_none(column, values, "a finite number")
+        return np.array(values, dtype=np.float64)
+
+    def _refuse_none(self, column: str, values: Sequence[float | None], expected: str) -> None:
+        """Reject the first cell without a value."""
         if None in values:
             row = values.index(None)
-            raise VfoaError(f"{self.where(row)}: {column}: expected a finite number, found {cells[row]!r}")
-        return np.array(values, dtype=np.float64)
+            found = repr(self.cells[column][row]) if self.cells[column][row] else "nothing"
+            raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, found {found}")
 
     def group(self, columns: Sequence[str]) -> Float:
         """The numbers (n, columns) of columns that belong together, NaN in rows where all of them are blank.
@@ -217,6 +219,11 @@ def _checked_rows(
         if len(cells) != len(header):
             raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
         yield line, cells
+
+
+def whole_number(cell: str) -> int | None:
+    """The whole number in a cell, as a frame number is; None if the cell is not one of 64 bits."""
+    return int(cell) if _INTEGER.fullmatch(cell) and abs(int(cell)) < 2**63 else None
 
 
 def _finite_number(cell: str) -> float | None:

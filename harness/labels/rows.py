@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 
-from harness.files.tables import INTEGER
+from harness.files.tables import whole_number
 from harness.labels.labels import (
     IGNORED,
     RESERVED,
@@ -28,7 +28,6 @@ SUGGESTED = "suggested"
 """The state of a label that no person has confirmed; confirmed ones have an empty cell."""
 
 _CONTROL = re.compile(r"[\x00-\x1f]")
-_LARGEST = 2**63 - 1
 
 
 class RowReader:
@@ -76,7 +75,7 @@ class RowReader:
 
     def _frames(self, cells: list[str], where: str) -> tuple[int, int, None]:
         for name, cell in zip(FRAME_COLUMNS, cells, strict=False):
-            if not INTEGER.fullmatch(cell) or abs(int(cell)) > _LARGEST:
+            if whole_number(cell) is None:
                 raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected a frame number")
         first, last = int(cells[0]), int(cells[1])
         if first > last:

@@ -216,7 +216,7 @@ def test_heads_come_in_the_order_of_their_rows_and_a_frame_without_rows_has_none
         ("frame,subject,frame\n", r"heads\.csv:1: the column 'frame' occurs twice"),
         (HEADS + "70,a,1,2,3\n", r"heads\.csv:2: found 5 cells; expected 6"),
         (HEADS + "\n69,a,1,2,3,4\n", r"heads\.csv:3: frame 69: not in the clip"),
-        (HEADS + "7.5,a,1,2,3,4\n", r"heads\.csv:2: frame: expected a whole number, found '7\.5'"),
+        (HEADS + "7.5,a,1,2,3,4\n", r"heads\.csv:2: frame: expected a whole number of 64 bits, found '7\.5'"),
         (HEADS + "70,,1,2,3,4\n", r"heads\.csv:2: subject: found nothing"),
         (HEADS + "70,a,1,2,3,4\n70,a,1,2,3,4\n", r"heads\.csv:3: frame 70, subject 'a': occurs twice.*csv:2"),
         (HEADS + "70,a,1,2,x,4\n", r"heads\.csv:2: u1_px: expected a finite number, found 'x'"),

@@ -95,6 +95,7 @@ def test_a_quaternion_turns_the_box_s_axes_into_the_camera_s(tmp_path: Path, tur
         ("1,0,anna,0,0,1,0,0,1,-3,,,,", "", r"people.csv:2: head_sigma: .* at least 0"),
         ("1,0,anna,0,,1,,,,,,,,", "", r"people.csv:2: y_m: found nothing"),
         ("1,,anna,0,0,1,,,,,,,,", "", r"people.csv:2: found no time"),
+        ("9223372036854775808,0,anna,0,0,1,,,,,,,,", "", r"people.csv:2: frame: expected a whole number of 64 bits"),
         ("1,0,anna,0,0,1,,,,,,,,\n1,0,anna,0,0,2,,,,,,,,", "", r"people.csv:3: .* twice"),
         ("1,0,anna,0,0,1,,,,,,,,\n1,9,ben,0,0,2,,,,,,,,", "", r"people.csv:3: frame 1: found two times"),
         ("1,9,anna,0,0,1,,,,,,,,\n2,9,ben,0,0,2,,,,,,,,", "", r"frame 2: its time is not after"),
