@@ -42,10 +42,7 @@ def agreement_tables(
         f"{clip}: agreement by target",
         "First | Second | Target | n first | n second | n both | Specific % | Kappa",
         (
-            (
-                *(pair.first, pair.second, target.target, target.first, target.second, target.both),
-                *(percent(target.share), number(target.kappa, 2)),
-            )
+            (pair.first, pair.second, *target[:4], percent(target.share), number(target.kappa, 2))
             for pair in pooled
             for target in pair.by_target()
         ),
@@ -66,10 +63,7 @@ def agreement_tables(
         f"{clip}: where annotators differ",
         "First | Second | Subject | First says | Second says | From frame | To frame | Frames",
         (
-            (
-                *(pair.first, pair.second, difference.subject, difference.first, difference.second),
-                *(difference.first_frame, difference.last_frame, difference.frames),
-            )
+            (pair.first, pair.second, *difference)
             for pair in pooled
             for difference in differences(labels[pair.first], labels[pair.second], frames)
         ),

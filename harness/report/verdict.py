@@ -17,7 +17,6 @@ from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.intervals import ScoredFrames
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import Interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 _MOST_NAMES = 4
@@ -166,12 +165,9 @@ def _ends(comparison: Comparison, before: str, after: str = "") -> str:
     if math.isnan(low):
         too_few = comparison.units and not comparison.can_be_significant
         return f"{before}{comparison.counted_units} are too few for a test{after}" if too_few else ""
+    only = "" if comparison.interval.unit == "clip" else ", these clips only"
     corrected = f", corrected for {comparison.family} comparisons" if comparison.family > 1 else ""
-    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{_only(comparison.interval)}{corrected}{after}"
-
-
-def _only(interval: Interval) -> str:
-    return "" if interval.unit == "clip" else ", these clips only"
+    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{only}{corrected}{after}"
 
 
 def _joined(words: Sequence[str]) -> str:

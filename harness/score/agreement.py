@@ -19,8 +19,7 @@ from harness.score.looks import number_looks
 from harness.score.statistics import UNKNOWN, Codes, Counts, Interval, cohen_kappa
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TargetAgreement:
+class TargetAgreement(NamedTuple):
     """One target: the numbers of compared frames in which the first, the second and both annotators named it.
 
     ``kappa`` is that of this target against all others.
@@ -38,16 +37,15 @@ class TargetAgreement:
         return 2 * self.both / (self.first + self.second)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
+class Difference(NamedTuple):
     """A range of compared frames in which two annotators name different targets."""
 
     subject: str
+    first: str
+    second: str
     first_frame: int
     last_frame: int
     frames: int
-    first: str
-    second: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,8 +74,7 @@ class Agreement:
             first, second = int(self.confusion[code].sum()), int(self.confusion[:, code].sum())
             both = int(self.confusion[code, code])
             table = np.array([[both, first - both], [second - both, self.n - first - second + both]])
-            kappa = cohen_kappa(table)
-            rows.append(TargetAgreement(target=target, first=first, second=second, both=both, kappa=kappa))
+            rows.append(TargetAgreement(target, first, second, both, cohen_kappa(table)))
         return rows
 
 
@@ -115,21 +112,10 @@ def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Di
     for compared in _compared(first, second, frames):
         answers = enumerate(zip(compared.places, compared.answers, strict=True))
         # within a run of one difference, place in the clip and rank in the list grow together
-        for (_, (named_first, named_second)), run in groupby(
-            answers, key=lambda item: (item[1][0] - item[0], item[1][1])
-        ):
+        for (_, (ours, theirs)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
             inside = [frames[place] for _, (place, _) in run]
-            if named_first != named_second:
-                ranges.append(
-                    Difference(
-                        subject=compared.subject,
-                        first_frame=inside[0],
-                        last_frame=inside[-1],
-                        frames=len(inside),
-                        first=named_first,
-                        second=named_second,
-                    )
-                )
+            if ours != theirs:
+                ranges.append(Difference(compared.subject, ours, theirs, inside[0], inside[-1], len(inside)))
     return ranges
 
 
