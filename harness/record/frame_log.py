@@ -117,7 +117,7 @@ class FrameLog:
     def send(self) -> None:
         """Send the waiting rows, those of an entity together."""
         for (path, (kind, names)), rows in self._waiting.items():
-            archetype = getattr(rr.archetypes, kind)
+            archetype = getattr(rr, kind)
             times, fields = zip(*rows, strict=True)
             columns = [
                 column for name in names for column in _columns(archetype, name, [field[name] for field in fields])

@@ -300,3 +300,17 @@ def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tm
     columns = read_back(tmp_path / "test.rrd")
     assert columns.at("/cloud", "Points3D:positions") == {frame: cloud.tolist() for frame, cloud in enumerate(clouds)}
     assert columns.at("/cloud", "Points3D:class_ids") == {2: [4]}
+
+
+def test_an_entity_may_have_values_of_its_own(tmp_path, read_back):
+    stream = rr.RecordingStream("test", recording_id="test")
+    stream.save(tmp_path / "test.rrd")
+    log = FrameLog(stream)
+    log.begin(1, 0)
+    log.row("/heart", rr.AnyValues, rate_hz=[1.5])
+    log.end()
+    log.begin(2, 0)
+    log.end()
+    log.send()
+    stream.disconnect()
+    assert read_back(tmp_path / "test.rrd").at("/heart", "rate_hz") == {1: [1.5], 2: []}
