@@ -82,7 +82,8 @@ def import_labels(
         given = {subject: sum(mark is not None for mark in store.track(subject)) for subject in new.subjects}
         taken = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
         if taken and not replace:
-            raise VfoaError(f"{place}: has labels of {taken} already; expected --replace, or another --annotator")
+            present = manifest.annotations.find(annotator) or place  # it may have come with the program
+            raise VfoaError(f"{present}: has labels of {taken} already; expected --replace, or another --annotator")
         for subject in new.subjects:
             track = from_labels(new, subject, frames)
             store.put(subject, stretches(track, 0, len(track) - 1))

@@ -19,7 +19,7 @@ from starlette.routing import Route
 from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import load_manifest
-from harness.labels.labels import timeline_of
+from harness.labels.labels import RESERVED, timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from vfoa.errors import VfoaError, check_known
@@ -67,7 +67,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
     manifest = load_manifest(_place(directory, clip), clip)
     check_known(subject, manifest.subjects, f"{clip}: unknown subject")
     others = (name for name in manifest.subjects if name != subject)
-    return (*manifest.targets, *others, "none", "ignore")
+    return (*manifest.targets, *others, *RESERVED)
 
 
 def correct(directory: RunDirectory, correction: Correction) -> Path:

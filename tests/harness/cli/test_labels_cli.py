@@ -115,6 +115,18 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     assert own.read_text().splitlines()[2:] == theirs
 
 
+def test_an_import_names_the_labels_that_came_with_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert vfoa(monkeypatch, capsys, "labels", "export", CLIP, "a.csv", "--format", "csv")[0] == 0
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "import", "a.csv", "--format", "csv", "--clip", CLIP)
+    assert code == 2
+    assert said.startswith(f"vfoa: {REPOSITORY / 'annotations' / CLIP}.csv: has labels of anna (")
+    assert not (tmp_path / "empty" / "annotations" / f"{CLIP}.csv").exists()
+
+
 def test_tables_of_agreement_are_written_all_or_none(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
