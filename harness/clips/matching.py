@@ -24,7 +24,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     """
     factor = math.ceil(max(left.shape) / MATCHED_SIDE_PX)
     detector = cv2.SIFT.create(nfeatures=2000)
-    grays = [_shrunk(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), factor) for image in (left, right)]
+    grays = [_shrunk(image, factor) for image in (left, right)]
     (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
     if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
         return np.empty((0, 2))
@@ -39,18 +39,17 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     return factor * (points[:, 0] - points[:, 1])
 
 
-def _shrunk(gray: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """The image with each square of ``factor`` pixels averaged; incomplete squares at the edges are dropped."""
-    height, width = (size // factor for size in gray.shape)
+def _shrunk(image: Image, factor: int) -> NDArray[np.uint8]:
+    """The gray image with each square of ``factor`` pixels averaged; incomplete squares at the edges are dropped."""
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    height, width = (max(1, size // factor) for size in gray.shape)
     whole = gray[: height * factor, : width * factor]
-    return gray if factor == 1 else np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 LEAST_SHARE = 0.02
 """Least share of matches nearer than a limit: noise reaches 0.012 in 22 rendered and real frames without near objects.
 """
-
-Gray = NDArray[np.uint8]
 
 _WIDTH_PX = 320
 _SEARCHED = 0.6
@@ -85,11 +84,11 @@ def first_middle_last(frames: Sequence[int]) -> list[int]:
 def _matched_depths_m(frame: StereoFrame) -> Float:
     """Depths (N,) of the pixels that a coarse semi-global match finds in both views, at about 320 columns."""
     factor = max(1, math.ceil(frame.rig.width_px / _WIDTH_PX))
-    size = max(1, frame.rig.width_px // factor), max(1, frame.rig.height_px // factor)
-    searched = 16 * max(1, math.ceil(_SEARCHED * size[0] / 16))
+    width = max(1, frame.rig.width_px // factor)
+    searched = 16 * max(1, math.ceil(_SEARCHED * width / 16))
     # OpenCV does not match the first columns, as many as it searches
     left, right = (
-        cv2.copyMakeBorder(_small(image, size), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+        cv2.copyMakeBorder(_shrunk(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)
         if image is not None
     )
@@ -106,11 +105,6 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
         speckleRange=2,
     )
     disparity_px = matcher.compute(left, right)[:, searched:].astype(np.float64) / 16
-    known = (disparity_px > 0) & (disparity_px <= np.arange(size[0]))
+    known = (disparity_px > 0) & (disparity_px <= np.arange(width))
     shifted_px = factor * disparity_px[known] + frame.rig.cx_right_px - frame.rig.cx_px
     return frame.rig.fx_px * frame.rig.baseline_m / shifted_px[shifted_px > 0]
-
-
-def _small(image: Image, size: tuple[int, int]) -> Gray:
-    gray = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(gray, dtype=np.uint8)
