@@ -151,14 +151,14 @@ class Rectifier:
 
     def __init__(self, cameras: Cameras) -> None:
         self.calibration = cameras if isinstance(cameras, Calibration) else cameras.rectified()
-        raw = {} if isinstance(cameras, Calibration) else {"left": cameras.left, "right": cameras.right}
-        where = "" if isinstance(cameras, Calibration) else cameras.where
-        self._sides = {side: Undistorter(camera, where) for side, camera in raw.items()}
+        self._sides: tuple[Undistorter, Undistorter] | None = None
+        if isinstance(cameras, RawCalibration):
+            self._sides = Undistorter(cameras.left, cameras.where), Undistorter(cameras.right, cameras.where)
 
     @property
     def keeps_left(self) -> bool:
         """Whether left images are rectified already, and stay unchanged."""
-        return not self._sides or self._sides["left"].keeps
+        return self._sides is None or self._sides[0].keeps
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Rectify two images (H, W, 3) uint8; images that are rectified already are returned unchanged.
@@ -168,10 +168,10 @@ class Rectifier:
         VfoaError
             If an image is not of the calibration's size.
         """
-        return self._side("left", left), self._side("right", right)
-
-    def _side(self, side: str, image: Image) -> Image:
-        return self._sides[side].image(image, f"{side} image") if self._sides else image
+        if self._sides is None:
+            return left, right
+        of_left, of_right = self._sides
+        return of_left.image(left, "left image"), of_right.image(right, "right image")
 
 
 def _check_lens(camera: RawCamera, where: str) -> None:

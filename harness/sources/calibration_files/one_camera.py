@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from harness.files.io import read_text
 from harness.files.parsing import parse_json
@@ -44,7 +43,10 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
             camera = _open3d_camera(path, size_px)
         case _:
             lines = [line.partition("#")[0] for line in read_text(path).splitlines()]
-            camera = _camera(path, floats(" ".join(lines)) or [], size_px)
+            values = floats(" ".join(lines)) or []
+            if len(values) != 9:
+                raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K): {FORMATS}")
+            camera = pinhole(camera_matrix(values, path), size_px)
     if camera.size_px != size_px:
         raise VfoaError(f"{path}: the calibration is for {camera.size_px} pixels, the images have {size_px}")
     return without_distortion(camera) if rectified else camera
@@ -57,11 +59,4 @@ def _open3d_camera(path: Path, size_px: tuple[int, int]) -> RawCamera:
         by_columns = np.array(document["intrinsic_matrix"], np.float64).reshape(3, 3)
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise VfoaError(f"{path}: no intrinsic_matrix of nine numbers; expected {FORMATS}") from None
-    return _camera(path, by_columns.T, size)
-
-
-def _camera(path: Path, numbers: ArrayLike, size_px: tuple[int, int]) -> RawCamera:
-    values = np.asarray(numbers, dtype=np.float64)
-    if values.size != 9:
-        raise VfoaError(f"{path}: found {values.size} numbers; expected nine (K): {FORMATS}")
-    return pinhole(camera_matrix(values, path), size_px)
+    return pinhole(camera_matrix(by_columns.T, path), size)

@@ -51,10 +51,15 @@ NOWHERE = "none"
 _INVALID_M = -9000.0
 """A point of the gaze below this is not valid: upstream writes -99999."""
 _FLIP = np.array([1.0, -1.0, 1.0])
-_XYZ = ("x", "y", "z")
 _PHASES = (("t_scene_preview_start", "t_scene_preview_end"), ("t_response_start", "t_response_end"))
-_BOX = tuple(f"target_bbox_{what}_{axis}" for what in ("center", "size") for axis in _XYZ)
 _COPY = re.compile("clone|cursor", re.IGNORECASE)
+
+
+def _of(what: str, axes: str = "xyz") -> tuple[str, ...]:
+    return tuple(f"{what}_{axis}" for axis in axes)
+
+
+_BOX = (*_of("target_bbox_center"), *_of("target_bbox_size"))
 
 
 class VrObjectsSettings(MeasuredSettings):
@@ -138,8 +143,8 @@ def read_trial(folder: Path, results: TableColumns, row: int) -> Trial:
     """
     number = int(results.cells["trial_num"][row])
     move, eye = _trackers(folder, number)
-    heads = _table(move, ("time", *(f"head_{what}_{axis}" for what in ("pos", "rot") for axis in _XYZ)))
-    gazes = _table(eye, ("time", *(f"{what}_{axis}" for what in ("dir", "gaze") for axis in _XYZ), "gaze_object"))
+    heads = _table(move, ("time", *_of("head_pos"), *_of("head_rot")))
+    gazes = _table(eye, ("time", *_of("dir"), *_of("gaze"), "gaze_object"))
     times_s = _numbers(gazes, ("time",))[:, 0]
     if not np.array_equal(times_s, _numbers(heads, ("time",))[:, 0]):
         raise VfoaError(f"{eye}: its times are not those of {move.name}; expected the same in both")
@@ -222,10 +227,6 @@ def _trackers(folder: Path, trial: int) -> tuple[Path, Path]:
 
 def _between(times_s: Float, first_s: float, last_s: float) -> slice:
     return slice(int(np.searchsorted(times_s, first_s)), int(np.searchsorted(times_s, last_s, side="right")))
-
-
-def _of(what: str, axes: str = "xyz") -> tuple[str, ...]:
-    return tuple(f"{what}_{axis}" for axis in axes)
 
 
 def _table(path: Path, names: Sequence[str]) -> TableColumns:
