@@ -15,6 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from harness.files.digests import digest_files
 from harness.files.folders import came_with_program, folders
 from harness.files.io import atomic_write, is_file_or_link
 from harness.files.tables import csv_rows, format_rows
@@ -168,6 +169,11 @@ class AnnotationFiles:
             return path
         with_clip = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
         return with_clip if is_file_or_link(with_clip) else None
+
+    def digest(self, annotator: str | None = None) -> str | None:
+        """Return the sha256 of an annotator's file; None if there is none. Raises as :meth:`find` does."""
+        path = self.find(annotator)
+        return digest_files([("labels", path)]) if path else None
 
     def find_drawn(self) -> Path | None:
         """Return the file of drawn shapes, the same for all annotators; None if there is none."""

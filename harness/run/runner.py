@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from harness.files.digests import KNOWN, digest_files, used_digests
+from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
@@ -131,16 +131,14 @@ def _finish(
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join(finished)
-    labels = {
-        prepared.manifest.name: prepared.manifest.annotations.find(plan.experiment.annotator) for prepared in plan.clips
-    }
     directory.write_manifest(
         {
             **of_run,
             "failed": failed,
             "cache": account.rows(),
             "labels_sha256": {
-                name: digest_files([("labels", path)]) if path else None for name, path in labels.items()
+                prepared.manifest.name: prepared.manifest.annotations.digest(plan.experiment.annotator)
+                for prepared in plan.clips
             },
             "commit": source_commit(),
             "host": host(),

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files.digests import digest_files
 from harness.files.io import is_file
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
@@ -157,7 +156,7 @@ class FinishedRun:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
         annotator = annotator or self.manifest.get("annotator")
         before = self.manifest.get(TABLE_LABELS, {})
-        now = {clip["name"]: _labels_digest(_manifest(clip), annotator) for clip in self.manifest["clips"]}
+        now = {clip["name"]: _manifest(clip).annotations.digest(annotator) for clip in self.manifest["clips"]}
         if now != before:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
@@ -194,12 +193,6 @@ def _timeline(clip: dict[str, Any]) -> Timeline | None:
     return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)
 
 
-def _labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
-    """The sha256 of a clip's label file; None if there is none."""
-    path = manifest.annotations.find(annotator)
-    return digest_files([("labels", path)]) if path else None
-
-
 def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
     digests: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
     return digests.get(clip["name"])
@@ -207,7 +200,7 @@ def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | Non
 
 def _label_notes(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None, digest: str) -> Iterator[str]:
     """Yield a note if the labels are not those of the run: edited since, or another file."""
-    if _labels_digest(manifest, annotator) != digest:
+    if manifest.annotations.digest(annotator) != digest:
         path = manifest.annotations.find(annotator)
         now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
         yield f"{clip['name']}: its labels are not those that the run was made with; {now}."

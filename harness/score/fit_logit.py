@@ -7,6 +7,7 @@ With several clips, each is left out in turn. With one clip, blocks of at least 
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -118,15 +119,8 @@ def fitted_to(
     """
     cases = ROWS if answering is None else {seen.case for person in answering for seen in person.sequence.seen}
     weights = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases))
-    return LogitWeights.model_validate(_rounded(weights.model_dump()))
-
-
-def _rounded(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _rounded(entry) for key, entry in value.items()}
-    if isinstance(value, tuple):
-        return tuple(_rounded(entry) for entry in value)
-    return round(value, 4) if isinstance(value, float) else value
+    rounded = json.loads(weights.model_dump_json(), parse_float=lambda digits: round(float(digits), 4))
+    return LogitWeights.model_validate(rounded)
 
 
 def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
