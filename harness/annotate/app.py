@@ -12,7 +12,6 @@ import secrets
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -21,8 +20,9 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from harness.annotate.actions import Action
 from harness.annotate.journal import OutsideClipError, StaleRevisionError
@@ -39,7 +39,6 @@ from vfoa.validation import parse
 _LONGEST_S = 24 * 3600
 _PATIENCE_S = 20
 """Longest time for a frame that must first be rendered or decoded, seconds."""
-_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 
 
 class Changes(Settings):
@@ -126,13 +125,7 @@ def _address_file(labels: Path) -> Path:
 
 def create_app(session: Session) -> Starlette:
     """Return the application for one clip, to be served by a :class:`harness.server.local_server.LocalServer`."""
-    files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
-
-    def page_file(request: Request) -> Response:
-        name = request.path_params.get("name", "page.html")
-        if name not in files:
-            raise HTTPException(404)
-        return Response(files[name], media_type=_TYPES[name.rpartition(".")[2]])
+    page = Path(__file__).with_name("page")
 
     def about(request: Request) -> Response:
         return JSONResponse(session.about())
@@ -176,8 +169,8 @@ def create_app(session: Session) -> Starlette:
 
     return Starlette(
         routes=[
-            Route("/", page_file),
-            Route("/page/{name}", page_file),
+            Route("/", lambda request: FileResponse(page / "page.html")),
+            Mount("/page", StaticFiles(directory=page)),
             Route("/api/clip", about),
             Route("/api/state", lambda request: JSONResponse(states())),
             Route("/api/scene/{at:int}", scene),
