@@ -326,9 +326,10 @@ def prefetch(items: Generator[T], depth: int) -> Generator[T]:
 
     An error is raised in place of its item. When the caller stops, the thread ends after its current item.
     """
-    if not depth:
-        yield from items
-        return
+    return _computed_ahead(items, depth) if depth else items
+
+
+def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
     thread = ThreadPoolExecutor(1)
     try:
         ahead = deque(thread.submit(next, items, _END) for _ in range(depth + 1))
