@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Truth, check_number
@@ -28,6 +28,8 @@ PERSON = "person"
 
 Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Metres = tuple[Length, Length, Length]
+Extent = Annotated[float, Field(gt=0, le=LARGEST)]
+Extents = tuple[Extent, Extent, Extent]
 
 
 class FixedObject(Settings):
@@ -37,7 +39,7 @@ class FixedObject(Settings):
     """
 
     center_m: Metres
-    size_m: Metres | None = None
+    size_m: Extents | None = None
     category: str | None = None
 
 
@@ -50,14 +52,7 @@ class MeasuredSettings(Settings):
 
     objects: dict[str, FixedObject] = Field(default_factory=dict)
     point_size_m: float = Field(default=0.1, gt=0)
-    head_size_m: Metres = (0.18, 0.25, 0.2)
-
-    @field_validator("head_size_m")
-    @classmethod
-    def _positive(cls, size_m: Metres) -> Metres:
-        if min(size_m) <= 0:
-            raise ValueError(f"expected positive metres, found {size_m}")
-        return size_m
+    head_size_m: Extents = (0.18, 0.25, 0.2)
 
     def fixed_objects(self) -> tuple[MeasuredObject, ...]:
         """The static objects."""

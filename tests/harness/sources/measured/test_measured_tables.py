@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from harness.sources.measured.tables import MeasuredTablesSettings
 from tests.adapter_contract import check_contract
 from tests.measured import ANNA, BEN, OBJECTS_HEADER, PEOPLE_HEADER, measured_tables, open_measured
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.types import Scene
+from vfoa.validation import parse
 
 
 def _boxes(scene: Scene, clip: object) -> dict[str, tuple[list[float], list[float]]]:
@@ -120,3 +123,15 @@ def test_an_object_has_one_category(tmp_path: Path) -> None:
     (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,it,cup,0,0,1,,,\n2,it,mug,0,0,1,,,\n")
     with pytest.raises(VfoaError, match="'it': found categories 'cup' and 'mug'"):
         open_measured("measured", tmp_path, objects_file="objects.csv")
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [
+        ({"head_size_m": (0.2, 0, 0.2)}, "head_size_m.1"),
+        ({"objects": {"cup": {"center_m": (0, 0, 1), "size_m": (1, 1, -1)}}}, "objects.cup.size_m.2"),
+    ],
+)
+def test_an_extent_of_the_manifest_that_is_not_positive_is_named(settings: dict[str, Any], key: str) -> None:
+    with pytest.raises(VfoaError, match=rf"source\.{key}: expected greater than 0"):
+        parse(MeasuredTablesSettings, settings, "mine.toml", "source")
