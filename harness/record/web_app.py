@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from mimetypes import guess_type
 from pathlib import Path
 from urllib.parse import quote, urlencode
 
@@ -24,7 +25,6 @@ from starlette.routing import Route
 
 from harness.record.composed import Composed
 from harness.record.reading import reading
-from harness.record.web_viewer import WebFile
 from harness.run.directory import Pair
 from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
@@ -47,7 +47,7 @@ _BINARY = "application/octet-stream"
 
 def site(
     recordings: Mapping[str, Composed],
-    viewer: Mapping[str, WebFile],
+    viewer: Mapping[str, bytes],
     *,
     page: Callable[[], str] | None = None,
     more: Routes = (),
@@ -116,11 +116,11 @@ def site(
             return Response((Path(scratch) / "layout.rbl").read_bytes(), media_type=_BINARY)
 
     def viewer_file(request: Request) -> Response:
-        file = viewer.get(request.path_params.get("name", "viewer.html"))
-        if file is None:
+        name = request.path_params.get("name", "viewer.html")
+        if name not in viewer:
             raise HTTPException(404, "The viewer has no such file.")
         headers = {"Content-Security-Policy": VIEWER_POLICY}
-        return Response(file.content, media_type=file.media_type, headers=headers)
+        return Response(viewer[name], media_type=guess_type(name)[0], headers=headers)
 
     return Starlette(
         routes=[

@@ -6,8 +6,6 @@ version, and to report that it was started.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import httpx
@@ -18,20 +16,11 @@ from harness.server.local_server import HOST
 from vfoa.errors import VfoaError
 
 NAMES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
-_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 _RETRIES = 7
 """Attempts to connect, after pauses of 0, 0.5, 1, 2 ... 16 s: 30 s in all."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WebFile:
-    """A file as a browser gets it."""
-
-    content: bytes
-    media_type: str
-
-
-def web_viewer_files() -> dict[str, WebFile]:
+def web_viewer_files() -> dict[str, bytes]:
     """Return the page ``viewer.html`` and the files that it loads, by name, as read from Rerun's own server.
 
     Raises
@@ -49,19 +38,15 @@ def web_viewer_files() -> dict[str, WebFile]:
         return page_files() | {name: _fetched(client, name) for name in NAMES}
 
 
-def page_files() -> dict[str, WebFile]:
+def page_files() -> dict[str, bytes]:
     """Return the files of the page itself."""
-    folder = resources.files(__package__) / "viewer_page"
-    return {
-        file.name: WebFile(content=file.read_bytes(), media_type=_TYPES[Path(file.name).suffix])
-        for file in folder.iterdir()
-    }
+    return {file.name: file.read_bytes() for file in Path(__file__).with_name("viewer_page").iterdir()}
 
 
-def _fetched(client: httpx.Client, name: str) -> WebFile:
+def _fetched(client: httpx.Client, name: str) -> bytes:
     try:
         response = client.get(f"/{name}")
         response.raise_for_status()
     except httpx.HTTPError as error:
         raise VfoaError(f"the Rerun web viewer: expected a file {name}, found none: {error}") from None
-    return WebFile(content=response.content, media_type=response.headers["content-type"])
+    return response.content

@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 
 from harness.record.composed import RecordedClip, find_clips
 from harness.record.web_app import failures_routes, site
-from harness.record.web_viewer import WebFile, web_viewer_files
+from harness.record.web_viewer import web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.record_parts import RecordParts
@@ -47,7 +47,7 @@ def browser(tmp_path: Path) -> Iterator[Chrome]:
 
 
 @pytest.fixture(scope="module")
-def viewer_files() -> dict[str, WebFile]:
+def viewer_files() -> dict[str, bytes]:
     return web_viewer_files()
 
 
@@ -61,7 +61,7 @@ def clip(frames: list[Any], record_run: Callable[..., Any]) -> RecordedClip:
 
 
 @pytest.fixture
-def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, WebFile]) -> Iterator[str]:
+def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str]:
     """The address of a report on four frames, the last one wrong."""
     recording = clip.compose()
     truth = labels(*["red cup"] * 14, subject=ANN)
@@ -158,7 +158,7 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
 
 
 @pytest.fixture
-def failures(clip: RecordedClip, viewer_files: dict[str, WebFile]) -> Iterator[str]:
+def failures(clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str]:
     """The address of the failures of two clips, of Ann and of Ben."""
     told = {"truth": "red cup", "predicted": "book#4", "outcome": "wrong"}
     wrong = [
