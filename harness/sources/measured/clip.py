@@ -19,7 +19,7 @@ from pydantic import Field
 
 from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Truth, check_number
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
 
@@ -70,12 +70,13 @@ class MeasuredSettings(Settings):
 
         Raises
         ------
-        ValueError
+        VfoaError
             If the extent is not positive.
         """
         size = np.full(3, self.point_size_m) if size_m is None else np.array(size_m)
         rotation = np.eye(3) if left_from_box is None else left_from_box
-        return Box3D(center_m=np.array(center_m), half_size_m=size / 2, left_from_box=rotation)
+        with reported_as("size"):
+            return Box3D(center_m=np.array(center_m), half_size_m=size / 2, left_from_box=rotation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

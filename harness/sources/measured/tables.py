@@ -39,7 +39,7 @@ from harness.sources.measured.clip import (
     MeasuredPerson,
     MeasuredSettings,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located
 from vfoa.types import Float, Gaze, HeadPose
 
 POSITION = ("x_m", "y_m", "z_m")
@@ -197,10 +197,8 @@ def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[
         from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
 
         rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
-    try:
+    with located(row.where):
         box = settings.box(center, size, rotation)
-    except ValueError as error:  # an extent of 0; the error's text says so
-        raise VfoaError(f"{row.where}: {error}") from None
     return MeasuredObject(name=name, category=row.cells.get("category", name), box=box)
 
 

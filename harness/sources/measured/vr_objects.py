@@ -41,7 +41,7 @@ from harness.sources.measured.clip import (
     MeasuredPerson,
     MeasuredSettings,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located, reported_as
 from vfoa.geometry import unit
 from vfoa.types import Float, HeadPose
 
@@ -151,7 +151,8 @@ def read_trial(folder: Path, results: TableColumns, row: int) -> Trial:
     rotations = Rotation.from_euler("YXZ", _numbers(heads, _of("head_rot", "yxz")), degrees=True)
     hits = _numbers(gazes, _of("gaze")) * _FLIP
     hits[hits[:, 0] < _INVALID_M] = np.nan
-    bounds_s = [[float(results.cells[edge][row]) for edge in phase] for phase in _PHASES]
+    with reported_as(results.where(row)):
+        bounds_s = [[float(results.cells[edge][row]) for edge in phase] for phase in _PHASES]
     return Trial(
         number=number,
         target=results.cells["target"][row],
@@ -168,7 +169,8 @@ def read_trial(folder: Path, results: TableColumns, row: int) -> Trial:
 
 
 def _frames(trials: Sequence[Trial], things: Mapping[str, MeasuredObject], person: str) -> Iterator[MeasuredFrame]:
-    start_s = next(float(trial.times_s[phase.start]) for trial in trials for phase in trial.phases)
+    phases = ((trial, phase) for trial in trials for phase in trial.phases if phase.start < phase.stop)
+    start_s = next((float(trial.times_s[phase.start]) for trial, phase in phases), 0.0)
     names = {key: thing.name for key, thing in things.items()}
     last = -1
     for trial in trials:
@@ -214,10 +216,11 @@ def _target(collider: str, things: Mapping[str, str]) -> str | None:
 def _things(results: TableColumns, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
     """The boxes of all things by upstream's id, in its order: every thing is the target of some trial."""
     columns = results.cells["target"], results.cells["target_label"], _numbers(results, _BOX)
-    return {
-        key: MeasuredObject(name=name, category=name, box=settings.box(box[:3] * _FLIP, box[3:]))
-        for key, name, box in sorted(zip(*columns, strict=True), key=operator.itemgetter(0))
-    }
+    with located(results.path):
+        return {
+            key: MeasuredObject(name=name, category=name, box=settings.box(box[:3] * _FLIP, box[3:]))
+            for key, name, box in sorted(zip(*columns, strict=True), key=operator.itemgetter(0))
+        }
 
 
 def _trackers(folder: Path, trial: int) -> tuple[Path, Path]:

@@ -120,6 +120,9 @@ def test_what_is_written_as_tables_reads_the_same(tmp_path: Path) -> None:
             r"VR_move_T001.csv:2: head_\w+: expected a finite number, found 'nan'",
         ),
         ("trial_results.csv", ",cup,", ",cup,,", r"trial_results.csv:2: found \d+ cells"),
+        ("trial_results.csv", "0.2,0.3,0.2", "0.2,0,0.2", r"trial_results.csv: .*positive half sizes"),
+        ("trial_results.csv", "10.5,11.69", "soon,11.69", r"trial_results.csv:2: could not convert .* 'soon'"),
+        ("trial_results.csv", "10.5,11.69,13,13.49", "90,91,92,93", "no frames"),
     ],
 )
 def test_damage_is_named_with_its_file(tmp_path: Path, file: str, old: str, new: str, message: str) -> None:
