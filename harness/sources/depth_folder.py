@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.depth_layouts import find_depth_frames
+from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import rate_of
 from harness.sources.media.images import read_rgb
@@ -80,8 +80,6 @@ class DepthFolderClip:
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Recognise folders or names of colour and of depth, TUM RGB-D."""
-        from harness.sources.depth_layouts import recognise_depth
-
         return recognise_depth(path)
 
     @cached_property

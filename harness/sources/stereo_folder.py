@@ -70,6 +70,8 @@ class StereoFolderClip:
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
         self.frames = self._views.frames
+        self.rate_hz = settings.rate_hz or self._views.rate_hz
+        """The manifest's rate, else that of the files."""
         self._cameras = self._read_cameras(folder)
         self._rectifier: Rectifier | None = None
 
@@ -79,11 +81,6 @@ class StereoFolderClip:
         from harness.sources.stereo_layouts import recognise_stereo
 
         return recognise_stereo(path, given)
-
-    @property
-    def rate_hz(self) -> float | None:
-        """The manifest's rate, else that of the files."""
-        return self._settings.rate_hz or self._views.rate_hz
 
     @property
     def notes(self) -> tuple[str, ...]:

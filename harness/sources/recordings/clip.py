@@ -146,6 +146,8 @@ class RecordingClip:
             if topic is not None and topic.type.kind == "video"
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
+        self.frames = range(1, len(self._frames) + 1)
+        """Frame numbers from 1; dropped frames have no number."""
         self._optics: PairCameras | DepthCamera
         recording = Recording(self._streams, self._container, settings, self._where)
         if self._streams.right is None:
@@ -157,11 +159,6 @@ class RecordingClip:
             *(*index.losses, *paired, *unused_depth(topics, self._streams), *self._optics.notes),
             *([by_log] if settings.stamps == "log" else []),
         )
-
-    @property
-    def frames(self) -> range:
-        """Frame numbers from 1; dropped frames have no number."""
-        return range(1, len(self._frames) + 1)
 
     @cached_property
     def rate_hz(self) -> float | None:
