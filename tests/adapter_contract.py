@@ -16,7 +16,7 @@ from contextlib import nullcontext
 import numpy as np
 
 from harness.processes import spawning
-from harness.sources import AnyClip, Clip, MeasuredClip, Truth
+from harness.sources import AnyClip, Clip, LeftClip, MeasuredClip, Truth
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame
 
@@ -99,6 +99,9 @@ def _check_scene(scene: Scene, where: str, clip: MeasuredClip) -> None:
 def _check_images(frame: StereoFrame, where: str, clip: Clip) -> None:
     for name, array in (("left image", frame.left), ("right image", frame.right), ("depth map", frame.depth_m)):
         _expect(array is None or array.flags.c_contiguous, f"{where}: the {name} is not contiguous")
+    if isinstance(clip, LeftClip):
+        same = np.array_equal(clip.left(frame.index), frame.left)
+        _expect(same, f"left({frame.index}): found another image than the frame's")
 
 
 def _check_truth(truth: Truth, frame: StereoFrame) -> None:

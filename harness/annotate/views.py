@@ -17,7 +17,7 @@ from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_instances
 from harness.run.records import BoxPx, FrameRecord
-from harness.sources import Clip
+from harness.sources import Clip, LeftClip
 from vfoa.stereo import MATCHERS
 from vfoa.types import Disparity, Image, Instance, Instances, Mask, StereoFrame
 
@@ -46,6 +46,7 @@ class Views:
     def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None) -> None:
         self._clip, self._manifest, self._predictions = clip, manifest, predictions
         self._frame = lru_cache(_CACHED_FRAMES)(clip.frame)
+        self._left = lru_cache(_CACHED_FRAMES)(self._read_left)
         self._matcher = lru_cache(lambda name: (matcher := MATCHERS.load(name))(matcher.Settings()))
         self.picture = lru_cache(_CACHED_PICTURES)(self._picture)
         self.scene = lru_cache(_CACHED_SCENES)(self._scene)
@@ -61,11 +62,10 @@ class Views:
         """A region of a view, or all of it, as JPEG; None if the clip or the subject does not have it."""
         if view == "head":
             box = self.scene(number)["heads_px"].get(subject)
-            return None if box is None else jpeg(head(self._frame(number).left, box))
+            return None if box is None else jpeg(head(self._left(number), box))
         if view == "disparity":
             return jpeg(shrunk(colour(self._disparity(self._frame(number))), region, width))
-        frame = self._frame(number)
-        image = frame.left if view == "left" else frame.right
+        image = self._left(number) if view == "left" else self._frame(number).right
         return None if image is None else jpeg(shrunk(image, region, width))
 
     def _scene(self, number: int) -> dict[str, Any]:
@@ -74,7 +74,7 @@ class Views:
             objects, heads = self._of_truth(number)
         else:
             objects, heads = self._of_run(self._predictions.records.get(number))
-        height, width = self._frame(number).left.shape[:2]
+        height, width = self._left(number).shape[:2]
         ordered = sorted(objects, key=lambda scene_object: -_area(scene_object["box_px"]))
         return {"objects": ordered, "heads_px": heads, "size_px": (width, height)}
 
@@ -95,6 +95,9 @@ class Views:
         truth, subjects = self._clip.truth(number), self._manifest.subjects
         heads = {person.name: _box(person.head_box_px) for person in truth.people or () if person.name in subjects}
         return [] if truth.instances is None else _named(truth.instances, self._manifest), heads
+
+    def _read_left(self, number: int) -> Image:
+        return self._clip.left(number) if isinstance(self._clip, LeftClip) else self._frame(number).left
 
     def _disparity(self, frame: StereoFrame) -> Disparity:
         """The disparity of a frame: measured, else the true one, else by semi-global matching."""

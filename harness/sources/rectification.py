@@ -173,6 +173,10 @@ class Rectifier:
         of_left, of_right = self._sides
         return of_left.image(left, "left image"), of_right.image(right, "right image")
 
+    def rectify_left(self, left: Image) -> Image:
+        """Rectify only the left image, as :meth:`rectify` does."""
+        return left if self._sides is None else self._sides[0].image(left, "left image")
+
 
 def _check_lens(camera: RawCamera, where: str) -> None:
     """Reject an invalid camera matrix, or a wrong number of coefficients for the model."""

@@ -106,6 +106,13 @@ class StereoFolderClip:
             rig = rectifier.calibration.rig(left.shape[1], left.shape[0])
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
+    def left(self, number: int) -> Image:
+        """The rectified left image of a frame, without the right one."""
+        self.time_ns(number)
+        left = self._views.read_left(number)
+        with located(self._views.where(number)):
+            return self._rectifier_of(left).rectify_left(left)
+
     def truth(self, number: int) -> Truth:
         """The source has no ground truth."""
         return Truth()

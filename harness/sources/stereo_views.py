@@ -109,6 +109,12 @@ class Views:
             check_sizes(first, second, self._left.file(number), self._right.file(number))
         return (second, first) if self._swapped else (first, second)
 
+    def read_left(self, number: int) -> Image:
+        """Read the left image alone."""
+        if self._right is None:
+            return self.read(number)[0]
+        return (self._right if self._swapped else self._left).read(number)
+
     def time_ns(self, number: int) -> int | None:
         """Time of a frame, if the files give it."""
         return None if self._left.times_ns is None else self._left.times_ns[number]

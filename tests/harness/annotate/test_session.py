@@ -70,6 +70,14 @@ def test_a_clip_of_which_nothing_is_known_has_an_empty_scene(opened: Any) -> Non
     assert opened().scene(3) == {"objects": [], "heads_px": {}, "size_px": (WIDTH, HEIGHT)}
 
 
+def test_the_right_image_is_not_read_for_the_left_one(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Playing reads every frame: a 4K video plays four times as fast without its right images."""
+    session = opened()
+    monkeypatch.setattr("harness.sources.stereo_views.Views.read", None)
+    assert session.picture("left", 3) is not None
+    assert session.scene(3)["size_px"] == (WIDTH, HEIGHT)
+
+
 def test_the_head_is_enlarged_and_cut_at_the_edge() -> None:
     image = np.zeros((100, 200, 3), np.uint8)
     image[:, :20] = 255
