@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -64,6 +65,8 @@ def open_reader(part: Path) -> Any:
             _bound_messages(reader)
         _check_connections(reader)
     except Exception as error:  # errors of rosbags, struct, SQLite, YAML, or the decompressors
+        with suppress(Exception):  # one that is not open cannot be closed
+            reader.close()
         text = first_line(error).rstrip(".")
         is_unindexed = "not indexed" in text or "index looks damaged" in text
         hint = "; the recorder was killed; write the index with rosbag reindex" if is_unindexed else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import tracemalloc
@@ -286,6 +287,15 @@ def test_a_bag_whose_recorder_was_killed_says_what_mends_it(tmp_path: Path) -> N
     path.write_bytes(data[: int(len(data) * 0.8)])
     with pytest.raises(VfoaError, match=r"^[^\n]*take\.bag[^\n]*reindex[^\n]*$"):
         open_clip(path)
+
+
+def test_a_bag_that_is_refused_is_closed(tmp_path: Path) -> None:
+    path = write_take(tmp_path, "bag", [shot(1)])
+    path.write_bytes(path.read_bytes().replace(b"size=", b"mize="))  # rosbags itself does not read this field
+    before = os.listdir("/proc/self/fd")
+    with pytest.raises(VfoaError, match=r"cannot be read as a bag.*'size'") as error:
+        bags.open_reader(path)
+    assert len(os.listdir("/proc/self/fd")) == len(before), error.value
 
 
 def test_the_sdk_of_realsense_never_aligns(tmp_path: Path) -> None:
