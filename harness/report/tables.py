@@ -268,7 +268,8 @@ def remarks(scores: Scores) -> list[str]:
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
-            notes.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
+            if not any(note.startswith(f"{clip}: no labels") for note in notes):
+                notes.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
             continue
         rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)

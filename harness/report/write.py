@@ -98,7 +98,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     """
     with _collector_paused():
         run = FinishedRun.read(directory)
-        reference = run.reference(annotator)
+        reference = run.reference(annotator, compare_content=True)
         kept = KeptParts(run, reference)
         scores = write_scores(directory, kept.read(), run.manifest, kept.times())
         # last: a damaged run is refused before anything is written

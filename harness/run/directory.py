@@ -227,7 +227,7 @@ class RunDirectory:
 
     @property
     def noted_inputs(self) -> Path:
-        """Digests of the inputs by their files' stamps, to continue (:mod:`harness.files.digests`)."""
+        """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.files.digests`)."""
         return self.score_cache / "inputs.noted"
 
     def traceback(self, pair: Pair) -> Path:

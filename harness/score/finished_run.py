@@ -1,6 +1,6 @@
 """A finished run as it is scored: the records that can be compared, and the present labels of its clips.
 
-Where the labels or names of a clip are no longer those that the run was made with, a note says so.
+Where a clip is no longer what the run was made with (labels, names, content), a note says so.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.files.digests import KNOWN, used_digests
+from harness.files.folders import read_value, write_value
 from harness.files.io import is_file
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import Block, find_blocks, has_probabilities, read_block, says_nowhere
+from harness.run.results import Block, find_blocks, has_probabilities, read_block, read_results, says_nowhere
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -112,10 +114,10 @@ class FinishedRun:
                 )
         return [block for block in blocks if block.clip not in clips and block.configuration not in configurations]
 
-    def reference(self, annotator: str | None = None) -> Reference:
+    def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
         """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
 
-        The notes say where labels or names have changed since.
+        The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
         annotator = annotator or run.get("annotator")
@@ -131,6 +133,8 @@ class FinishedRun:
             if annotator == run.get("annotator") and digest is not None:
                 changed += _label_notes(clip, manifest, annotator, digest)
             changed += _name_notes(clip, manifest)
+            if compare_content and manifest.annotations.digest(run.get("annotator")) != digest:
+                changed += _content_notes(clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
@@ -141,6 +145,7 @@ class FinishedRun:
                 *([f"Scored against the labels of {annotator!r}."] if annotator else []),
                 *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
                 *changed,
+                *self._unlabelled_notes([manifests[name] for name in read if name not in labels]),
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self.names_now(),
@@ -160,6 +165,25 @@ class FinishedRun:
         if now != before:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
+
+    def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[str]:
+        """A note for each clip without labels: it is not scored, and how many people the run found in it."""
+        if not clips:
+            return []
+        people = dict.fromkeys((clip.name for clip in clips), 0)
+        for record in read_results(self.directory.results):
+            if record.clip in people:
+                people[record.clip] = max(people[record.clip], len(record.subjects))
+        return [
+            f"{clip.name}: no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
+            "found in its frames; "
+            f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
+            f"`vfoa annotate {clip.name}` labels it."
+            for clip in clips
+        ]
+
+
+_FOUND = {0: "nobody", 1: "one person at most"}
 
 
 def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
@@ -233,6 +257,28 @@ def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, An
     targets: dict[str, Any] = clip["names"].get("targets", {})
     now = manifest.names_now(targets)
     return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
+
+
+def _content_notes(clip: Mapping[str, Any], manifest: ClipManifest, digests: Path) -> Iterator[str]:
+    """Yield a note if another clip has taken this one's name. ``digests`` are noted there.
+
+    Opening a clip takes time, so that this is asked only if its labels are not the run's. A clip that cannot be opened
+    is not compared: scoring needs no images.
+    """
+    noted = read_value(digests, dict[str, str]) or {}
+    KNOWN.update(noted)
+    try:
+        with used_digests() as used:
+            digest = manifest.open().digest()
+    except VfoaError:
+        return
+    if not used.keys() <= noted.keys():
+        write_value(digests, {**noted, **used})
+    if digest != clip.get("sha256", digest):
+        yield (
+            f"{clip['name']}: the images or the calibration of {manifest.path.name} are not those that the run was "
+            "made with, and its labels may be of another clip; to score this one, run it again."
+        )
 
 
 def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import pytest
 
 from harness.files.digests import digest_files
 from tests.command import vfoa
-from tests.harness.damage.table import CSV, TOML, Damage, both, replaced
+from tests.harness.damage.table import CSV, TOML, Damage, both, image, replaced
 
 RENAMED = both(replaced(TOML, "targets.mug", "targets.beaker"), replaced(CSV, "mug", "beaker"))
 EXCHANGED = both(
@@ -19,14 +20,23 @@ EXCHANGED = both(
 REFOUND = replaced(TOML, '[subjects.anna]\ncategory = "person"', '[subjects.anna]\ncategory = "person"\nfrom_left = 2')
 
 
+def _another_clip(root: Path) -> None:
+    for side in ("left", "right"):
+        pixels = cv2.imread(str(root / f"images/{side}/000002.png"))
+        assert pixels is not None
+        image(f"images/{side}/000002.png", 255 - pixels)(root)
+    replaced(CSV, "1,3,anna,mug", "1,3,anna,book")(root)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (RENAMED, "the names in mine.toml are not those that the run was made with (targets.beaker, targets.mug)"),
         (EXCHANGED, "(targets.mug.category, targets.book.category)"),
         (REFOUND, "(subjects.anna.from_left)"),
+        (_another_clip, "the images or the calibration of mine.toml are not those that the run was made with"),
     ],
-    ids=["a target renamed", "targets exchanged", "a subject found in another way"],
+    ids=["a target renamed", "targets exchanged", "a subject found in another way", "another clip"],
 )
 def test_what_differs_is_said_in_one_line(
     change: Damage,

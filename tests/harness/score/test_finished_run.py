@@ -12,6 +12,28 @@ from tests.records import answers
 from vfoa.errors import VfoaError
 
 
+@pytest.mark.parametrize(
+    ("subjects", "first"),
+    [('[subjects.ann]\ncategory = "person"\n', ""), ("", "write [subjects.NAME] into new.toml, then ")],
+)
+def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subjects: str, first: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "new.toml", f'name = "new"\nadapter = "studio"\n{subjects}')
+    write_text(
+        tmp_path / "annotations" / "new.csv", "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    )
+    write_text(tmp_path / "run" / "results.jsonl", "".join(map(to_line, answers(["cup"], clip="new"))))
+    clip = {"name": "new", "manifest": "", "frames": [1], "notes": []}
+    manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
+    reference = FinishedRun(directory=RunDirectory(tmp_path / "run"), manifest=manifest).reference()
+    assert reference.labels == {}
+    assert reference.notes == (
+        f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it.",
+    )
+
+
 def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
     clips = [
         {"name": name, "manifest": "", "frames": [1], "notes": notes}
