@@ -30,6 +30,12 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("suite")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than there are cores: many tests wait for a browser or a server."""
+    return (os.cpu_count() or 1) + 1
+
+
 def _folder(variable: str, name: str) -> Path:
     folder = Path(os.environ.get(variable) or REPOSITORY.parent / "shared" / name)
     if not folder.is_dir():
