@@ -31,7 +31,7 @@ from harness.labels.labels import (
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known
 
 
 def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
@@ -138,8 +138,8 @@ def export_predictions(
     """
     manifest = RunDirectory(run).read_manifest()
     clips = {entry["name"]: entry for entry in manifest["clips"]}
-    if clip is not None and clip not in clips:
-        raise VfoaError(f"{run}: no clip {clip!r}; {did_you_mean(clip, clips)}")
+    if clip is not None:
+        check_known(clip, clips, f"{run}: no clip")
     chosen = [clip] if clip is not None else list(clips)
     if to is not None and len(chosen) > 1:
         raise VfoaError(f"{run}: has the clips {', '.join(chosen)}; expected --clip CLIP with a file of your own")

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
-from vfoa.errors import VfoaError, check_known, did_you_mean
+from vfoa.errors import check_known
 from vfoa.settings import Settings
 
 _UNITS = {unit: unit for unit in ("m", "cm", "px", "ms", "s", "frames", "bytes")}
@@ -69,8 +69,8 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
         If there is no such stage or choice; the message suggests the nearest one.
     """
     wanted, _, choice = (only or "").partition(".")
-    if only and wanted not in TABLES:
-        raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
+    if only:
+        check_known(wanted, TABLES, "settings: no stage")
     tables = [settings_table for table in ([wanted] if only else TABLES) for settings_table in _tables_of(table)]
     if choice:
         named = {settings_table.name: settings_table for settings_table in tables}
