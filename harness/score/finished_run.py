@@ -130,10 +130,11 @@ class FinishedRun:
             for note in clip.get("notes", ()):
                 of_clips.setdefault(note, []).append(clip["name"])
             manifest, digest = manifests[clip["name"]], _labels_of_run(run, clip)
-            if annotator == run.get("annotator") and digest is not None:
-                changed += _label_notes(clip, manifest, annotator, digest)
+            is_relabelled = manifest.annotations.digest(run.get("annotator")) != digest
+            if is_relabelled and annotator == run.get("annotator") and digest is not None:
+                changed.append(_label_note(clip, manifest, annotator))
             changed += _name_notes(clip, manifest)
-            if compare_content and manifest.annotations.digest(run.get("annotator")) != digest:
+            if is_relabelled and compare_content:
                 changed += _content_notes(clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
@@ -222,12 +223,11 @@ def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | Non
     return digests.get(clip["name"])
 
 
-def _label_notes(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None, digest: str) -> Iterator[str]:
-    """Yield a note if the labels are not those of the run: edited since, or another file."""
-    if manifest.annotations.digest(annotator) != digest:
-        path = manifest.annotations.find(annotator)
-        now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
-        yield f"{clip['name']}: its labels are not those that the run was made with; {now}."
+def _label_note(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None) -> str:
+    """The note that the labels are not those of the run: edited since, or another file."""
+    path = manifest.annotations.find(annotator)
+    now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
+    return f"{clip['name']}: its labels are not those that the run was made with; {now}."
 
 
 def _name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
