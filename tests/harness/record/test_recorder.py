@@ -286,6 +286,22 @@ def test_the_encoder_makes_no_thread_a_real_time_one() -> None:
     assert {os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task")} == {usual}
 
 
+@pytest.mark.parametrize("key_every", [5, 7, 25])
+def test_the_encoder_delays_packets_but_keeps_their_order_and_the_key_frames(key_every):
+    smooth = np.linspace(0, 255, 96 * 64 * 3).reshape(64, 96, 3).astype(np.uint8)
+    encoder = VideoEncoder(96, 64, key_every)
+    packets = [packet for k in range(32) for packet in encoder.encode(np.roll(smooth, 7 * k, axis=1))]
+    packets += encoder.finish()
+    assert [position for position, _ in packets] == list(range(32))
+    for first in range(0, 32, key_every):  # decoding can begin at each key frame
+        decoder = av.CodecContext.create("libdav1d", "r")
+        decoded = [f for _, data in packets[first : first + key_every] for f in decoder.decode(av.Packet(data))]
+        decoded += decoder.decode(None)
+        assert len(decoded) == len(packets[first : first + key_every])
+        shown = decoded[-1].to_ndarray(format="rgb24").astype(int)
+        assert np.abs(shown - np.roll(smooth, 7 * (first + len(decoded) - 1), axis=1)).mean() < 6
+
+
 def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tmp_path, read_back):
     stream = rr.RecordingStream("test", recording_id="test")
     stream.save(tmp_path / "test.rrd")
