@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -146,8 +147,8 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
         row.n,
         row.looks,
         row.correct,
-        *(None if end != end else round(end, 4) for end in ends),
-        round(row.baselines[row.best_baseline], 4),
+        *(None if math.isnan(end) else end for end in ends),
+        row.baselines[row.best_baseline],
         row.beats,
         list(row.error_types.values()),
     ]

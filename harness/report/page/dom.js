@@ -42,7 +42,9 @@ export function actionable(group, label, action) {
   return group;
 }
 
-export const percent = (share, digits = 1) => (share === null || Number.isNaN(share) ? "–" : (100 * share).toFixed(digits));
+/** A share in percent, rounded as in the tables: halves to the even digit. */
+export const percent = (share, digits = 1) => (share === null || Number.isNaN(share) ? "–" : (100 * share).toLocaleString("en", {
+  minimumFractionDigits: digits, maximumFractionDigits: digits, roundingMode: "halfEven" }));
 export const words = (name) => name.replaceAll("_", " ");
 
 const live = document.getElementById("said");

@@ -218,6 +218,20 @@ def test_a_point_of_the_forest_and_an_error_type_lead_to_frames(browser: Chrome)
     assert "clip=clip" in browser.current_url
 
 
+def test_the_forest_rounds_rates_and_intervals_as_the_table_does(session: Chrome, tmp_path: Path) -> None:
+    """1 of 16 is 6.25 %, a tie that Python rounds to 6.2 and JavaScript's toFixed to 6.3."""
+    given = ["cup", *["dragon"] * 15]
+    records = [record for clip in ("a", "b") for record in answers(given, clip=clip)]
+    (tmp_path / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    of_clips = Reference(labels={clip: labels(*["cup"] * 16) for clip in ("a", "b")})
+    score_run(tmp_path / "results.jsonl", of_clips)
+    last = (tmp_path / "frr.md").read_text(encoding="utf-8").partition("| (all) |")[2].split("|")
+    _open(session, tmp_path / "report.html")
+    shown = {element.text for element in session.find_elements("css selector", "svg text")}
+    assert {f"{last[3].strip()} %", last[4].strip()} <= shown
+    assert f"{last[3].strip()} %" == "6.2 %"
+
+
 def test_tables_are_sorted_and_filtered(session: Chrome, page: Path) -> None:
     session.get("about:blank")
     set_width(session, 1280)
