@@ -225,6 +225,7 @@ def test_the_forest_rounds_rates_and_intervals_as_the_table_does(session: Chrome
     (tmp_path / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     of_clips = Reference(labels={clip: labels(*["cup"] * 16) for clip in ("a", "b")})
     score_run(tmp_path / "results.jsonl", of_clips)
+    set_width(session, 1280)
     last = (tmp_path / "frr.md").read_text(encoding="utf-8").partition("| (all) |")[2].split("|")
     _open(session, tmp_path / "report.html")
     shown = {element.text for element in session.find_elements("css selector", "svg text")}
