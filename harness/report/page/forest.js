@@ -131,8 +131,8 @@ export async function drawForest(place) {
   const search = element("input", { type: "search", placeholder: "filter", "aria-label": "Show clips whose name has" });
   search.addEventListener("input", () => { filter = search.value.toLowerCase(); at = 0; turn(0); });
   const where = element("span", { class: "small" });
-  const many = groups.length > PAGE
-    ? [search, button("‹", () => turn(-1), { "aria-label": "Clips before" }), where, button("›", () => turn(1), { "aria-label": "Next clips" })] : [];
+  const [back, next] = [button("‹", () => turn(-1), { "aria-label": "Clips before" }), button("›", () => turn(1), { "aria-label": "Next clips" })];
+  const many = groups.length > PAGE ? [search, element("span", { class: "pager" }, back, where, next)] : [];
   const again = figure(second, {
     title: "By clip", notes: ["FRR %, 95 % interval of each clip's looks"],
     controls: [choice("Order", Object.entries(ORDERS).map(([key, [words]]) => [key, words]), order, (key) => { order = key; at = 0; turn(0); }), ...many],
