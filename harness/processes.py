@@ -73,12 +73,3 @@ def spawning() -> SpawnContext:
 
     keep_working_directory_out()
     return multiprocessing.get_context("spawn")
-
-
-def return_freed_memory() -> None:
-    """Give the free memory between used blocks back to the system, which glibc does not do by itself."""
-    import ctypes
-
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    if trim:
-        trim(0)

@@ -25,7 +25,6 @@ from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import Timings, guarded, timed
-from harness.processes import return_freed_memory
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext, SinkFactory
@@ -187,7 +186,6 @@ def attend_to(
                 if is_due(now_s - began_s, now_s - written_s, count):
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
-                    return_freed_memory()
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"

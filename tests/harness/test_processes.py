@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -114,27 +113,3 @@ def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -
     assert not {"scipy.spatial", "open3d", "onnxruntime", "rerun", "pandas"} & of_run
     assert "open3d" in of_clip
     assert not {"dash", "plotly", "pandas", "matplotlib"} & of_clip
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps such memory")
-def test_free_memory_between_used_blocks_is_returned() -> None:
-    code = """
-from pathlib import Path
-from harness.processes import return_freed_memory
-
-def resident():
-    return int(Path("/proc/self/statm").read_text().split()[1])
-
-began = resident()
-blocks = [b"x" * 1000 + str(i).encode() for i in range(50_000)]
-filled = resident() - began
-kept = blocks[::100]
-del blocks
-freed = resident() - began
-return_freed_memory()
-print(filled, freed, resident() - began)
-"""
-    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
-    filled, freed, trimmed = map(int, done.stdout.split())
-    assert freed > 0.8 * filled, "this memory would have been returned anyway"
-    assert trimmed < 0.4 * filled
