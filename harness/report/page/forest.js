@@ -93,9 +93,10 @@ function drawByClip(groups, width) {
   return svg;
 }
 
+const csvShare = (share) => share?.toFixed(6) ?? "";
 const asCsv = (rows) => [["clip", "configuration", "n", "looks", "frr", "low", "high", "baseline"],
   ...rows.map((each) => [each.clip < 0 ? "(all)" : data.clips[each.clip].name, each.name, each.n, each.looks,
-    each.frr.toFixed(6), each.low ?? "", each.high ?? "", each.baseline])];
+    ...[each.frr, each.low, each.high, each.baseline].map(csvShare)])];
 
 export async function drawForest(place) {
   const rows = plain(overall);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 from collections.abc import Iterator
 from pathlib import Path
@@ -301,6 +302,10 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, pag
     table, figure, timeline = session.execute_script("return window.copied")
     assert table.splitlines()[0] == "clip,configuration,n,looks,frr,low,high,baseline"
     assert table.splitlines()[1].startswith("(all),one,10,")
+    with (page.parent / "frr.csv").open(encoding="utf-8", newline="") as file:
+        (row,) = (row for row in csv.DictReader(file) if (row["clip"], row["configuration"]) == ("(all)", "one"))
+    shares = [row[name] for name in ("frr", "interval_low", "interval_high")]
+    assert table.splitlines()[1].split(",")[4:7] == shares
     for each in (figure, timeline):
         assert each.startswith("<svg")
         assert "var(" not in each
