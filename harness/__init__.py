@@ -18,6 +18,7 @@ import os
 os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(2**26)
 
 _HOMES = {
+    "IncompleteRunWarning": "harness.api",
     "RunResults": "harness.api",
     "compare_runs": "harness.api",
     "load_run": "harness.api",
@@ -26,7 +27,7 @@ _HOMES = {
 }
 """The module of each public name; ``__init__.pyi`` tells type checkers the same."""
 
-__all__ = ["RunResults", "compare_runs", "load_run", "read_rig", "run_experiment"]
+__all__ = ["IncompleteRunWarning", "RunResults", "compare_runs", "load_run", "read_rig", "run_experiment"]
 
 
 def __getattr__(name: str) -> object:

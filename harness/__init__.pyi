@@ -1,3 +1,4 @@
+from harness.api import IncompleteRunWarning as IncompleteRunWarning
 from harness.api import RunResults as RunResults
 from harness.api import compare_runs as compare_runs
 from harness.api import load_run as load_run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from harness.remote import local_folder
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.write import rescore
-from harness.run.directory import RunDirectory
+from harness.run.directory import MOST, RunDirectory, out_folder
 from harness.run.experiment import load_experiment
 from harness.score.comparison import compare_runs as _compare_runs
 from harness.score.comparison import compare_with_baseline
@@ -33,6 +34,17 @@ _WORDS = (
     *("clip", "subject", "configuration", "reference", "target", "truth", "outcome", "error_type"),
     *("interval_unit", "unit", "beats_baselines", "unknown_names"),
 )
+
+
+class IncompleteRunWarning(UserWarning):
+    """Some configurations failed on some clips: the tables have only the others.
+
+    ``failures`` has one mapping for each: ``clip``, ``configuration``, ``error``.
+    """
+
+    def __init__(self, message: str, failures: Sequence[Mapping[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.failures = tuple(failures)
 
 
 class RunResults:
@@ -94,6 +106,11 @@ class RunResults:
         wrong = self.frames[self.frames["outcome"] == "wrong"]
         columns = ["clip", "configuration", "frame", "time_s", "subject", "truth", "predicted", "error_type"]
         return wrong[columns].drop_duplicates(ignore_index=True)
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """The configurations that could not be finished on a clip: clip, configuration, error."""
+        return pd.DataFrame(self.manifest["failed"], columns=["clip", "configuration", "error"])
 
     @property
     def recordings(self) -> dict[tuple[str, str], tuple[Path, ...]]:
@@ -166,7 +183,7 @@ def run_experiment(
     out: str | Path | None = None,
     limit: int | None = None,
     workers: int = 1,
-    recordings: bool = True,
+    recordings: bool | None = None,
     cache: bool = True,
 ) -> RunResults:
     """Run an experiment as ``vfoa run`` does, write its tables and report, and load them.
@@ -188,9 +205,14 @@ def run_experiment(
     workers
         Processes; 0 means one per core. A script that uses several needs ``if __name__ == "__main__":``.
     recordings
-        Whether to write Rerun recordings.
+        Whether to write Rerun recordings; None: as the experiment says.
     cache
         Whether to reuse stage outputs of earlier runs, and to store those of this one.
+
+    Warns
+    -----
+    IncompleteRunWarning
+        If some (clip, configuration) failed: each with its error. The others are in the tables.
 
     Raises
     ------
@@ -198,23 +220,29 @@ def run_experiment(
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
     from harness.pipeline.cache_store import open_store
-    from harness.report.sinks import composed_sinks
-    from harness.run.directory import out_folder
-    from harness.run.runner import prepare, run_plan
+    from harness.report.experiment_run import run_whole
 
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
     experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recordings))
-    directory = run_plan(
-        plan,
+    _, directory = run_whole(
+        experiment,
         out_folder(Path("runs") / experiment.name if out is None else out),
         workers=workers or os.cpu_count() or 1,
-        progress=lambda clip: None,
         cache=open_store() if cache else None,
         beside=out is None,
+        limit=limit,
+        recorded=recordings,
     )
+    if failed := directory.read_manifest()["failed"]:  # before scoring, which may find nothing that can be compared
+        warnings.warn(_incomplete(directory, failed), stacklevel=2)
     rescore(directory)
     return RunResults(directory.path)
+
+
+def _incomplete(directory: RunDirectory, failed: Sequence[Mapping[str, str]]) -> IncompleteRunWarning:
+    named = "; ".join(directory.told(failure) for failure in failed[:MOST])
+    more = f"; and {len(failed) - MOST} more" if len(failed) > MOST else ""
+    return IncompleteRunWarning(f"{directory.path}: {len(failed)} failed: {named}{more}", failed)
 
 
 def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:

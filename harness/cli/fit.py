@@ -106,9 +106,12 @@ def _is_run(what: str) -> bool:
 
 def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
     """The experiment's name, the files that are read, and a function that returns the run, made if there is none."""
-    from harness.cli.run import experiment_of, run_plainly
+    from harness.cli.run import experiment_of
+    from harness.cli.terminal import frames_bar
     from harness.clips.manifest import load_manifest
     from harness.files.folders import find
+    from harness.pipeline.cache_store import open_store
+    from harness.report.experiment_run import run_plainly
     from harness.run.directory import RunDirectory
 
     if _is_run(what):
@@ -117,4 +120,5 @@ def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
     experiment = experiment_of([what], (), (), None)
     files = [find("experiments", what) or Path(what)]
     files += [file for clip in experiment.clips for file in load_manifest(clip).files]
-    return experiment.name, files, lambda: run_plainly(experiment, Path("runs") / experiment.name)
+    out = Path("runs") / experiment.name
+    return experiment.name, files, lambda: run_plainly(experiment, out, cache=open_store(None), bar=frames_bar)

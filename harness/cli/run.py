@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -84,37 +83,30 @@ def run(
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
     from harness.pipeline.cache_store import open_store
-    from harness.report.sinks import composed_sinks
+    from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
     from harness.run.directory import out_folder
-    from harness.run.runner import prepare, run_plan
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     store = None if no_cache else open_store(cache)
-    workers = workers or os.cpu_count() or 1
     notices: list[str] = []
     folder = out_folder(out or Path("runs") / experiment.name)
     if oracle:
         from harness.score.oracle_ablation import with_oracle_ablation
 
         experiment = with_oracle_ablation(experiment)
-    if any(configuration.unfitted for configuration in experiment.configurations):
-        from harness.score.fit_logit import with_left_out_weights
-
-        beside = partial(run_plainly, out=Path(f"{folder}-fit"), limit=limit, workers=workers)
-        experiment = with_left_out_weights(experiment, beside)
-    recorded = (recording or experiment.recording) == "light"
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
-    with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
-        directory = run_plan(
-            plan,
+    with _told_if_interrupted(notices):
+        plan, directory = run_whole(
+            experiment,
             folder,
-            workers=workers,
+            workers=workers or os.cpu_count() or 1,
             threads=threads or os.cpu_count() or 1,
             scheduler=scheduler,
-            progress=progress,
+            limit=limit,
+            recorded=None if recording is None else recording == "light",
+            bar=frames_bar,
             cache=store,
             tell=notices.append,
             beside=out is None,
@@ -153,20 +145,9 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
         with signals_as_ctrl_c():
             yield
     except KeyboardInterrupt:
-        for notice in notices or ["interrupted before the first frame"]:
+        for notice in notices or ["interrupted before the first frame of the experiment"]:
             say(f"vfoa: {notice}", err=True)
         raise typer.Exit(130) from None
-
-
-def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:
-    """Run an experiment without recordings, or reuse its results."""
-    from harness.cli.terminal import frames_bar
-    from harness.pipeline.cache_store import open_store
-    from harness.run.runner import prepare, run_plan
-
-    plan = prepare(experiment, limit=limit)
-    with frames_bar(plan.frames, experiment.name) as progress:
-        return run_plan(plan, out, workers=workers, progress=progress, cache=open_store(None), beside=True)
 
 
 def _report_failures(directory: RunDirectory) -> None:

@@ -3,15 +3,22 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import harness
+from harness.clips.add import add_clip
 from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
+from tests.command import vfoa
+from tests.disk import write_text
+from tests.measured import EXPERIMENT as TALK
+from tests.measured import measured_tables, true_labels
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
+from vfoa.types import Attention
 
 EXPERIMENT = """
 clips = ["studio_table"]
@@ -75,6 +82,45 @@ def test_runs_are_compared_with_a_baseline(run: harness.RunResults, tmp_path: Pa
     assert list(compared.columns) == list(COMPARISON_COLUMNS)
     assert (compared["better"] + compared["worse"] <= compared["n"]).all()
     assert len(compared) == 2
+
+
+@pytest.fixture
+def two_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An experiment on two labelled clips without images, whose logit is fitted to the other clip's labels."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one", "two"):
+        add_clip(measured_tables(tmp_path / "data" / name, range(1, 41), 200_000_000), name=name)
+        write_text(tmp_path / "annotations" / f"{name}.csv", true_labels(40))
+    logit = '[[configuration]]\nname = "logit"\nattention = { method = "logit", weights = "left-out" }\n'
+    text = TALK.replace('"talk"', '"one", "two"')
+    return write_text(tmp_path / "two.toml", f'recording = "none"\n{text}{logit}')
+
+
+def test_a_script_gets_every_row_of_the_command(
+    two_people: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vfoa(monkeypatch, capsys, "run", str(two_people), "--out", "command", "--workers", "1")[0] == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = harness.run_experiment(two_people, out="script", cache=False)
+    assert set(run.frr["configuration"]) == {"cones", "forward", "logit"}
+    assert (run.path / "frr.csv").read_bytes() == Path("command/frr.csv").read_bytes()
+    assert run.failed.empty
+    assert run.recordings == {}
+
+
+def test_what_fails_is_warned_of_by_name(two_people: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*inputs: object) -> Attention:
+        raise VfoaError("no room")
+
+    monkeypatch.setattr("vfoa.pipeline.pay_attention", fails)
+    with pytest.warns(harness.IncompleteRunWarning) as warned:
+        run = harness.run_experiment(two_people, out="run", cache=False)
+    (warning,) = (each.message for each in warned if isinstance(each.message, harness.IncompleteRunWarning))
+    assert [(each["clip"], each["configuration"]) for each in warning.failures] == [("one", "cones"), ("two", "cones")]
+    assert "one under cones: no room" in str(warning)
+    assert run.failed["error"].tolist() == ["no room"] * 2
+    assert set(run.frr["configuration"]) == {"forward", "logit"}
 
 
 def test_what_is_not_there_is_one_line(run: harness.RunResults, tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from harness.cli.fit import fit
-from harness.cli.run import experiment_of, run_plainly
+from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
+from harness.report.experiment_run import run_plainly
 from harness.run.experiment import load_experiment, read_fitted
 from harness.score.fit_logit import folds_of, with_left_out_weights
 from harness.score.labelled_run import read_labelled
@@ -93,7 +94,7 @@ def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pyte
 def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one",), FRAMES)
-    labelled = read_labelled(run_plainly(load_experiment("talk.toml"), tmp_path / "run"))
+    labelled = read_labelled(run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None))
     folds = folds_of(labelled, None)
     assert len(folds) == 3  # 31 s
     scored = [set(person.labelled) for _, test in folds for person in test[:1]]
@@ -111,7 +112,7 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
 def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("talk",), 40)
-    directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run")
+    directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None)
     manifest = directory.read_manifest()
     directory.write_manifest({**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
     assert [len(person.labelled) for person in read_labelled(directory).people] == [40, 40]
@@ -138,14 +139,14 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
     text = Path("talk.toml").read_text()
     write_text(tmp_path / "talk.toml", text + 'attention.weights = "left-out"\n')
     experiment = load_experiment("talk.toml")
-    found = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside"))
+    found = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside", cache=None))
     attention = found.configurations[1].attend.attention
     assert isinstance(attention, LogitSettings)
     assert set(attention.by_clip) == {"one", "two", "three"}
     assert all(isinstance(each, LogitWeights) for each in attention.by_clip.values())
     # labels of a clip do not reach its own weights
     write_text(tmp_path / "annotations" / "one.csv", true_labels(60).replace("robot", "none"))
-    again = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside"))
+    again = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside", cache=None))
     other = again.configurations[1].attend.attention
     assert isinstance(other, LogitSettings)
     assert other.by_clip["one"] == attention.by_clip["one"]

@@ -1,0 +1,92 @@
+"""Run an experiment as ``vfoa run`` and ``harness.run_experiment`` do: fit its weights, run its clips, record them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+from harness.pipeline.cache_store import Store
+from harness.report.sinks import composed_sinks
+from harness.run.directory import RunDirectory
+from harness.run.executors import Progress
+from harness.run.experiment import Experiment
+from harness.run.plan import Plan
+from harness.run.runner import prepare, run_plan
+
+Bar = Callable[[int, str], AbstractContextManager[Progress]]
+"""Shows the progress of a run: called with its number of frames and its name."""
+
+
+@contextmanager
+def no_bar(total: int, what: str) -> Iterator[Progress]:
+    """Show nothing."""
+    yield lambda clip: None
+
+
+def run_whole(
+    experiment: Experiment,
+    out: Path,
+    *,
+    workers: int,
+    cache: Store | None,
+    beside: bool,
+    limit: int | None = None,
+    recorded: bool | None = None,
+    bar: Bar = no_bar,
+    threads: int = 1,
+    scheduler: str | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+    retry_failed: bool = False,
+) -> tuple[Plan, RunDirectory]:
+    """Run an experiment with thumbnails and recordings; return what was run, and the directory of the results.
+
+    Weights that are ``"left-out"`` are fitted first, by a run in the folder ``OUT-fit``.
+
+    Parameters
+    ----------
+    limit
+        Run only the first frames of each clip.
+    recorded
+        Whether to write Rerun recordings; None: as the experiment says.
+
+    The others are those of :func:`harness.run.runner.run_plan`, which also lists the errors.
+    """
+    if any(configuration.unfitted for configuration in experiment.configurations):
+        from harness.score.fit_logit import with_left_out_weights
+
+        fit_out = out.with_name(f"{out.name}-fit")
+        experiment = with_left_out_weights(
+            experiment, lambda each: run_plainly(each, fit_out, workers=workers, cache=cache, limit=limit, bar=bar)
+        )
+    recorded = experiment.recording == "light" if recorded is None else recorded
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
+    with bar(plan.frames, experiment.name) as progress:
+        directory = run_plan(
+            plan,
+            out,
+            workers=workers,
+            threads=threads,
+            scheduler=scheduler,
+            progress=progress,
+            cache=cache,
+            tell=tell,
+            beside=beside,
+            retry_failed=retry_failed,
+        )
+    return plan, directory
+
+
+def run_plainly(
+    experiment: Experiment,
+    out: Path,
+    *,
+    cache: Store | None,
+    workers: int = 1,
+    limit: int | None = None,
+    bar: Bar = no_bar,
+) -> RunDirectory:
+    """Run an experiment without recordings, or reuse its results."""
+    plan = prepare(experiment, limit=limit)
+    with bar(plan.frames, experiment.name) as progress:
+        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True)
