@@ -51,6 +51,21 @@ LETTERS = {
 }
 """A letter for each state of a timeline's frame, so that outcomes can be told apart without colour."""
 
+ERROR_COLOURS = {
+    "no_subject": ("#312e81", "#9aa5ff"),
+    "no_eyes_3d": ("#4338ca", "#818cf8"),
+    "face_turned_away": ("#c026d3", "#e879f9"),
+    "no_direction": ("#6d28d9", "#b79bff"),
+    "target_not_segmented": ("#0e7490", "#4fc3d9"),
+    "target_without_box": ("#0f766e", "#3fbfae"),
+    "false_attention": ("#a16207", "#d6a72c"),
+    "wrong_subject": ("#9d174d", "#f08abb"),
+    "no_hit": ("#525b69", "#98a2b3"),
+    "missed": ("#c2410c", "#f08c5a"),
+    "outscored": ("#b3261e", "#f0726a"),
+}
+"""The colour of each error type in all figures of the page, on a light and on a dark screen."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Served:

@@ -55,12 +55,14 @@ export function truthLane(track) {
   };
 }
 
+const colourOf = (state) => ({ correct: "right", unscored: "unscored" })[data.states[state]] ?? `error-${data.states[state]}`;
+
 export function stripLane(lane) {
   return {
     height: 24, label: lane.name, lane,
     draw(pen, view, top, colours) {
       const [first, last] = bounds(view, lane.states.length);
-      const fill = (state) => colours.of(state === 0 ? "right" : state === 1 ? "unscored" : `e${state - WRONG_FROM}`);
+      const fill = (state) => colours.of(colourOf(state));
       const cell = view.width / (view.to - view.from);
       if (cell < 1.5) {
         crowded(pen, view, top, lane, fill);
@@ -73,7 +75,7 @@ export function stripLane(lane) {
         if (cell < 10) return;
         const letter = data.letters[data.states[state]];
         for (let i = start; i < end && letter; i += 1) {
-          pen.text(toX(view, i + 0.5) - 0.5, top + 14, letter, colours.of(state === 1 ? "ink" : `on-e${state - WRONG_FROM}`), { align: "center", size: 11, weight: 700 });
+          pen.text(toX(view, i + 0.5) - 0.5, top + 14, letter, colours.of(state < WRONG_FROM ? "ink" : "on-part"), { align: "center", size: 11, weight: 700 });
         }
       });
     },

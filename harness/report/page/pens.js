@@ -85,7 +85,11 @@ export function palette() {
   const style = getComputedStyle(document.documentElement);
   const found = new Map(); // asking for a style takes longer than drawing
   const of = (name) => {
-    if (!found.has(name)) found.set(name, style.getPropertyValue(`--${name}`).trim());
+    if (!found.has(name)) {
+      const colour = style.getPropertyValue(`--${name}`).trim();
+      if (!colour) throw new Error(`the style sheet has no colour "${name}"`); // a canvas would keep the colour before
+      found.set(name, colour);
+    }
     return found.get(name);
   };
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;

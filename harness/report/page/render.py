@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from harness.report.comparisons import comparison_table
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
-from harness.report.page.data import Served, differing_settings, page_data
+from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
 from harness.report.page.packing import Attention, bundle, pack_json
 from harness.report.stages import StageTimes
 from harness.report.tables import remarks
@@ -234,4 +234,5 @@ def template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
+    environment.globals["error_colours"] = ERROR_COLOURS
     return environment.get_template(name)

@@ -7,8 +7,9 @@ import { data } from "./packs.js";
 import { overall, rowsByClip, stateOf } from "./store.js";
 
 const ROW = 34;
+const filled = (colour) => `--part: var(--${colour})`;
 
-// `bars` are {name, total, said, parts: [{kind, value, mark, label, action}]}.
+// `bars` are {name, total, said, parts: [{colour, value, mark, label, action}]}; a colour is a name of the style sheet's.
 function stacked(bars, width, { label, unit, most }) {
   const narrow = width < 480;
   const left = narrow ? 6 : gutter(bars.map((each) => each.name), width, 0.34);
@@ -29,7 +30,7 @@ function stacked(bars, width, { label, unit, most }) {
     let start = 0;
     for (const part of bar.parts) {
       const wide = x(start + part.value) - x(start);
-      const group = drawn("g", { class: "part" }, drawn("rect", { x: x(start), y, width: Math.max(wide, 0.5), height: ROW - 10, class: part.kind }));
+      const group = drawn("g", { class: "part" }, drawn("rect", { x: x(start), y, width: Math.max(wide, 0.5), height: ROW - 10, style: filled(part.colour) }));
       if (wide > 9 * part.mark.length + 4) group.append(text(x(start) + wide / 2, y + 17, part.mark, { class: "mark", "text-anchor": "middle" }));
       svg.append(part.action ? actionable(group, part.label, part.action) : (group.append(drawn("title", {}, part.label)), group));
       start += part.value;
@@ -38,8 +39,8 @@ function stacked(bars, width, { label, unit, most }) {
   return svg;
 }
 
-const key = (parts) => element("ul", { class: "legend" }, ...parts.map(([kind, mark, name, meaning]) =>
-  element("li", { title: meaning }, element("span", { class: `swatch ${kind}`, "aria-hidden": "true" }, mark), name)));
+const key = (parts) => element("ul", { class: "legend" }, ...parts.map(([colour, mark, name, meaning]) =>
+  element("li", { title: meaning }, element("span", { class: "swatch", style: filled(colour), "aria-hidden": "true" }, mark), name)));
 
 export async function drawErrors(place) {
   const types = Object.keys(data.error_types);
@@ -51,7 +52,7 @@ export async function drawErrors(place) {
   const bar = (each) => ({
     name: each.name, total: 100 * (each.n - each.correct) / each.n, said: `${percent(1 - each.frr)} %`,
     parts: types.map((type, k) => ({
-      kind: `e${k}`, value: 100 * each.errors[k] / each.n, mark: data.letters[type],
+      colour: `error-${type}`, value: 100 * each.errors[k] / each.n, mark: data.letters[type],
       label: `${each.name}: ${each.errors[k]} of ${each.n} frames ${words(type)} (${data.error_types[type]}). Go to the first.`,
       action: () => goToFirst({ clip: each.clip, config: each.name, visits: { name: words(type), holds: (_, lane, i) => stateOf(lane, i) === type } }),
     })).filter((part) => part.value),
@@ -60,7 +61,7 @@ export async function drawErrors(place) {
   const again = figure(place, {
     title: "Why frames are wrong", notes: ["share of the scored frames, %; point at a part for its meaning, click to see its frames"],
     controls: clips.length > 1 ? [choice("Clip", clips.map((each) => [each, each < 0 ? "(all)" : data.clips[each].name]), clip, (value) => { clip = Number(value); again(); })] : [],
-    legend: key(seen.map((type) => [`e${types.indexOf(type)}`, data.letters[type], words(type), data.error_types[type]])),
+    legend: key(seen.map((type) => [`error-${type}`, data.letters[type], words(type), data.error_types[type]])),
     draw: (width) => {
       const bars = chosen().map(bar);
       const most = Math.max(5, ...bars.map((each) => each.total));
@@ -79,7 +80,7 @@ export function drawSpeed(place) {
     const total = ms.reduce((sum, of) => sum + (of[c] ?? 0), 0);
     return [{
       name, total, said: `${total.toFixed(0)} ms`,
-      parts: stages.map((stage, s) => ({ kind: `s${s % 10}`, value: ms[s][c] ?? 0, mark: "", label: `${name}: ${words(stage)} ${ms[s][c]} ms` })),
+      parts: stages.map((stage, s) => ({ colour: `s${s % 10}`, value: ms[s][c] ?? 0, mark: "", label: `${name}: ${words(stage)} ${ms[s][c]} ms` })),
     }];
   });
   figure(place, {

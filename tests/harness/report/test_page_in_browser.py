@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 from harness.files.io import atomic_write
+from harness.report.page.data import ERROR_COLOURS
 from harness.report.page.render import render_comparison
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
@@ -23,7 +26,7 @@ from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn
-from tests.records import answers, labels, score_run
+from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -180,22 +183,101 @@ def test_the_canvas_has_the_outcome_of_each_frame(session: Chrome, page: Path) -
     session.get("about:blank")
     set_width(session, 1280)
     _open(session, page)
-    pixels = session.execute_async_script(
+    one, two = (_pixels_of_strip(session, name, len(TRUTH)) for name in GIVEN)
+    right, wrong = one[:2]
+    assert one[2] == two[0] == two[1] == right
+    assert len({right, wrong, *one[3:]}) == 5  # three error types, and unscored
+
+
+CUP, CAN = target_record(1, "cup"), target_record(2, "can")
+ONE_OF_EACH = {
+    "correct": (answers(["cup"])[0], "cup"),
+    "unscored": (answers(["cup"])[0], "ignore"),
+    "no_subject": (frame_record([CUP]), "cup"),
+    "no_eyes_3d": (frame_record([CUP], [subject_record("girl", missing="no_eyes_3d")]), "cup"),
+    "face_turned_away": (
+        frame_record([CUP], [replace(subject_record("girl", missing="no_direction"), no_gaze="face_turned_away")]),
+        "cup",
+    ),
+    "no_direction": (frame_record([CUP], [subject_record("girl", missing="no_direction")]), "cup"),
+    "target_not_segmented": (frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup"),
+    "target_without_box": (frame_record([target_record(1, "cup", center=None)], [subject_record("girl")]), "cup"),
+    "false_attention": (answers(["cup"])[0], "none"),
+    "wrong_subject": (
+        frame_record([CUP, target_record(8, "girl")], [subject_record("girl", totals={8: 0.5}, focus=8)]),
+        "cup",
+    ),
+    "no_hit": (frame_record([CUP], [subject_record("girl", totals={1: 0.0})]), "cup"),
+    "missed": (frame_record([CUP, CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup"),
+    "outscored": (frame_record([CUP], [subject_record("girl", totals={1: 0.2})]), "cup"),
+}
+"""For each state of a frame, a record that has it, and the true target."""
+
+
+@pytest.fixture(scope="module")
+def colourful(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of one subject whose frames have one state after the other."""
+    run = tmp_path_factory.mktemp("states")
+    records = [replace(record, frame=frame) for frame, (record, _) in enumerate(ONE_OF_EACH.values(), start=1)]
+    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    truth = labels(*(target for _, target in ONE_OF_EACH.values()))
+    score_run(run / "results.jsonl", Reference(labels={"clip": truth}))
+    return run / "report.html"
+
+
+@pytest.mark.parametrize(("mode", "scheme"), [(0, "light"), (1, "dark")])
+def test_every_error_type_has_a_colour_of_its_own_in_all_figures(
+    session: Chrome, colourful: Path, mode: int, scheme: str
+) -> None:
+    session.get("about:blank")
+    set_width(session, 1280)
+    session.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    )
+    try:
+        _open(session, colourful)
+        strip = _pixels_of_strip(session, "one", len(ONE_OF_EACH))
+        parts = session.find_elements("css selector", "#draw-errors .part rect")
+        keys = session.find_elements("css selector", "#draw-errors .swatch")
+        bars, swatches = [[_pixel(each) for each in group] for group in (parts, keys)]
+        ground = _rgb(session.execute_script("return getComputedStyle(document.body).backgroundColor"))
+    finally:
+        session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    drawn = dict(zip(ONE_OF_EACH, strip, strict=True))
+    wrong = [drawn[name] for name in ERROR_TYPES]
+    assert wrong == [ImageColor.getrgb(ERROR_COLOURS[name][mode]) for name in ERROR_TYPES]
+    assert bars == wrong
+    assert swatches == wrong
+    assert len({*strip, ground}) == len(ONE_OF_EACH) + 1
+
+
+def _pixels_of_strip(browser: Chrome, configuration: str, frames: int) -> list[tuple[int, ...]]:
+    """The RGB colour of each of a clip's frames in the timeline of a configuration."""
+    pixels = browser.execute_async_script(
         """
-        const [done] = arguments, sheet = document.getElementById("timeline");
+        const [name, frames, done] = arguments, sheet = document.getElementById("timeline");
         requestAnimationFrame(() => requestAnimationFrame(() => {
           const {left, width, rows} = JSON.parse(sheet.dataset.places), scale = sheet.width / sheet.clientWidth;
-          const colour = (name) => (_, i) => {
-            const [x, y] = [left + (i + .2) * width / 6, rows[name]].map((each) => Math.round(each * scale));
+          done(Array.from({length: frames}, (_, i) => {
+            const [x, y] = [left + (i + .2) * width / frames, rows[name]].map((each) => Math.round(each * scale));
             return [...sheet.getContext("2d").getImageData(x, y, 1, 1).data];
-          };
-          done({one: Array.from({length: 6}, colour("one")), two: Array.from({length: 2}, colour("it's two"))});
+          }));
         }));
-        """
+        """,
+        configuration,
+        frames,
     )
-    right, wrong = pixels["one"][0], pixels["one"][1]
-    assert pixels["one"][2] == pixels["two"][0] == pixels["two"][1] == right
-    assert len({tuple(each) for each in (right, wrong, *pixels["one"][3:])}) == 5  # three error types, and unscored
+    return [tuple(each[:3]) for each in pixels]
+
+
+def _pixel(part: WebElement) -> tuple[int, ...]:
+    """The colour of a part of the page, left of the letter in its middle."""
+    with Image.open(io.BytesIO(part.screenshot_as_png)) as picture:
+        return picture.convert("RGB").getpixel((3, picture.height // 2))  # type: ignore[return-value]
+
+
+def _rgb(css: str) -> tuple[int, ...]:
+    return tuple(int(each) for each in re.findall(r"\d+", css)[:3])
 
 
 def test_a_cell_of_the_confusion_leads_to_its_frames_which_n_then_visits(browser: Chrome) -> None:
