@@ -5,7 +5,7 @@ The journal knows more than the CSV: what to undo, and how far labels are carrie
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -184,22 +184,37 @@ class LabelStore(JournaledStore[Labels]):
 
     def reassigned(self, old: str, new: str) -> list[Change]:
         """The changes, as JSON, that give all labels of a target another one."""
+        whole = (0, len(self.frames) - 1)
+        return [change for subject in self.subjects for change in self._reassigned(subject, whole, old, new)]
+
+    def applicable(self, changes: Iterable[Change]) -> list[Change]:
+        """The part of changes by :meth:`reassigned`, made on an earlier state, that applies to the present one.
+
+        A label changes only if it still has the target that the change replaces.
+        """
         return [
-            self._change_to(subject, [replace(part, mark=replace(part.mark, target=new))])
-            for subject, parts in self._parts().items()
-            for part in parts
-            if part.mark is not None and part.mark.target == old
+            now
+            for change in changes
+            for (first, last, old, *_), (_, _, new, *_) in zip(change["before"], change["after"], strict=True)
+            for now in self._reassigned(change["subject"], (first, last), old, new)
         ]
+
+    def _reassigned(self, subject: str, within: tuple[int, int], old: str, new: str) -> Iterator[Change]:
+        for part in stretches(self._tracks[subject], *within):
+            if part.mark is not None and part.mark.target == old:
+                yield self._change_to(subject, [replace(part, mark=replace(part.mark, target=new))])
 
     def change_targets(self, change: dict[str, Any]) -> None:
         """Change targets as a step that can be undone; ``change`` has the labels' changes by file name."""
         self.commit({"targets": change, "file": self.path.name})
 
-    def set_changes(self, changes: Sequence[Change]) -> None:
-        """Make the changes that a change of targets causes here. Earlier steps can no longer be undone."""
-        wanted = [(change["subject"], tuple(map(Stretch.parse, change["after"]))) for change in changes]
-        if any(stretches(self._tracks[subject], new[0].first, new[-1].last) != new for subject, new in wanted):
-            self.commit({"set": list(changes)})
+    def set_changes(self, changes: Iterable[Change]) -> None:
+        """Make the changes that a change of targets causes here, as far as they are :meth:`applicable`.
+
+        Earlier steps can then no longer be undone. A second time, nothing more happens.
+        """
+        if now := self.applicable(changes):
+            self.commit({"set": now})
 
     def _check_subject(self, subject: str) -> None:
         check_known(subject, self.subjects, "unknown subject")

@@ -151,14 +151,12 @@ class Session:
         StaleRevisionError
             If something else changed since the revisions; nothing is made.
         """
-        stores = (self._store, self._drawing)
         with self.changing:
             known = self._store.requests | self._drawing.requests
             made = [at for at, action in enumerate(actions) if action.id in known]
             rest = actions[made[-1] + 1 if made else 0 :]
             if not made:  # else, the first of them had the right revision
-                for store in stores:
-                    store.refresh()
+                self._refresh()
                 kinds = {action.kind for action in rest}
                 if kinds & {"draw", "undo", "redo"} and drawn != self._drawing.revision:
                     raise StaleRevisionError
@@ -199,6 +197,7 @@ class Session:
         A change that was undone before a newer one was made cannot be made again.
         """
         with self.changing:
+            self._refresh()
             if (found := self._next(kind)) is None:
                 return
             store, step = found
@@ -206,6 +205,11 @@ class Session:
             if change and kind == "undo":
                 change = change.inverse
             self._with_targets(change, lambda: store.step_back(kind))
+
+    def _refresh(self) -> None:
+        """Read labels and drawing again if another program has changed them."""
+        self._store.refresh()
+        self._drawing.refresh()
 
     def _next(self, kind: StepBack) -> tuple[LabelStore | DrawingStore, Entry] | None:
         """Labels (with targets) or drawing, whichever has the next step to undo or redo, and the step; or None."""
@@ -231,6 +235,7 @@ class Session:
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, also in the labels of all annotators, or another key or colour."""
         with self.changing:
+            self._refresh()
             to = targets.with_change(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
             if new_name == name:
                 self._change(to)
@@ -243,6 +248,7 @@ class Session:
     def delete_target(self, name: str, to: str | None) -> None:
         """Delete a target from the manifest; labels of all annotators that have it become ``to``."""
         with self.changing:
+            self._refresh()
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 if to is not None:
                     for store in stores:
@@ -277,14 +283,14 @@ class Session:
                 "longer be undone"
             )
         with with_others(self._store, self.manifest, self._timeline) as stores:
-            if change.drawn is not None:
+            change.check_labels(self.manifest, stores[1:])
+            drawn = change.on_drawing(self._drawing.tracks(), self.manifest)
+            if drawn != self._drawing.tracks():
                 self._drawing.check_writable()
-            change.check_names(self.manifest, stores[1:])
             with change.kept(self.manifest):
                 change.in_labels(stores[1:])
                 make()
-                if change.drawn is not None:
-                    self._drawing.set_tracks(change.drawn[1])
+                self._drawing.set_tracks(drawn)
         self._read_manifest()
 
     def scene(self, at: int) -> dict[str, Any]:

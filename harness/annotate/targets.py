@@ -34,7 +34,8 @@ from vfoa.validation import parse
 class TargetChange(Settings):
     """The text of the manifest before and after, the changes of labels by file name, and the drawing before and after.
 
-    ``drawn`` is None if nothing drawn changes.
+    ``drawn`` is None if nothing drawn changes. Labels and drawing may be changed before the change is undone or made
+    again: it then applies to what still has the target.
     """
 
     manifest: tuple[str, str]
@@ -58,19 +59,48 @@ class TargetChange(Settings):
         """The change that a step of the undo list is, if it is one."""
         return parse(cls, step["targets"], "journal") if "targets" in step else None
 
-    def check_names(self, manifest: ClipManifest, others: Iterable[LabelStore]) -> None:
-        """Refuse (:class:`VfoaError`) to take back a target that labels of other annotators have gained since."""
+    def check_labels(self, manifest: ClipManifest, others: Iterable[LabelStore]) -> None:
+        """Refuse (:class:`VfoaError`) to remove a target that labels of other annotators have gained since."""
+        gone, _ = self.names(manifest)
+        for store in others:
+            now = store.applicable(self.labels.get(store.path.name, ()))
+            for name in gone:
+                changed = (part for change in now for part in change["before"] if part[2] == name)
+                if left := store.uses(name) - sum(last - first + 1 for first, last, *_ in changed):
+                    raise VfoaError(
+                        f"{store.path.name} has labels of {name!r} that were made since ({left} frames); expected none "
+                        f"before it is removed: give them another target, or change {name!r} instead of undoing"
+                    )
+
+    def on_drawing(self, tracks: Iterable[list[Any]], manifest: ClipManifest) -> list[list[Any]]:
+        """The drawing after the change: shapes are renamed, removed or restored with their target; others stay.
+
+        Raises
+        ------
+        VfoaError
+            If a target is removed whose shapes were changed since.
+        """
+        gone, come = self.names(manifest)
+        before, after = self.drawn or ((), ())
+        if gone and come:
+            return sorted([come[0] if name == gone[0] else name, *more] for name, *more in tracks)
+        kept = [track for track in tracks if not (track[0] in gone and track in before)]
+        if left := next((name for name, *_ in kept if name in gone), None):
+            place = manifest.annotations.place_drawn().name
+            raise VfoaError(f"{place} has shapes of {left!r} that were drawn since; remove them before {left!r}")
+        known = [track[:2] for track in kept]
+        return sorted([*kept, *(track for track in after if track[0] in come and track[:2] not in known)])
+
+    def names(self, manifest: ClipManifest) -> tuple[list[str], list[str]]:
+        """The targets that the manifest loses by the change, and those that it gains."""
         before, after = (
             make_manifest(parse_toml(text, manifest.path), manifest.path, manifest.name).targets
             for text in self.manifest
         )
-        gone = [name for name in before if name not in after]
-        for store in others:
-            if used := [name for name in gone if store.path.name not in self.labels and store.uses(name)]:
-                raise VfoaError(f"{store.path.name} has labels of {used[0]!r}; expected none before it is removed")
+        return [name for name in before if name not in after], [name for name in after if name not in before]
 
     def in_labels(self, stores: Iterable[LabelStore]) -> None:
-        """Set the labels, with no step to undo; a second time, nothing more happens."""
+        """Change the labels that still have the target, with no step to undo."""
         for store in stores:
             store.set_changes(self.labels.get(store.path.name, ()))
 
@@ -104,10 +134,9 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     changed = load_manifest(manifest.path, manifest.name)
     with ExitStack() as stack:
         change.in_labels(stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
-    if change.drawn is not None:
-        before = [name for name, _, _ in change.drawn[0] if name not in changed.subjects]
-        with closing(open_drawing(changed, timeline, also=before)) as drawing:
-            drawing.set_tracks(change.drawn[1])
+    gone, _ = change.names(changed)
+    with closing(open_drawing(changed, timeline, also=gone)) as drawing:
+        drawing.set_tracks(change.on_drawing(drawing.tracks(), changed))
     place.unlink()
     return changed
 

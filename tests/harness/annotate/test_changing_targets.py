@@ -137,6 +137,88 @@ def test_a_target_that_another_annotator_uses_by_now_stays(opened: Any, work: Pa
     assert path.read_text().endswith("# edited\n")
 
 
+def _draw(session: Session, name: str, at: int) -> None:
+    session.make(Action(kind="draw", draw=Draw(name=name, at=at, place=(1, 1, 9, 9))))
+
+
+def _rename(session: Session) -> None:
+    session.change_target("cup", new_name="mug", key="9", colour="olive plain")
+
+
+def _delete(session: Session) -> None:
+    session.delete_target("cup", "book")
+
+
+@pytest.mark.parametrize(("change", "given"), [(_rename, "m"), (_delete, "b")])
+@pytest.mark.parametrize(("annotator", "other"), [(None, "ben"), ("ben", None)])
+def test_undo_leaves_labels_that_another_annotator_made_since(
+    opened: Any, work: Path, change: Callable[[Session], None], given: str, annotator: str | None, other: str | None
+) -> None:
+    for name in ("noise", "noise@ben"):
+        write_text(work / "annotations" / f"{name}.csv", f"{HEAD}1,8,ann,cup,\n")
+    session = opened(annotator=annotator)
+    change(session)
+    session.close()
+    session = opened(annotator=other)
+    _mark(session, 0, 3, "none")
+    session.make(Action(kind="note", subject="ann", at=6, note="glasses"))
+    session.close()
+    session = opened(annotator=annotator)
+    session.step_back("undo")
+    assert (_said(work, annotator=annotator), _said(work, annotator=other)) == ("cccccccc....", "nnnncccc....")
+    label = _labels(work, other).at(7, "ann")
+    assert label is not None
+    assert (label.target, label.note) == ("cup", "glasses")
+    session.step_back("redo")
+    assert (_said(work, annotator=annotator), _said(work, annotator=other)) == (
+        f"{given * 8}....",
+        f"nnnn{given * 4}....",
+    )
+
+
+def test_undo_is_refused_where_another_annotator_has_used_a_name_since(opened: Any, work: Path) -> None:
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
+    session = opened()
+    _mark(session, 0, 5, "cup")
+    _rename(session)
+    session.close()
+    session = opened(annotator="ben")
+    _mark(session, 2, 7, "mug")
+    session.close()
+    session = opened()
+    files = {path: path.read_bytes() for path in (work / "annotations").glob("*.csv")}
+    with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'mug' that were made since \(4 frames\)"):
+        session.step_back("undo")
+    assert {path: path.read_bytes() for path in (work / "annotations").glob("*.csv")} == files
+    assert "mug" in _manifest(work).targets
+    assert session.state()["can_undo"]
+
+
+@pytest.mark.parametrize("change", [_rename, _delete])
+def test_undo_leaves_shapes_that_were_drawn_since(opened: Any, work: Path, change: Callable[[Session], None]) -> None:
+    session = opened()
+    _draw(session, "cup", 0)
+    change(session)
+    path = work / "annotations" / "noise.drawn.csv"
+    path.write_text(path.read_text() + "2,book,box,5,5,20,20,\n")  # by another program: no step to undo
+    session.step_back("undo")
+    assert [each["name"] for each in session.drawn()["tracks"]] == ["book", "cup"]
+    session.step_back("redo")
+    assert "book" in [each["name"] for each in session.drawn()["tracks"]]
+
+
+def test_a_target_whose_shapes_were_drawn_since_stays(opened: Any, work: Path) -> None:
+    session = opened()
+    session.add_target("pen", NameRule(category="pen"))
+    _draw(session, "pen", 0)
+    session.close()
+    (work / "annotations" / ".journal" / "noise.drawn.jsonl").unlink()
+    session = opened()
+    with pytest.raises(VfoaError, match=r"noise\.drawn\.csv has shapes of 'pen'"):
+        session.step_back("undo")
+    assert "pen" in _manifest(work).targets
+
+
 def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: Any, work: Path) -> None:
     other = opened(annotator="ben")
     _mark(other, 0, 3, "cup")

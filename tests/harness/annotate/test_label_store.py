@@ -239,9 +239,7 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
         for change in (
             lambda: store.put("ann", actions.mark_range(4, 5, "book")),
             lambda: store.step_back("undo"),
-            lambda: store.set_changes(
-                [{"subject": "ann", "before": [], "after": [[0, 1, "book", "", None, False, False]]}]
-            ),
+            lambda: store.set_changes(store.reassigned("cup", "book")),
         ):
             with pytest.raises(
                 VfoaError, match=r"clip\.csv: cannot be written: No space left on device; the change was"
