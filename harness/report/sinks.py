@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from harness.pipeline.configuration import Configuration
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
+from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import SinkContext, SinkFactory
 
 if TYPE_CHECKING:
@@ -24,8 +26,6 @@ class RecordingSinks:
 
     ``layers`` are those of every configuration of the experiment, by its name.
     """
-
-    shares_files: ClassVar[bool] = True
 
     layers: Mapping[str, LayerNames]
 
@@ -48,6 +48,12 @@ class RecordingSinks:
             targets=tuple(manifest.targets),
             resumed=context.resumed,
         )
+
+    def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
+        """The layers that show one configuration of a clip when it is finished."""
+        clip, configuration = pair
+        files, layers = ClipFiles(run=directory.path, clip=clip), self.layers[configuration]
+        return files.images, files.reconstruction(layers.reconstruction), files.attention(configuration)
 
 
 def recordings(configurations: Iterable[Configuration]) -> RecordingSinks:

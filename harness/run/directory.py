@@ -239,8 +239,13 @@ class RunDirectory:
         return self.partial(pair, "checkpoint")
 
     def is_finished(self, pair: Pair) -> bool:
-        """Whether a (clip, configuration) is finished."""
+        """Whether a (clip, configuration) is marked finished: its results are whole, and so were its other files."""
         return self.partial(pair, "jsonl").exists()
+
+    def unmark(self, pair: Pair) -> None:
+        """Remove the results of a finished (clip, configuration), which must run again."""
+        for suffix in ("jsonl", "csv"):
+            self.partial(pair, suffix).unlink(missing_ok=True)
 
     def read_manifest(self) -> dict[str, Any]:
         """Read the manifest.

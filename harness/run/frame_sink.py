@@ -6,13 +6,14 @@ travels to its worker by pickle, so it carries factories, not open files.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
@@ -89,11 +90,7 @@ class SinkContext:
 
 
 class SinkFactory(Protocol):
-    """Opens a sink. It is pickled with the job.
-
-    If it has an attribute ``shares_files`` that is true, its sinks write files that a clip's configurations share: one
-    process opens all sinks of a clip.
-    """
+    """Opens a sink. It is pickled with the job."""
 
     def described(self) -> Mapping[str, Any]:
         """Entries of the sink in the run's manifest: a run with other sinks is another run."""
@@ -102,3 +99,26 @@ class SinkFactory(Protocol):
     def open(self, context: SinkContext) -> FrameSink | None:
         """Open the sink of one configuration on one clip; None if it takes none of these frames."""
         ...
+
+
+@runtime_checkable
+class SharedFiles(SinkFactory, Protocol):
+    """Opens sinks whose files the configurations of a clip share: one process opens all sinks of a clip.
+
+    A (clip, configuration) without one of its files is not finished. Then all configurations of the clip run again: a
+    shared file has the frames of all of them.
+    """
+
+    def files(self, directory: RunDirectory, pair: Pair) -> Iterable[Path]:
+        """The files that show a (clip, configuration) when it is finished."""
+        ...
+
+
+def lacks_files(sinks: Iterable[SinkFactory], directory: RunDirectory, pair: Pair) -> bool:
+    """Whether a file of a (clip, configuration) that these sinks write is missing."""
+    return any(
+        not path.is_file()
+        for factory in sinks
+        if isinstance(factory, SharedFiles)
+        for path in factory.files(directory, pair)
+    )

@@ -18,6 +18,7 @@ from harness.pipeline.configuration import STAGES, Configuration
 from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
+from harness.run.frame_sink import SharedFiles, lacks_files
 from harness.run.loop import ClipJob, ClipOutcome, checkpoints, first_frame, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.resume import ResultsSinks
@@ -131,8 +132,8 @@ def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
     return rounds
 
 
-def _shares_files(job: ClipJob) -> bool:
-    return any(getattr(factory, "shares_files", False) for factory in job.sinks)
+def _shares_files(job: ClipJob | Plan) -> bool:
+    return any(isinstance(factory, SharedFiles) for factory in job.sinks)
 
 
 def _together(job: ClipJob) -> list[list[Configuration]]:
@@ -160,13 +161,18 @@ def skip(clip: PreparedClip | ClipJob, progress: Progress) -> None:
 
 
 def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None) -> ClipJob:
-    """Return the job with the unfinished configurations of a clip."""
+    """Return the job with the unfinished configurations of a clip; with all of them if they share files."""
     clip, configurations = prepared.manifest.name, plan.experiment.configurations
-    todo = [
-        configuration.for_clip(clip)
+    unfinished = [
+        configuration
         for configuration in configurations
-        if not directory.is_finished((clip, configuration.name))
+        if not directory.is_finished(pair := (clip, configuration.name)) or lacks_files(plan.sinks, directory, pair)
     ]
+    if unfinished and _shares_files(plan):
+        for configuration in configurations:
+            directory.unmark((clip, configuration.name))
+        unfinished = list(configurations)
+    todo = [configuration.for_clip(clip) for configuration in unfinished]
     cache = None
     if store is not None and not isinstance(prepared.clip, MeasuredClip):  # poses: nothing to perceive
         cache = open_cache(store, clip, prepared.clip, tuple(todo), prepared.digest)

@@ -29,7 +29,7 @@ from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext, SinkFactory
 from harness.run.records import to_record
-from harness.run.resume import Checkpoint, is_due, read_checkpoint, write_checkpoint
+from harness.run.resume import Checkpoint, ResultsSink, is_due, read_checkpoint, write_checkpoint
 from harness.sources import Clip, MeasuredClip
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
@@ -166,6 +166,7 @@ def attend_to(
     """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
     Checkpoints are written from time to time. ``resumed`` holds the states that configurations continue from, by name.
+    Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
     Returns one runner per configuration of the job, in order, each finished, with its error.
     """
     begun = resumed or {}
@@ -192,6 +193,8 @@ def attend_to(
             reason = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
             for runner in runners:
                 runner.fail(reason)
+    for runner in runners:
+        runner.mark_finished()
     return runners
 
 
@@ -312,6 +315,12 @@ class ConfigurationRunner:
             self.error = error
             self._open_sinks.__exit__(type(error), error, error.__traceback__)
             self._open_sinks = ExitStack()
+
+    def mark_finished(self) -> None:
+        """Mark the results as finished, unless this configuration has failed; the sinks of all must be closed."""
+        for sink in self._sinks.values() if self.error is None else ():
+            if isinstance(sink, ResultsSink):
+                sink.mark_finished()
 
     def attend(self, shared: SharedFrame) -> None:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""

@@ -184,9 +184,10 @@ def _cut_timings(file: BinaryIO, frames: int, start: int) -> None:
 
 
 class ResultsSink:
-    """Results and timings of one (clip, configuration): two files, open in a ``with`` block and marked finished by it.
+    """Results and timings of one (clip, configuration): two partial files, open in a ``with`` block.
 
-    Frames that an interrupted run has written beyond ``resumed`` are compared with its lines, not written again.
+    :meth:`mark_finished` gives them their names, when all sinks of the clip are closed. Frames that an interrupted
+    run has written beyond ``resumed`` are compared with its lines, not written again.
     """
 
     def __init__(self, directory: RunDirectory, pair: Pair, resumed: SinkState | None = None) -> None:
@@ -215,9 +216,12 @@ class ResultsSink:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._files:
-            for draft in reversed(self._paths) if kind is None else ():  # the results' file marks the end: it is last
-                draft.replace(draft.with_suffix(""))
+        self._files.close()
+
+    def mark_finished(self) -> None:
+        """Mark the (clip, configuration) as finished."""
+        for draft in reversed(self._paths):  # the results' file is the mark: it is last
+            draft.replace(draft.with_suffix(""))
 
     @property
     def goes_on(self) -> bool:

@@ -14,6 +14,7 @@ from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
 from harness.run.directory import Pair, RunDirectory, differences, locked, new_run_id
 from harness.run.executors import Progress
+from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from vfoa.errors import VfoaError
@@ -71,7 +72,7 @@ def run_plan(
     if directory.path != out:
         different = differences(RunDirectory(out).read_manifest(), identity)
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
-    if _is_done(directory, retry_failed):
+    if _is_done(plan, directory, retry_failed):
         for prepared in plan.clips:
             skip(prepared, progress)
         tell(f"{directory.path}: finished already; nothing was computed")
@@ -100,12 +101,15 @@ def run_plan(
     return directory
 
 
-def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
-    """Whether this run is finished; if so, remove its partial results."""
+def _is_done(plan: Plan, directory: RunDirectory, retry_failed: bool) -> bool:
+    """Whether this run is finished, with all of its recordings; if so, remove its partial results."""
     manifest = {} if directory.is_new() else directory.read_manifest()
-    if "finished" not in manifest or (retry_failed and manifest.get("failed")):
+    failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
+    if "finished" not in manifest or (retry_failed and failed):
         return False
-    if not manifest.get("failed"):
+    if any(lacks_files(plan.sinks, directory, pair) for pair in plan.pairs if pair not in failed):
+        return False
+    if not failed:
         directory.remove_partial()
     return True
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.pipeline.cache_store import Store
-from harness.run.directory import RunDirectory, new_run_id
+from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
-from harness.run.frame_sink import SinkContext
+from harness.run.frame_sink import SinkContext, SinkFactory
 from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches
 from harness.run.loop import ClipJob, ClipOutcome, run_clip
 from harness.run.plan import prepare
@@ -30,17 +29,21 @@ def test_stretches_hold_every_frame_once_and_in_order_and_grow_no_longer(frames:
     assert set(lengths[-workers:]) <= {1}
 
 
-@dataclass(frozen=True)
-class Recordings:
-    """A sink factory whose configurations may write one file together."""
-
-    shares_files: bool
+class Counts:
+    """A sink factory without files."""
 
     def described(self) -> dict[str, Any]:
         return {}
 
     def open(self, context: SinkContext) -> None:
         return None
+
+
+class Recordings(Counts):
+    """A sink factory whose configurations write one file together."""
+
+    def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
+        return (directory.path / f"{pair[0]}.rrd",)
 
 
 class DyingWorkers:
@@ -61,17 +64,17 @@ class DyingWorkers:
 
 
 @pytest.mark.parametrize(
-    ("shares_files", "together"),
+    ("sinks", "together"),
     [
-        (False, [["bm-one", "bm-two", "sgbm-one", "sgbm-two"]]),
-        (True, [["bm-one"], ["bm-two"], ["sgbm-one"], ["sgbm-two"]]),
+        (Counts(), [["bm-one", "bm-two", "sgbm-one", "sgbm-two"]]),
+        (Recordings(), [["bm-one"], ["bm-two"], ["sgbm-one"], ["sgbm-two"]]),
     ],
 )
 def test_no_two_jobs_write_one_recording_at_the_same_time(
-    shares_files: bool, together: list[list[str]], tmp_path: Path
+    sinks: SinkFactory, together: list[list[str]], tmp_path: Path
 ) -> None:
     experiment = load_experiment("demo", clips=("studio_table",))
-    plan = prepare(experiment, limit=2, sinks=[Recordings(shares_files)])
+    plan = prepare(experiment, limit=2, sinks=[sinks])
     directory, executor = RunDirectory(tmp_path / "run"), DyingWorkers()
     directory.write_manifest({"run_id": new_run_id()})
     store = Store(tmp_path / "cache", 10**9)

@@ -162,6 +162,9 @@ def test_what_a_kill_cut_off_is_dropped_and_the_rest_is_kept(tmp_path: Path) -> 
         sink.write(_frame(2, stereo=9.0))
         assert sink.goes_on
         sink.write(_frame(3, stereo=3.0, gaze=3.0))
+    assert not directory.is_finished(PAIR)
+    sink.mark_finished()
+    assert directory.is_finished(PAIR)
     assert directory.partial(PAIR, "jsonl").read_text() == lines
     assert directory.partial(PAIR, "csv").read_text() == timings
 

@@ -1,0 +1,164 @@
+"""Runs that end while recordings are being closed: the same command writes every recording, with every frame."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rerun.chunk import RrdReader
+
+from harness.record.layer_file import _StreamFile
+from harness.report.sinks import composed_sinks
+from harness.run import loop
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.records import FrameRecord
+from harness.run.runner import prepare, run_plan
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+FRAMES = 2
+
+# two segmentations, whose masks are in one file; two reconstructions
+EXPERIMENT = """
+clips = ["studio_table"]
+defaults.stereo.matcher = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "simulated"
+defaults.gaze.model = "simulated"
+defaults.segmentation.model = "truth"
+
+[[configuration]]
+name = "every"
+
+[[configuration]]
+name = "second"
+segmentation.every = 2
+"""
+RECORDINGS = {f"studio_table{part}.rrd" for part in ("", "__every", "__every.scene", "__second", "__second.scene")}
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_text(tmp_path_factory.mktemp("kept") / "kept.toml", EXPERIMENT)
+
+
+def _run(experiment: Path, out: Path, *, retry_failed: bool = False) -> RunDirectory:
+    loaded = load_experiment(str(experiment))
+    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations))
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, retry_failed=retry_failed)
+
+
+@contextmanager
+def _copies_before_each_rename(out: Path, copies: Path) -> Iterator[None]:
+    """Copy the directory as a kill would leave it before each recording or result gets its name."""
+    replace = Path.replace
+
+    def copy_first(path: Path, target: Path) -> Path:
+        if target.suffix in (".rrd", ".jsonl", ".csv") and target.is_relative_to(out):
+            number = len(list(copies.iterdir()))
+            shutil.copytree(out, copies / f"{number:02d} {target.name}")
+        return replace(path, target)
+
+    copies.mkdir()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Path, "replace", copy_first)
+        yield
+
+
+@pytest.fixture(scope="module")
+def killed(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, list[Path]]:
+    """A whole run, and what a kill would have left of it before each of its files got its name."""
+    folder = tmp_path_factory.mktemp("killed")
+    with _copies_before_each_rename(folder / "whole", folder / "copies"):
+        whole = _run(experiment, folder / "whole")
+    return whole, sorted((folder / "copies").iterdir())
+
+
+def _values(run: Path) -> dict[tuple[str, str, str, object], object]:
+    """Every value of a run's recordings, by file, entity, component and frame."""
+    values: dict[tuple[str, str, str, object], object] = {}
+    for path in sorted(run.glob("*.rrd")):
+        for chunk in RrdReader(path).stream():
+            batch = chunk.to_record_batch()
+            names = batch.schema.names
+            frames = batch.column("frame").cast("int64").to_pylist() if "frame" in names else [None] * batch.num_rows
+            for name in (name for name in names if ":" in name):
+                rows = zip(frames, batch.column(name), strict=True)
+                values |= {(path.name, chunk.entity_path, name, frame): value for frame, value in rows}
+    return {key: value for key, value in values.items() if not key[1].startswith("/__properties")}
+
+
+def _assert_whole(run: RunDirectory, whole: RunDirectory) -> None:
+    assert {path.name for path in run.path.glob("*.rrd*")} == RECORDINGS
+    assert run.results.read_bytes() == whole.results.read_bytes()
+    assert _values(run.path) == _values(whole.path)
+    assert not (run.path / "partial").exists()
+
+
+def test_a_run_that_is_killed_while_recordings_are_closed_loses_none(
+    experiment: Path, killed: tuple[RunDirectory, list[Path]]
+) -> None:
+    whole, copies = killed
+    assert {path.name.split(" ", 1)[1] for path in copies} >= RECORDINGS
+    assert len(copies) >= 2 * len(RECORDINGS) - 1
+    for copy in copies:
+        _assert_whole(_run(experiment, copy), whole)
+
+
+@pytest.mark.parametrize("name", sorted(RECORDINGS))
+def test_a_finished_run_without_one_of_its_recordings_goes_on(
+    name: str, experiment: Path, killed: tuple[RunDirectory, list[Path]], tmp_path: Path
+) -> None:
+    whole, _ = killed
+    shutil.copytree(whole.path, tmp_path / "out")
+    (tmp_path / "out" / name).unlink()
+    _assert_whole(_run(experiment, tmp_path / "out"), whole)
+
+
+@pytest.mark.parametrize("code", [errno.EDQUOT, errno.EIO, errno.EFBIG])
+def test_a_disk_that_fails_while_recordings_are_closed_loses_none(
+    code: int,
+    experiment: Path,
+    killed: tuple[RunDirectory, list[Path]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, _ = killed
+    write = _StreamFile._write
+
+    def fail(self: _StreamFile, content: bytes) -> None:
+        if ".whole" in self._path.name or len(list(tmp_path.glob("out/*.rrd"))) > 2:
+            self._error = OSError(code, "no more")
+        else:
+            write(self, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(_StreamFile, "_write", fail)
+        with pytest.raises(OSError, match="no more"):
+            _run(experiment, tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").glob("*.rrd")} < RECORDINGS
+    _assert_whole(_run(experiment, tmp_path / "out"), whole)
+
+
+def test_a_configuration_that_is_repeated_leaves_the_masks_of_the_others_in_the_shared_recording(
+    experiment: Path, killed: tuple[RunDirectory, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _ = killed
+    to_record = loop.to_record
+
+    def fail_for_the_second(clip: str, configuration: str, *rest: Any) -> FrameRecord:
+        if configuration == "second":
+            raise VfoaError("out of memory")
+        return to_record(clip, configuration, *rest)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(loop, "to_record", fail_for_the_second)
+        partly = _run(experiment, tmp_path / "out")
+    assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
+    _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)
