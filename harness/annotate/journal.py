@@ -16,7 +16,7 @@ import stat
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -57,8 +57,8 @@ class Journal:
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            clip = of.name.partition(".")[0].partition("@")[0]
-            mode = None if path.exists() else _mode_of([of] if of.exists() else path.parent.glob(f"{clip}*.jsonl"))
+            self._of_clip = f"{of.name.partition('.')[0].partition('@')[0]}*.jsonl"
+            mode = None if path.exists() else _mode_of([of] if of.exists() else path.parent.glob(self._of_clip))
             self._file = path.open("a+b", buffering=0)
             if mode is not None:
                 os.fchmod(self._file.fileno(), mode)
@@ -107,6 +107,14 @@ class Journal:
             self._file.truncate(end)
             raise VfoaError(f"{self.path}: cannot be written: {error.strerror}") from None
         return end
+
+    def next_time_s(self) -> float:
+        """The time for a new entry: the clock's, seconds since 1970, but later than all entries of the clip's journals.
+
+        The order of steps in two journals is then that in which they were made, also if the clock was set back.
+        """
+        last_s = max(map(_last_time_s, self.path.parent.glob(self._of_clip)), default=0.0)
+        return max(round(time.time(), 3), round(last_s + 0.001, 3))
 
     def take_back(self, offset: int) -> None:
         """Remove the entry at this offset, and everything after it."""
@@ -237,7 +245,7 @@ class JournaledStore(ABC, Generic[Content]):
     def last_step(self, kind: StepBack) -> TimedStep | None:
         """The step that is undone, or made again, next, after the time at which it was made, or undone; or None.
 
-        Times are seconds since 1970, which order the steps of two stores.
+        Times order the steps of two stores: :meth:`Journal.next_time_s`.
         """
         return self._steps[kind][-1] if self._steps[kind] else None
 
@@ -297,7 +305,7 @@ class JournaledStore(ABC, Generic[Content]):
             raise StaleRevisionError
         assert self._journal is not None
         request = {"id": self._request} if self._request else {}
-        entry = {**entry, **request, "time_s": _now_s()}
+        entry = {**entry, **request, "time_s": self._journal.next_time_s()}
         offset = self._journal.append(entry)
         try:
             with self._reported(""):
@@ -351,9 +359,9 @@ class JournaledStore(ABC, Generic[Content]):
 
     def _take_over(self, content: Content) -> None:
         """Begin anew with the content of the file."""
-        entry = {**self.base_of(content), "revision": self.revision, "time_s": _now_s()}
+        entry = {**self.base_of(content), "revision": self.revision}
         if self._journal is not None:
-            self._journal.append(entry)
+            self._journal.append({**entry, "time_s": self._journal.next_time_s()})
         self.apply(entry)
         self._written, self._digest = content, self._file_digest()
 
@@ -374,8 +382,21 @@ class JournaledStore(ABC, Generic[Content]):
         return file_digest(self.path) if self.path.is_file() else None
 
 
-def _now_s() -> float:
-    return round(time.time(), 3)
+_TAIL_BYTES = 4096
+"""More than almost every entry takes."""
+
+
+def _last_time_s(journal: Path) -> float:
+    """The time of the last entry of a journal that another process may have; 0 if there is none that can be read."""
+    with suppress(OSError, VfoaError, LookupError, TypeError, ValueError), journal.open("rb") as file:
+        size, read = file.seek(0, os.SEEK_END), 0
+        while read < size:
+            read = min(size, 2 * read or _TAIL_BYTES)
+            file.seek(size - read)
+            *lines, _ = file.read(read).split(b"\n")  # the last entry may be half-written
+            if len(lines) > 1 or (lines and read == size):
+                return float(parse_json(lines[-1], journal)["time_s"])
+    return 0.0
 
 
 def _last_base(entries: list[Entry]) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +106,6 @@ def test_one_history_takes_back_labels_targets_and_drawing(opened: Any, work: Pa
     for step in steps:
         step()
         states.append(shown())
-        time.sleep(0.002)  # two stores are ordered by milliseconds
     for expected in reversed(states[1:-1]):
         session.step_back("undo")
         assert shown() == expected
@@ -147,6 +145,39 @@ def _rename(session: Session) -> None:
 
 def _delete(session: Session) -> None:
     session.delete_target("cup", "book")
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_undo_takes_back_the_newest_change_also_after_the_clock_was_set_back(
+    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch, restart: bool
+) -> None:
+    session, clock = opened(), iter((4000.0, 3000.0, 2000.0, 1000.0))
+
+    def change(make: Callable[[], None]) -> None:
+        nonlocal session
+        if restart:
+            session.close()
+            session = opened()
+        now = next(clock)
+        with monkeypatch.context() as patch:
+            patch.setattr("time.time", lambda: now)
+            make()
+
+    def shown() -> tuple[str, int]:
+        return _said(work), len(session.drawn()["tracks"])
+
+    change(lambda: _mark(session, 0, 3, "cup"))
+    change(lambda: _draw(session, "cup", 0))
+    change(lambda: _mark(session, 4, 7, "book"))
+    change(lambda: _draw(session, "book", 0))
+    states = [("cccc........", 0), ("cccc........", 1), ("ccccbbbb....", 1), ("ccccbbbb....", 2)]
+    assert shown() == states[-1]
+    for expected in reversed(states[:-1]):
+        session.step_back("undo")
+        assert shown() == expected
+    for expected in states[1:]:
+        session.step_back("redo")
+        assert shown() == expected
 
 
 @pytest.mark.parametrize(("change", "given"), [(_rename, "m"), (_delete, "b")])
