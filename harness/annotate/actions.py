@@ -120,17 +120,20 @@ def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: 
 
 
 def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
-    """Confirm the suggestion at a position, for as long as it is the same."""
+    """Confirm the suggestions at and around a position that have its target; they keep their notes."""
     first, last = stretch_at(track, at, same_target=True)
-    mark = track[at]
-    return [] if mark is None or not mark.is_suggested else mark_range(first, last, mark.target)
+    if (here := track[at]) is None or not here.is_suggested:
+        return []
+    return list(stretches([mark and replace(mark, is_suggested=False) for mark in track], first, last))
 
 
 def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
-    """Put a note on the label at a position, for as long as it is the same."""
-    first, last = stretch_at(track, at, same_target=True)
-    new = [mark and replace(mark, note=note) for mark in track]
-    return list(stretches(new, first, last)) if track[at] is not None else []
+    """Put a note on the label at a position: the frames around it with the same target and the same note."""
+    if track[at] is None:
+        return []
+    shown = [mark and replace(mark, carried=False, point_px=None) for mark in track]
+    first, last = stretch_at(shown, at)
+    return list(stretches([mark and replace(mark, note=note) for mark in track], first, last))
 
 
 def _is_given(mark: Mark | None) -> bool:

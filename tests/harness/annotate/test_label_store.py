@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from harness.annotate import actions
 from harness.annotate.journal import StaleRevisionError
 from harness.annotate.label_store import LabelStore
-from harness.annotate.marks import Mark
+from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations
 from harness.labels.labels import TO_DECIDE, Label, Labels, Timeline
 from tests.disk import write_text
@@ -157,6 +157,30 @@ def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
     assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(3, "ann") == Label(target="cup")
+
+
+def test_a_note_leaves_those_of_its_neighbours(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    noted = [Stretch(first=at, last=at + 1, mark=Mark(target="cup", note=f"note {at}")) for at in (0, 2, 4, 6)]
+    store.put("ann", noted)
+    store.put("ann", actions.annotate(store.track("ann"), 3, "glasses"))
+    notes = ["note 0", "glasses", "note 4", "note 6"]
+    assert [mark and mark.note for mark in store.track("ann")] == [note for note in notes for _ in range(2)]
+
+
+def test_a_note_is_on_all_frames_to_which_a_label_is_carried(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 2, "cup")
+    store.put("ann", actions.annotate(store.track("ann"), 2, "glasses"))
+    assert [mark and mark.note for mark in store.track("ann")] == [None] * 2 + ["glasses"] * 6
+
+
+def test_a_confirmed_suggestion_keeps_its_note(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    store.put("ann", actions.annotate(store.track("ann"), 4, "glasses"))
+    store.put("ann", actions.confirm(store.track("ann"), 4))
+    assert store.track("ann") == [Mark(target="cup", note="glasses")] * 8
 
 
 def test_the_id_of_a_change_is_known_also_after_a_restart(tmp_path: Path) -> None:
