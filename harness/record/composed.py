@@ -28,10 +28,22 @@ class Composed:
 
     name: str
     files: tuple[Path, ...]
-    application_id: str = ""
     frames: tuple[int, ...] = ()
     make_layout: Callable[[str | None], rrb.Blueprint] | None = None
     subject: str | None = None
+
+    @property
+    def application_id(self) -> str:
+        """The application id of the files, under which the viewer keeps their layout.
+
+        Raises
+        ------
+        VfoaError
+            If the first file cannot be read.
+        """
+        from harness.record.reading import ids_of
+
+        return ids_of(self.files[0]).application
 
     def layout(self, subject: str | None = None) -> rrb.Blueprint | None:
         """Return the layout, with this subject's tab in front; None for the one in the files.
@@ -106,7 +118,6 @@ class RecordedClip:
         return Composed(
             name=name,
             files=tuple(dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))),
-            application_id=self.files.application_id,
             frames=self.frames,
             make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
         )

@@ -14,7 +14,7 @@ from harness.record import entities
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
 from harness.record.layer_file import write_whole
-from harness.record.reading import id_of, reading
+from harness.record.reading import ids_of, reading
 from vfoa.errors import VfoaError
 
 
@@ -34,10 +34,11 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
     inside = [number for number in recording.frames if abs(number - frame) <= margin]
     every = key_frame_every(rate_hz)
     key = recording.frames[recording.frames.index(inside[0]) // every * every]
-    name = f"{id_of(recording.files[0])}-{frame}"
+    ids = ids_of(recording.files[0])
+    ids = ids._replace(recording=f"{ids.recording}-{frame}")
     with replacing(excerpt) as draft:
         chunks = _all_cut(recording.files, key, inside[0], inside[-1])
-        write_whole(draft, recording.application_id, name, recording.layout(), chunks)
+        write_whole(draft, ids, recording.layout(), chunks)
 
 
 def _all_cut(files: Iterable[Path], key: int, first: int, last: int) -> Iterator[Chunk]:

@@ -21,7 +21,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
 from harness.record.frame_log import FrameLog
-from harness.record.layers import ClipFiles
+from harness.record.layers import ClipFiles, RecordingIds
 from harness.run.resume import EVEN_FRAMES
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ class LayerFile:
         self._files = files
         self._layout: rrb.Blueprint | None = None
         self.stream = rr.RecordingStream(
-            files.application_id,
-            recording_id=files.recording_id,
+            files.ids.application,
+            recording_id=files.ids.recording,
             # the default, 0.2 s, would cut a slow pipeline's recording into a chunk per frame and entity
             batcher_config=rr.ChunkBatcherConfig(flush_tick=datetime.timedelta(seconds=60)),
         )
@@ -161,7 +161,7 @@ class LayerFile:
 
     def _assemble(self) -> None:
         """Write the chunks of all partial files into the complete file, and remove the partial ones."""
-        write_whole(self._partial, self._files.application_id, self._files.recording_id, self._layout, self._chunks())
+        write_whole(self._partial, self._files.ids, self._layout, self._chunks())
         self._partial.replace(self._path)
         for path in self._path.parent.iterdir():
             if path.name.startswith(f"{self._path.name}.partial"):
@@ -180,9 +180,7 @@ class LayerFile:
             log.send()
 
 
-def write_whole(
-    path: Path, application_id: str, recording_id: str, layout: rrb.Blueprint | None, chunks: Iterable[Chunk]
-) -> None:
+def write_whole(path: Path, ids: RecordingIds, layout: rrb.Blueprint | None, chunks: Iterable[Chunk]) -> None:
     """Write a recording from chunks, with the layout in which the viewer opens it.
 
     Raises
@@ -190,7 +188,7 @@ def write_whole(
     OSError
         If the file cannot be written.
     """
-    stream = rr.RecordingStream(application_id, recording_id=recording_id, send_properties=False)
+    stream = rr.RecordingStream(ids.application, recording_id=ids.recording, send_properties=False)
     whole = _StreamFile(stream, path, layout, footer=True)
     try:
         unwritten = 0

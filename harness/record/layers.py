@@ -1,6 +1,6 @@
 """The layers of a clip's recording: the files that a run writes, and those that show one configuration.
 
-All files of a clip have one recording id, so that the viewer and Rerun's catalogue merge them::
+All files of a clip have one recording id and one application id, so that the viewer and Rerun's catalogue merge them::
 
     CLIP.rrd                              images, and the masks of each distinct segmentation
     CLIP__RECONSTRUCTION.scene.rrd        disparity, clouds and boxes of each distinct reconstruction
@@ -17,7 +17,7 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 Plain = Mapping[str, Any]
 """A configuration as JSON values, as in the manifest of a run."""
@@ -54,21 +54,31 @@ def layer_names(configurations: Mapping[str, Plain]) -> dict[str, LayerNames]:
     return names
 
 
-def recording_id(run_id: str, clip: str) -> str:
-    """The recording id of a clip in the run with this random id: wherever its directory is, and whatever its name."""
-    return str(uuid.uuid5(uuid.UUID(run_id), clip))
+class RecordingIds(NamedTuple):
+    """What all layers of a recording share: files of one ``recording`` are merged.
+
+    The viewer keeps a layout for each ``application``.
+    """
+
+    application: str
+    recording: str
+
+
+def recording_ids(run_id: str, clip: str) -> RecordingIds:
+    """The ids of a clip in the run with this random id: wherever its directory is, and whatever its name."""
+    return RecordingIds(application=f"vfoa {clip} {run_id[:8]}", recording=str(uuid.uuid5(uuid.UUID(run_id), clip)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipFiles:
     """The files of one clip's recording in the directory of a run.
 
-    All layers of the clip have the ``recording_id``; it is needed to write one, not to find them.
+    All layers of the clip have the ``ids``; they are needed to write one, not to find them.
     """
 
     run: Path
     clip: str
-    recording_id: str = field(default_factory=lambda: str(uuid.uuid4()), compare=False)
+    ids: RecordingIds = field(default_factory=lambda: RecordingIds("vfoa", str(uuid.uuid4())), compare=False)
 
     @property
     def images(self) -> Path:
@@ -96,8 +106,3 @@ class ClipFiles:
             self.verdicts(layers.configuration),
         )
         return tuple(file for file in files if file.is_file())
-
-    @property
-    def application_id(self) -> str:
-        """The viewer stores a layout per application id: each clip has its own."""
-        return f"vfoa {self.clip}"

@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from harness.record import entities
+from harness.record.layers import RecordingIds
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -33,10 +34,11 @@ def entity_paths(recording: Path) -> set[str]:
         return {chunk.entity_path for chunk in RrdReader(recording).stream()}
 
 
-def id_of(recording: Path) -> str:
-    """Return the recording id, which all layers of a clip share."""
+def ids_of(recording: Path) -> RecordingIds:
+    """Return the ids that all layers of a clip share."""
     with reading(recording):
-        return RrdReader(recording).recordings()[0].recording_id
+        entry = RrdReader(recording).recordings()[0]
+        return RecordingIds(application=entry.application_id, recording=entry.recording_id)
 
 
 def properties(recording: Path) -> dict[str, object]:

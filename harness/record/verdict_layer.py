@@ -19,8 +19,8 @@ from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
 from harness.record.frame_log import FrameLog, Shown
 from harness.record.layer_file import LayerFile
-from harness.record.layers import ClipFiles, recording_id
-from harness.record.reading import id_of, properties, reading
+from harness.record.layers import ClipFiles, RecordingIds, recording_ids
+from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
@@ -80,11 +80,20 @@ def write_verdict_layers(
     for (clip, configuration), its_blocks in of_pair.items():
         attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
         if attention.is_file():
-            shared = recording_id(run_id, clip) if (run_id := manifest.get("run_id")) else id_of(attention)
-            files = ClipFiles(run=directory.path, clip=clip, recording_id=shared)
+            files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.get("run_id"), clip))
             names = (names_now or {}).get(clip, {})
             layer = _Layer(directory.results, files, configuration, clips[clip], labels.get(clip), names)
             layer.write(its_blocks)
+
+
+def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
+    """The ids of the layer of attention, which an earlier version may have made differently."""
+    try:
+        return ids_of(attention)
+    except VfoaError:
+        if run_id is None:
+            raise
+        return recording_ids(run_id, clip)  # that layer is damaged: this one fits the other layers
 
 
 @cache
@@ -114,7 +123,7 @@ class _Layer:
 
     def write(self, blocks: Sequence[Block]) -> None:
         """Write the stretches that have changed; nothing if none has."""
-        old, stretches, kept_frames = _stretches(self._path, self._files.recording_id), list[_Stretch](), set[int]()
+        old, stretches, kept_frames = _stretches(self._path, self._files.ids), list[_Stretch](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
             shown = stretches[-1].shown if stretches else {}
@@ -181,12 +190,12 @@ class _Layer:
         layer.close(complete=True)
 
 
-def _stretches(path: Path, recording_id: str) -> list[_Stretch]:
+def _stretches(path: Path, ids: RecordingIds) -> list[_Stretch]:
     """The stretches that a layer was made from; empty if it is missing, damaged or of another recording."""
     if not path.is_file():
         return []
     try:
-        if id_of(path) != recording_id:
+        if ids_of(path) != ids:
             return []
         return msgspec.json.decode(str(properties(path).get(_MADE_FROM)), type=list[_Stretch])
     except (VfoaError, msgspec.DecodeError):

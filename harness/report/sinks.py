@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.pipeline.configuration import Configuration
-from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
+from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import SinkContext, SinkFactory
 
@@ -39,9 +39,7 @@ class RecordingSinks:
 
         manifest = context.manifest
         return Recorder(
-            ClipFiles(
-                run=context.directory.path, clip=manifest.name, recording_id=recording_id(context.run_id, manifest.name)
-            ),
+            ClipFiles(run=context.directory.path, clip=manifest.name, ids=recording_ids(context.run_id, manifest.name)),
             self.layers[context.configuration],
             rate_hz=context.rate_hz,
             subjects=tuple(manifest.subjects),

@@ -27,7 +27,8 @@ from harness.cli import app
 from harness.cli.view import step_through
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
-from harness.record.layers import ClipFiles
+from harness.record.layers import ClipFiles, RecordingIds
+from harness.record.reading import ids_of
 from harness.record.web_app import site
 from harness.record.web_viewer import page_files
 from harness.report.write import report_page
@@ -119,10 +120,11 @@ def test_a_correction_is_in_the_labels_the_tables_and_the_recording(run: RunResu
 
 
 def test_a_copied_run_and_a_renamed_one_stay_whole(run: RunResults, tmp_path: Path) -> None:
-    def ids(folder: Path) -> set[str]:
+    def ids(folder: Path) -> RecordingIds:
         files = [*folder.glob("*.rrd")]
         assert len(files) == 6  # images, a reconstruction; attention and verdicts of two configurations
-        return {RrdReader(file).recordings()[0].recording_id for file in files}
+        (shared,) = set(map(ids_of, files))
+        return shared
 
     second = Path(shutil.copytree(run.path, tmp_path / "second"))
     correct(load_run(second).directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
@@ -139,10 +141,9 @@ def test_a_copied_run_and_a_renamed_one_stay_whole(run: RunResults, tmp_path: Pa
 
 def test_runs_of_one_name_in_two_folders_have_recordings_of_their_own(run: RunResults, tmp_path: Path) -> None:
     again = run_experiment(run.path.parent / "cones.toml", out=tmp_path / "run", limit=1)
-    one, other = (
-        {RrdReader(file).recordings()[0].recording_id for file in each.path.glob("*.rrd")} for each in (run, again)
-    )
-    assert (len(one), len(other), len(one | other)) == (1, 1, 2)
+    ((one,), (other,)) = (set(map(ids_of, each.path.glob("*.rrd"))) for each in (run, again))
+    assert one.recording != other.recording
+    assert one.application != other.application  # the viewer keeps a layout for each
 
 
 def _annotate(run: RunResults, monkeypatch: pytest.MonkeyPatch, change: Callable[[Session], None]) -> str:
@@ -270,7 +271,7 @@ def test_the_buttons_of_the_served_report_lead_to_a_written_label(run: RunResult
     last.clear()
     last.send_keys("3")
     press("xpath", "//button[text()='Write the label']")
-    wait_for(lambda: "tables, page and recordings are updated" in report.find_element("tag name", "body").text)
+    wait_for(lambda: "tables, page and recordings are updated" in report.page_source)
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
     press("link text", "Back to the report")
     wait_until_drawn(report)

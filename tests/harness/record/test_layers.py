@@ -10,9 +10,10 @@ from rerun.chunk import RrdReader
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
+from harness.record.reading import ids_of
 from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
-from harness.run.directory import RunDirectory
+from harness.run.directory import RunDirectory, new_run_id
 from harness.run.results import read_block
 from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
 from vfoa.errors import VfoaError
@@ -154,6 +155,17 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
         shared.files.verdicts(name).unlink()
     written(late)
     assert content() == edited
+
+
+def test_a_layer_that_is_written_later_joins_the_recording_of_an_earlier_version(shared):
+    """Its ids were made in another way than those of the manifest's run would be now."""
+    manifest = RunDirectory(shared.run).read_manifest()
+    RunDirectory(shared.run).write_manifest({**manifest, "run_id": new_run_id()})
+    before = ids_of(shared.files.attention("one"))
+    write_verdict_layers(RunDirectory(shared.run), {})
+    assert {ids_of(path) for path in shared.run.glob("*.rrd")} == {before}
+    shared.files.attention("one").write_bytes(b"no recording")
+    write_verdict_layers(RunDirectory(shared.run), {"clip": LABELS})  # scores are whole without it
 
 
 def test_a_clip_without_labels_has_predictions_alone(shared, read_back):

@@ -21,7 +21,7 @@ from harness.record import entities, layer_file
 from harness.record.appearance import attention_by_name
 from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
-from harness.record.layers import ClipFiles, recording_id
+from harness.record.layers import ClipFiles, recording_ids
 from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
 from harness.run.directory import new_run_id
@@ -253,8 +253,9 @@ def test_a_clip_without_frames_or_names_is_a_recording_too(tmp_path, frames):
 
 def test_recordings_of_different_runs_and_clips_can_be_open_together():
     one, other = new_run_id(), new_run_id()
-    assert recording_id(one, "clip") == recording_id(one, "clip")
-    assert len({recording_id(one, "clip"), recording_id(other, "clip"), recording_id(one, "clop")}) == 3
+    assert recording_ids(one, "clip") == recording_ids(one, "clip")
+    made = [recording_ids(one, "clip"), recording_ids(other, "clip"), recording_ids(one, "clop")]
+    assert len({ids.recording for ids in made}) == len({ids.application for ids in made}) == 3
 
 
 @pytest.mark.parametrize("every", [1, 2, 3])

@@ -13,12 +13,14 @@ import cv2
 import numpy as np
 import psutil
 import pytest
+from rerun.chunk import RrdReader
 
 from harness.cli import main
 from harness.record import viewer
 from harness.record.blueprint import eye_controls
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
+from harness.record.reading import ids_of
 from harness.record.viewer import screenshot
 from tests.harness.record.conftest import ANN, write_run
 from vfoa.errors import VfoaError
@@ -121,6 +123,18 @@ def test_recordings_are_found_by_clip_and_configuration(frames, tmp_path):
         path.unlink()
     with pytest.raises(VfoaError, match="found none"):
         find_recordings(run, None, None)
+
+
+def test_the_layout_is_that_of_the_application_of_the_files(frames, tmp_path):
+    clip = find_clips(write_run(tmp_path / "run", {"one": frames, "two": frames}).run, None, None)[0]
+    for recording in (clip.compose(), clip.under("two").compose(), clip.compare("one", "two")):
+        layout, *files = recording.files_to_open(tmp_path)
+        (stored,) = {entry.application_id for entry in RrdReader(layout).blueprints()}
+        assert {stored} == {ids_of(file).application for file in files}
+    excerpt = tmp_path / "excerpt.rrd"
+    write_excerpt(clip.compose(), 25, 13, 1, excerpt)
+    assert ids_of(excerpt).application == stored
+    assert ids_of(excerpt).recording != ids_of(clip.files.images).recording
 
 
 def test_a_frame_that_the_clip_does_not_have_is_refused(frames, tmp_path):
