@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -157,6 +157,7 @@ def _named(value: Any) -> Any:
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
 LOCK = ".lock"
+_TRACEBACK = "traceback.txt"
 
 
 def new_run_id() -> str:
@@ -232,7 +233,7 @@ class RunDirectory:
 
     def traceback(self, pair: Pair) -> Path:
         """The file for the traceback of a (clip, configuration) that a stage's fault ended."""
-        return self.partial(pair, "traceback.txt")
+        return self.partial(pair, _TRACEBACK)
 
     def checkpoint(self, pair: Pair) -> Path:
         """The checkpoint of an unfinished (clip, configuration) (:mod:`harness.run.resume`)."""
@@ -281,7 +282,7 @@ class RunDirectory:
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""
-        for suffix in ("jsonl.partial", "csv.partial", "traceback.txt", "checkpoint"):
+        for suffix in ("jsonl.partial", "csv.partial", _TRACEBACK, "checkpoint"):
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def remove_partial(self) -> None:
@@ -289,14 +290,26 @@ class RunDirectory:
         shutil.rmtree(self.path / "partial", ignore_errors=True)
 
     def is_new(self) -> bool:
-        """Whether no run is here; the draft of a first file, left by a killed run, does not count."""
-        if not self.path.exists():
-            return True
-        return all(path.name == LOCK or path.name.startswith(".manifest.json.") for path in self.path.iterdir())
+        """Whether no run is here: a killed run's draft of its first file, and a refused run's tracebacks may be."""
+        return not self.path.exists() or all(map(_is_left_over, self.path.iterdir()))
+
+    def has_results(self) -> bool:
+        """Whether a frame is finished."""
+        return any(path.stat().st_size for path in (self.path / "partial").glob("*.jsonl*"))
 
     def partial(self, pair: Pair, suffix: str) -> Path:
         """A file of the partial results of a (clip, configuration)."""
         return self.path / "partial" / f"{_stem(pair)}.{suffix}"
+
+
+def _is_left_over(path: Path) -> bool:
+    if path.name == "partial":
+        return all(map(_is_traceback, path.iterdir()))
+    return path.name == LOCK or path.name.startswith(".manifest.json.")
+
+
+def _is_traceback(path: Path) -> bool:
+    return path.name.endswith(f".{_TRACEBACK}")
 
 
 def _stem(pair: Pair) -> str:
@@ -324,9 +337,8 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
     VfoaError
         If another process holds the lock.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("a+", errors="replace") as file:
-        is_free = take_lock(file)
+    file, is_free = _open_lock(folder)
+    with file:
         file.seek(0)
         holder = file.read(200).strip()
         if not is_free:
@@ -343,6 +355,62 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
             yield
         finally:
             file.truncate(0)
+
+
+def _open_lock(folder: Path) -> tuple[IO[str], bool]:
+    """The lock of a folder, made if there is none, and whether this process holds it now."""
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / LOCK).open("a+", errors="replace")
+        is_free = take_lock(file)
+        if not is_free or _is_at(file, folder / LOCK):
+            return file, is_free
+        file.close()  # a refused run has removed it meanwhile
+
+
+def _is_at(file: IO[str], path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def missing_of(folder: Path) -> list[Path]:
+    """What a run in this folder makes before it begins, of what is not there: lock, folder and folders above it."""
+    return [path for path in (folder / LOCK, folder, *folder.parents) if not path.exists()]
+
+
+@contextmanager
+def removed_if_refused(directory: RunDirectory, made: Iterable[Path]) -> Iterator[None]:
+    """If the block raises before a frame is finished, remove what it has written into a new directory, and ``made``.
+
+    After a repair the same command is another run, for which the directory would be taken. Tracebacks stay: messages
+    name them. The directory is locked; ``made`` is :func:`missing_of` it before it was.
+    """
+    was_new = directory.is_new()
+    try:
+        yield
+    except Exception:
+        if was_new and not directory.has_results():
+            with suppress(OSError):  # a folder that is not empty, or closed: the block's error says what to do
+                _remove_refused(directory.path, made)
+        raise
+
+
+def _remove_refused(folder: Path, made: Iterable[Path]) -> None:
+    partial = folder / "partial"
+    for path in (*folder.iterdir(), *partial.glob("*")):
+        if path.is_dir() and path != partial:
+            shutil.rmtree(path)
+        elif path not in (partial, folder / LOCK) and not _is_traceback(path):
+            path.unlink()
+    with suppress(OSError):
+        partial.rmdir()
+    for path in made:
+        if path.is_dir():
+            path.rmdir()
+        else:
+            path.unlink()
 
 
 def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -12,7 +12,7 @@ from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
-from harness.run.directory import Pair, RunDirectory, differences, locked, new_run_id
+from harness.run.directory import Pair, RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
@@ -60,7 +60,8 @@ def run_plan(
     Raises
     ------
     VfoaError
-        If the directory holds another run, or one in progress, or nothing could be finished.
+        If the directory holds another run, or one in progress, or nothing could be finished. A run that is refused
+        before its first finished frame leaves no directory.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
@@ -77,7 +78,8 @@ def run_plan(
             skip(prepared, progress)
         tell(f"{directory.path}: finished already; nothing was computed")
         return directory
-    with locked(directory.path, tell):
+    made = missing_of(directory.path)
+    with locked(directory.path, tell), removed_if_refused(directory, made):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
         earlier = {} if directory.is_new() else directory.read_manifest()
         for failure in earlier.get("failed", ()):  # a repaired input may give another result

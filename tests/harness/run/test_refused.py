@@ -1,0 +1,101 @@
+"""A run that is refused before its first finished frame leaves nothing that the next one would be kept from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.run.directory import LOCK, RunDirectory, locked, missing_of, removed_if_refused
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+EXPERIMENT = """
+clips = ["studio_table"]
+[[configuration]]
+name = "files"
+stereo = { matcher = "files", root = "maps", pattern = "%04d.npy", partial = true }
+segmentation.model = "truth"
+heads.detector = "truth"
+head_pose.model = "none"
+gaze.model = "truth"
+"""
+
+
+def _run(out: Path) -> RunDirectory:
+    plan = prepare(load_experiment("files.toml"), limit=2)
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, beside=True)
+
+
+@pytest.fixture
+def map_of_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The damaged disparity of the first frame, in the working directory of an experiment that reads it."""
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "files.toml", EXPERIMENT)
+    return write_text(tmp_path / "maps" / "0001.npy", "no map")
+
+
+def test_the_command_takes_the_same_folder_after_the_repair(map_of_first: Path) -> None:
+    out = Path("runs/files")
+    with pytest.raises(VfoaError, match=r"0001\.npy"):
+        _run(out)
+    assert not Path("runs").exists()
+    for path in (map_of_first, map_of_first.with_name("0002.npy")):
+        np.save(path, np.full((436, 1024), 20, np.float32))
+    assert _run(out).path == out
+    assert [path.name for path in Path("runs").iterdir()] == ["files"]
+
+
+def test_a_folder_that_was_there_stays(map_of_first: Path) -> None:
+    out = Path("runs/files")
+    out.mkdir(parents=True)
+    with pytest.raises(VfoaError, match=r"0001\.npy"):
+        _run(out)
+    assert list(Path("runs").rglob("*")) == [out]
+
+
+def test_what_an_earlier_run_has_written_stays(map_of_first: Path) -> None:
+    out = RunDirectory(Path("files"))
+    out.write_manifest({"experiment": "other"})
+    with pytest.raises(VfoaError, match=r"0001\.npy"):
+        _run(out.path)
+    assert out.read_manifest() == {"experiment": "other"}
+    assert [path.name for path in Path().glob("files*") if path.is_dir()] == ["files"]
+
+
+@pytest.mark.parametrize("line", ["", "{}\n"], ids=["no frame", "a frame"])
+def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path / "run")
+    pair = ("clip", "configuration")
+
+    def refused() -> None:
+        made = missing_of(directory.path)
+        with locked(directory.path, print), removed_if_refused(directory, made):
+            directory.write_manifest({})
+            write_text(directory.partial(pair, "jsonl.partial"), line)
+            write_text(directory.traceback(pair), "Traceback")
+            raise VfoaError("refused")
+
+    with pytest.raises(VfoaError, match="refused"):
+        refused()
+    assert directory.traceback(pair).read_text() == "Traceback"
+    assert directory.is_new() == (line == "")
+    assert directory.manifest.exists() == directory.partial(pair, "jsonl.partial").exists() == (line != "")
+
+
+def test_a_lock_that_was_removed_meanwhile_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from harness.run import directory
+
+    def taken_late(file: object) -> bool:
+        calls.append(file)
+        if len(calls) == 1:
+            (tmp_path / LOCK).unlink()
+        return True
+
+    calls: list[object] = []
+    monkeypatch.setattr(directory, "take_lock", taken_late)
+    with locked(tmp_path, print):
+        assert "process" in (tmp_path / LOCK).read_text()
