@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TypeVar
 
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.label_store import LabelStore
-from harness.clips.manifest import ClipManifest
+from harness.clips.manifest import ClipManifest, clip_files
 from harness.files.folders import came_with_program
 from harness.labels.files import target_names
 from harness.labels.labels import RESERVED, Timeline
@@ -30,6 +31,13 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
     files = manifest.annotations
     present = files.find(annotator)
     return _open(LabelStore, files.place(annotator), present, manifest, timeline, _targets(manifest, present))
+
+
+def undo_command(manifest: ClipManifest, annotator: str | None) -> str:
+    """The command line that takes back the last change of an annotator's labels."""
+    known = clip_files().get(manifest.name)
+    clip = manifest.name if known and known.absolute() == manifest.path else str(manifest.path)
+    return shlex.join(["vfoa", "labels", "undo", clip, *(("--annotator", annotator) if annotator else ())])
 
 
 def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:

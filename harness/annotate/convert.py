@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.annotate.clip_stores import open_store
-from harness.annotate.marks import from_labels, stretches
+from harness.annotate.clip_stores import open_store, undo_command
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
@@ -53,7 +52,7 @@ def import_labels(
 ) -> Imported:
     """Read another program's file in the format called ``name`` into an annotator's labels of the clip.
 
-    Labels of subjects that the file does not have are kept. Replaced labels stay in the journal of the labelling page.
+    Labels of subjects that the file does not have are kept. The import is one step, which can be undone.
 
     Parameters
     ----------
@@ -73,22 +72,20 @@ def import_labels(
     imported = chosen.read(source, exchange)
     if not imported.labels.ranges:
         raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
-    new, notes, timeline, frames = imported.labels, list(imported.notes), exchange.timeline, exchange.frames
+    new, notes = imported.labels, list(imported.notes)
     if confirm:
         new = Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in new.ranges)
     if suggested := sum(row.label.is_suggested for row in new.ranges):
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
-    with closing(open_store(manifest, annotator, timeline)) as store:
+    with closing(open_store(manifest, annotator, exchange.timeline)) as store:
         given = {subject: sum(mark is not None for mark in store.track(subject)) for subject in new.subjects}
         taken = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
         if taken and not replace:
             present = manifest.annotations.find(annotator) or place  # it may have come with the program
             raise VfoaError(f"{present}: has labels of {taken} already; expected --replace, or another --annotator")
-        for subject in new.subjects:
-            track = from_labels(new, subject, frames)
-            store.put(subject, stretches(track, 0, len(track) - 1))
+        store.put_labels(new, new.subjects)
     if taken:
-        notes.append(f"{place}: replaced the labels of {taken}; undo in vfoa annotate brings them back.")
+        notes.append(f"{place}: replaced the labels of {taken}; {undo_command(manifest, annotator)} brings them back.")
     return Imported(labels=new, notes=tuple(notes))
 
 

@@ -70,6 +70,10 @@ class DrawingStore(JournaledStore[Drawn]):
         if keys:
             self._tracks[key] = keys
 
+    def describe(self, step: Entry) -> str:
+        """The shape that a step changes."""
+        return f"{step['draw']['kind']} of {step['draw']['name']}"
+
     def content(self) -> Drawn:
         """The present shapes, as in the file."""
         return drawn_of(self._tracks)

@@ -200,6 +200,10 @@ class JournaledStore(ABC, Generic[Content]):
         """Set the state to the one before or after a step; errors as those of :meth:`begin`."""
 
     @abstractmethod
+    def describe(self, step: Entry) -> str:
+        """What a step changes, in a few words."""
+
+    @abstractmethod
     def content(self) -> Content:
         """The content of the file."""
 

@@ -36,6 +36,7 @@ class LabelStore(JournaledStore[Labels]):
     that follow each other without a gap, and those that they replace. A step is one of
 
     {"change": change}
+    {"changes": [change, ...]}
     {"targets": {manifest, labels, drawn}, "file": name}    targets change in all files: "labels" has changes by file
 
     A list of changes is ``set`` where a change of targets is undone, or made from another file: earlier steps can then
@@ -70,9 +71,12 @@ class LabelStore(JournaledStore[Labels]):
 
     def make(self, step: Entry, side: Literal["before", "after"]) -> None:
         """Set the labels to those before or after a step."""
-        changes = [step["change"]] if "change" in step else step["targets"]["labels"].get(step["file"], ())
-        for change in changes:
+        for change in _changes(step):
             self._place(change["subject"], change[side])
+
+    def describe(self, step: Entry) -> str:
+        """The subjects whose labels a step changes."""
+        return f"labels of {', '.join(change['subject'] for change in _changes(step))}"
 
     def content(self) -> Labels:
         """The labels for the CSV."""
@@ -164,6 +168,16 @@ class LabelStore(JournaledStore[Labels]):
         entry: Entry = {"change": self._change_to(subject, new)}
         self.commit(entry if seen is None else {**entry, "seen": [subject, seen]})
 
+    def put_labels(self, labels: Labels, subjects: Iterable[str]) -> None:
+        """Replace all labels of these subjects in one step. Raises as :meth:`put`."""
+        last = len(self.frames) - 1
+        new = {name: stretches(from_labels(labels, name, self.frames), 0, last) for name in subjects}
+        for subject, parts in new.items():
+            self._check_subject(subject)
+            for stretch in parts:
+                self._check_stretch(subject, stretch)
+        self.commit({"changes": [self._change_to(subject, parts) for subject, parts in new.items()]})
+
     def see(self, subject: str, at: int) -> None:
         """Note that the person has seen a subject's frames up to a position. The revision does not change."""
         self.check_position(at)
@@ -231,3 +245,10 @@ class LabelStore(JournaledStore[Labels]):
         if mark.target == subject:
             raise VfoaError(f"{subject!r} looks at {subject!r}; expected another target, or none")
         check_text((mark.note,), "note")
+
+
+def _changes(step: Entry) -> Sequence[Change]:
+    """The changes of a step in this store's file."""
+    if "change" in step:
+        return [step["change"]]
+    return step["changes"] if "changes" in step else step["targets"]["labels"].get(step["file"], ())

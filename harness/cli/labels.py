@@ -1,8 +1,9 @@
-"""``vfoa labels``: check, import, export, compare and merge labels; export predictions."""
+"""``vfoa labels``: check, import, export, compare and merge labels; undo changes; export predictions."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from harness.sources import AnyClip
 
 app = typer.Typer(
-    help="Check, import, export, compare and merge labels; export a run's predictions.", no_args_is_help=True
+    help="Check, import, export, compare and merge labels; undo changes; export a run's predictions.",
+    no_args_is_help=True,
 )
 
 
@@ -187,10 +189,10 @@ def merge(
     replace: Replace = False,
 ) -> None:
     """Merge the labels of several annotators by a rule: agree (else ignore), first (in the order given), adjudicate."""
+    from harness.annotate.clip_stores import open_store, undo_command
     from harness.clips.manifest import load_manifest
     from harness.files.io import check_new
-    from harness.labels.files import write_annotations
-    from harness.labels.labels import merge_labels, to_decide
+    from harness.labels.labels import merge_labels, timeline_of, to_decide
 
     manifest = load_manifest(clip)
     opened = manifest.open()
@@ -199,11 +201,36 @@ def merge(
     place = files.place(to)
     inputs = [files.find(None if label == manifest.name else label) for label in labels]
     check_new(place, replace=replace, hint=", or another --to", inputs=filter(None, inputs))
-    merged = merge_labels(labels, opened.frames, rule)
-    write_annotations(place, merged)
+    merged, replaced = merge_labels(labels, opened.frames, rule), place.exists()
+    with closing(open_store(manifest, to, timeline_of(opened))) as store:
+        store.put_labels(merged, store.subjects)
+    if replaced:
+        say(f"- {place}: replaced all labels; {undo_command(manifest, to)} brings them back.", err=True)
     say(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
     if left := to_decide(merged):
         say(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
+
+
+@app.command(name="undo", short_help="Take back the last change of a clip's labels.")
+def undo(
+    clip: Clip,
+    annotator: Annotator = None,
+    redo: Annotated[bool, typer.Option("--redo", help="Make the change that was undone last again.")] = False,
+) -> None:
+    """Take back the last change of labels, targets or drawing, as z in vfoa annotate does, or an import or a merge."""
+    from harness.annotate.history import History
+    from harness.clips.manifest import load_manifest
+    from harness.labels.labels import timeline_of
+    from vfoa.errors import VfoaError
+
+    manifest = load_manifest(clip)
+    path = manifest.annotations.expect(annotator)
+    with closing(History(manifest, annotator, timeline_of(manifest.open()))) as history:
+        done = history.step_back("redo" if redo else "undo")
+    if done is None:
+        hint = "a file that another program has changed begins anew"
+        raise VfoaError(f"{path}: its journal has no change to {'redo' if redo else 'undo'}; {hint}")
+    say(f"{done} {'redone' if redo else 'undone'}")
 
 
 def _labels_by_annotator(

@@ -84,6 +84,7 @@ class Workshop:
         made = (
             ("run", "talk.toml", "--out", "run", "--workers", "1"),
             ("labels", "export", "talk", "theirs.eaf", "--format", "elan"),
+            ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "dan"),
         )
         for words in made:
             ended = self.run(Writes(words))

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import closing
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from harness.annotate.actions import look
+from harness.annotate.history import History
 from harness.annotate.label_store import LabelStore
-from harness.labels.labels import Timeline
+from harness.clips.manifest import load_manifest
+from harness.labels.labels import Timeline, timeline_of
 from tests.disk import write_image, write_text
 from tests.measured import EXPERIMENT, LABELS_HEADER, measured_tables, true_labels
 
@@ -63,6 +66,13 @@ def _write_board(folder: Path) -> None:
             pose = np.column_stack([rotation[:, :2], place - [baseline, 0, 0]])
             seen = cv2.warpPerspective(texture, k @ pose @ metres_from_texture, (400, 300), borderValue=128)
             write_image(folder / f"{side}{number}.png", seen)
+
+
+def take_back() -> None:
+    """What ``vfoa labels undo talk --annotator dan`` does; dan has made one change, and a second time there is none."""
+    manifest = load_manifest("talk")
+    with closing(History(manifest, "dan", timeline_of(manifest.open()))) as history:
+        history.step_back("undo")
 
 
 def label() -> None:

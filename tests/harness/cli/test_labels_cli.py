@@ -11,11 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.annotate.clip_stores import open_store
+from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.faults import project
+from tests.measured import LABELS_HEADER, measured_tables, true_labels
 from tests.repository import REPOSITORY
 
 CLIP = "studio_talk"
@@ -109,10 +111,60 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     assert "replaced the labels of anna (" in said
     new = Counter(own.read_text().splitlines()[2:])
     assert new == Counter([*of("anna", rows), *of("ben", theirs)])
-    manifest = load_manifest(CLIP)
-    with closing(open_store(manifest, None, timeline_of(manifest.open()))) as store:
-        store.step_back("undo")
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "undo", CLIP)
+    assert (code, out) == (0, f"{own}: labels of anna undone\n")
     assert own.read_text().splitlines()[2:] == theirs
+
+
+@pytest.fixture
+def measured(folder: Path) -> Path:
+    """The labels of a clip without images, beside those of another annotator."""
+    write_text(folder / "datasets" / "talk.toml", project.MANIFEST)
+    measured_tables(folder / "data" / "talk")
+    write_text(folder / "annotations" / "talk@eve.csv", LABELS_HEADER + "1,12,anna,cup,\n1,12,ben,none,\n")
+    return write_text(folder / "annotations" / "talk.csv", true_labels())
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("import", "annotations/talk@eve.csv", "--clip", "datasets/talk.toml", "--format", "csv"),
+        ("merge", "talk", "eve", "bob", "--rule", "first"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_labels_that_are_replaced_come_back_by_the_command_that_is_printed(
+    measured: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_text(measured.with_name("talk@bob.csv"), true_labels())
+
+    def rows() -> list[str]:
+        return sorted(measured.read_text().splitlines())
+
+    before = rows()
+    code, _, said = vfoa(monkeypatch, capsys, "labels", *words, "--replace")
+    assert code == 0
+    after = rows()
+    assert after != before
+    assert "vfoa labels undo talk brings them back" in said
+    for options, expected in (((), before), (("--redo",), after), ((), before)):
+        assert vfoa(monkeypatch, capsys, "labels", "undo", "talk", *options)[0] == 0
+        assert rows() == expected
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "undo", "talk")
+    assert (code, said.count("\n"), rows()) == (2, 1, before)
+
+
+def test_undo_takes_back_a_renamed_target_of_a_clip_without_images(
+    measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest = load_manifest("talk")
+    files = {path: path.read_bytes() for path in (manifest.path, measured.with_name("talk@eve.csv"))}
+    with closing(History(manifest, "eve", timeline_of(manifest.open()))) as history:
+        history.change_target("cup", new_name="mug", key=None, colour="olive plain")
+    assert "mug" in load_manifest("talk").targets
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "undo", "talk", "--annotator", "eve")
+    assert (code, out) == (0, f"{manifest.path}: targets undone\n")
+    assert {path: path.read_bytes() for path in files} == files
 
 
 def test_an_import_names_the_labels_that_came_with_the_program(
@@ -171,6 +223,8 @@ def test_a_pipe_is_not_written_over(
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
         (("merge", CLIP), f"{CLIP}.csv: exists already; expected --replace, or another --to"),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
+        (("undo", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
+        (("undo", CLIP), f"{CLIP}.csv: its journal has no change to undo"),
     ],
 )
 def test_a_wrong_word_is_one_line_and_exit_code_2(
