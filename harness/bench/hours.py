@@ -4,12 +4,12 @@ Each length is a generated clip of 160 x 120 pixels at 25 Hz, with one person, t
 configurations: block matching, masks and gazes from files, attention by cones, a filtered gaze and the nearest angle;
 with recordings, thumbnails, tables and page. A run, its first scoring, and a scoring after one label was edited are
 three fresh processes. CPU seconds are those of the process; wall-clock seconds also depend on the load of the machine.
-``--resume`` measures instead what it takes to continue a run that was killed near its end.
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +19,6 @@ from pathlib import Path
 from rich.console import Console
 
 from harness.bench.generated_clip import write_clip, write_labels
-from harness.bench.resuming import measure_resume, peak_mib, resume_table
 from harness.processes import spawning
 from harness.report.formats import Table, to_markdown
 from harness.report.sinks import composed_sinks
@@ -28,9 +27,6 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare
 from harness.run.runner import run_plan
-
-UNTIL_KILLED = 100
-"""A run that is to be continued is killed this many frames before its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +95,15 @@ def _cost(work: Callable[..., None], arguments: tuple[Path, ...]) -> Cost:
     return Cost(seconds=time.perf_counter() - started, cpu_seconds=time.process_time() - cpu, peak_mib=peak_mib())
 
 
+def peak_mib() -> float:
+    """Peak resident memory of this process, in MiB."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # ru_maxrss would also include the peak of the parent process
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
 def _bytes(out: Path, pattern: str) -> int:
     return sum(path.stat().st_size for path in out.glob(pattern) if path.is_file())
 
@@ -137,20 +142,13 @@ def hours_table(rows: Sequence[Hours]) -> Table:
 def main() -> None:
     """Measure the given lengths."""
     parser = argparse.ArgumentParser(description="Measure runs of generated clips.")
-    parser.add_argument("frames", type=int, nargs="+", help=f"numbers of frames, more than {UNTIL_KILLED} to resume")
-    parser.add_argument(
-        "--resume", action="store_true", help=f"kill runs {UNTIL_KILLED} frames before their end, and continue them"
-    )
+    parser.add_argument("frames", type=int, nargs="+", help="numbers of frames")
     given = parser.parse_args()
-    runs, resumed = [], []
+    runs: list[Hours] = []
     for frames in given.frames:
         with tempfile.TemporaryDirectory() as folder:
-            if given.resume:
-                resumed.append(measure_resume(frames, frames - UNTIL_KILLED, Path(folder)))
-            else:
-                runs.append(measure_hours(frames, Path(folder)))
-        table = resume_table(resumed) if given.resume else hours_table(runs)
-        Console().print(to_markdown(table), soft_wrap=True)
+            runs.append(measure_hours(frames, Path(folder)))
+        Console().print(to_markdown(hours_table(runs)), soft_wrap=True)
 
 
 if __name__ == "__main__":

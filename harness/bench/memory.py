@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.bench.generated_clip import write_clip
-from harness.bench.hours import run_experiment
-from harness.bench.resuming import peak_mib
+from harness.bench.hours import peak_mib, run_experiment
 from harness.processes import spawning
 
 

@@ -23,7 +23,7 @@ from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.loop import ClipJob, run_clip
 from harness.run.plan import Plan, prepare
-from harness.run.resume import ResultsSinks
+from harness.run.results_sink import ResultsSinks
 from harness.run.runner import run_plan
 from vfoa.attention import AttentionSettings
 

@@ -15,7 +15,7 @@ from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.directory import RunDirectory
 from harness.run.loop import ClipJob, run_clip
-from harness.run.resume import ResultsSinks
+from harness.run.results_sink import ResultsSinks
 
 if TYPE_CHECKING:
     import pandas as pd

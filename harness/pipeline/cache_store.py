@@ -21,7 +21,7 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -203,12 +203,12 @@ def _results(folder: Path) -> list[tuple[float, int, Path]]:
     return results
 
 
-_TYPE, _ITEMS = "$type", "$items"
+_TYPE = "$type"
 _ARRAY, _SCALAR = 1, 2
 
 
 class Codec:
-    """Converts frozen dataclasses of these types to bytes and back; also tuples, mappings, arrays, numbers, text, None.
+    """Converts frozen dataclasses of these types to bytes and back; also tuples, arrays, numbers, text, None.
 
     An array keeps the memory order of its axes: the order of a sum, and so its last bit, depends on it.
     """
@@ -240,8 +240,6 @@ class Codec:
         if dataclasses.is_dataclass(value) and self._types.get(type(value).__name__) is type(value):
             fields = {field.name: self._plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
             return {_TYPE: type(value).__name__, **fields}
-        if isinstance(value, Mapping):
-            return {_ITEMS: [[self._plain(key), self._plain(entry)] for key, entry in value.items()]}
         if isinstance(value, tuple | list):
             return [self._plain(element) for element in value]
         if value is None or type(value) in (bool, int, float, str) or isinstance(value, np.ndarray | np.generic):
@@ -249,8 +247,6 @@ class Codec:
         raise TypeError(f"expected the pipeline's values, arrays and numbers, found {type(value).__name__}")
 
     def _value(self, plain: Any) -> Any:
-        if isinstance(plain, dict) and _ITEMS in plain:
-            return {self._value(key): self._value(entry) for key, entry in plain[_ITEMS]}
         if isinstance(plain, dict):
             fields = {name: self._value(field) for name, field in plain.items() if name != _TYPE}
             return self._types[plain[_TYPE]](**fields)

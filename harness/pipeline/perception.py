@@ -27,7 +27,7 @@ from harness.sources import Clip, MeasuredClip, PersonTruth
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
-from vfoa.gaze.temporal import HeadWindow, WindowStart, with_gazes
+from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.types import Gaze, Percepts, Scene, StereoFrame
@@ -38,13 +38,12 @@ class SharedFrame:
     """A frame with the percepts, the scene and the seconds per stage of each configuration, by its name.
 
     A configuration that has failed, in this frame or an earlier one, has its error instead. A clip of recorded poses
-    has no images and no percepts. ``windows`` hold the start of each temporal gaze window for continuing from here.
+    has no images and no percepts.
     """
 
     index: int
     frame: StereoFrame | None
     by_configuration: Mapping[str, tuple[Percepts | None, Scene, Timings] | VfoaError]
-    windows: Mapping[str, WindowStart] = field(default_factory=dict)
 
 
 def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, float]]:
@@ -87,10 +86,6 @@ class Perception:
         The shapes drawn on the clip; None for none.
     parallel
         Run the models of the heads beside the matchers, in a thread, and segmenters with a delay in another one.
-    begins
-        The first frames of configurations that do not begin with the clip.
-    starts
-        The start of their temporal gaze windows.
     """
 
     def __init__(
@@ -101,11 +96,8 @@ class Perception:
         *,
         drawn: DrawnClip | None = None,
         parallel: bool = False,
-        begins: Mapping[str, int] | None = None,
-        starts: Mapping[str, WindowStart] | None = None,
     ) -> None:
         self._configurations, self._clip, self._cache, self._drawn = configurations, clip, cache, drawn
-        self._begins, self._starts = begins or {}, starts or {}
         self._heads_thread = ThreadPoolExecutor(1) if parallel else None
         self._segmenter_thread = ThreadPoolExecutor(1) if parallel else None  # heads must not wait for it
         self._memo = Memo()
@@ -177,12 +169,11 @@ class Perception:
     ) -> SharedFrame:
         """Place the objects and people in space, for every configuration that has not failed."""
         results: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
-        windows: dict[str, WindowStart] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
         for configuration in self._configurations:
             name = configuration.name
-            if name in self._failed or frame.index < self._begins.get(name, frame.index):
+            if name in self._failed:
                 continue
             with self._isolated([name], frame.index):
                 group = self._group_of[name]
@@ -194,15 +185,12 @@ class Perception:
                         gazes[window] = window.gazes(frame.index), self._memo.timings.get("gaze", 0.0)
                     memo.charge("gaze", gazes[window][1])
                     percepts = memo.call("gaze", with_gazes, percepts, gazes[window][0])
-                    windows[name] = window.start()
                 seen, settings = (percepts.disparity, percepts.instances, percepts.rig), configuration.reconstruction
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
                 results[name] = percepts, scene, memo.timings
-        return SharedFrame(
-            index=frame.index, frame=frame, by_configuration={**self._failed, **results}, windows=windows
-        )
+        return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **results})
 
     @contextmanager
     def _isolated(self, names: Iterable[str], frame: int | None = None) -> Iterator[None]:
@@ -240,12 +228,11 @@ class Perception:
         )
         windows: dict[str, HeadWindow] = {}
         if temporal:
-            tracking, start = configuration.attend.tracking, self._starts.get(configuration.name)
+            tracking = configuration.attend.tracking
             # heads and crops depend on nothing else, so configurations that agree on this have the same gazes
             seen = (keys["segmentation"], keys["heads"], keys["gaze"], drawn, tracking)
             if seen not in self._windows:
-                self._windows[seen] = HeadWindow(gaze, self._clip.rate_hz, tracking, start)
-            self._windows[seen].begin_by(start)
+                self._windows[seen] = HeadWindow(gaze, self._clip.rate_hz, tracking)
             windows[configuration.name] = self._windows[seen]
         group = self._groups.setdefault((*keys.values(), drawn), _Group(stages))
         group.names.append(configuration.name)

@@ -61,15 +61,6 @@ class FrameLog:
         """The paths of all rows that are not sent yet."""
         return {path for path, _ in self._waiting}
 
-    def state(self) -> dict[str, Any]:
-        """Send the waiting rows, and return the state from which another log can continue with the next frame."""
-        self.send()
-        return {"logged_to": self._logged_to, "before": self.shown}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Continue from the state of another log."""
-        self._logged_to, self._before = state["logged_to"], state["before"]
-
     def begin(self, frame: int, time_ns: int) -> bool:
         """Set the frame number and time of the following entities; False if the frame is already logged."""
         if self._logged_to is not None and frame <= self._logged_to:

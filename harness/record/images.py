@@ -83,14 +83,6 @@ class ImageLog:
         for path, video in self._videos.items():
             self._packets(path, video.finish())
 
-    def pause(self) -> bool:
-        """Log all images so far, so that another run can continue with the next one; False if that is no key frame."""
-        if any(video.count % self._key_every for video in self._videos.values()):
-            return False
-        self.close()
-        self._videos = {}
-        return True
-
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
         if min(image.shape[:2]) < LEAST_SIDE_PX:
             self._log.row(path, rr.EncodedImage, blob=[_jpeg(image)], media_type=["image/jpeg"])

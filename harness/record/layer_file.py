@@ -11,10 +11,10 @@ import shutil
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import rerun as rr
 from rerun.chunk import Chunk, RrdReader
@@ -22,13 +22,12 @@ from rerun.chunk import Chunk, RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles, RecordingIds
-from harness.run.resume import EVEN_FRAMES
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-SENT_EVERY = EVEN_FRAMES
+SENT_EVERY = 600
 """Most frames between flushes, which write all waiting rows: larger chunks take less room in the file."""
 WAITING_BYTES = 4 * 2**20
 """Most memory of the rows that wait, roughly: more are written earlier."""
@@ -36,7 +35,7 @@ FLUSHED_ROWS = 1000
 """Least rows between flushes when a file is written from others: Rerun takes chunks faster than the file does."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
-GO_ON = "finished frames are kept, and the same command continues"
+GO_ON = "finished clips are kept, and the same command continues"
 _PATIENCE_S = 30.0
 _AT_ONCE_BYTES = 2**16
 
@@ -45,15 +44,15 @@ class LayerFile:
     """A layer, written to ``<path>.partial``, which becomes ``path`` when it is closed as complete.
 
     After an error or a kill only the partial file is left; Rerun can read its frames. The file is opened by the first
-    call of :meth:`open`. A run that continues writes a partial file of its own, ``<path>.partial-1``, and so on.
+    call of :meth:`open`.
 
-    Partial files have no footer. For the footer, which lists all chunks, Rerun would keep an entry of each chunk in
-    memory as long as the file is open. The complete file is assembled from the partial ones and has a footer.
+    The partial file has no footer. For the footer, which lists all chunks, Rerun would keep an entry of each chunk in
+    memory as long as the file is open. The complete file is assembled from the partial one and has a footer.
     """
 
     def __init__(self, path: Path, files: ClipFiles) -> None:
         self._path = path
-        self._kept: list[tuple[Path, int]] = []
+        self._partial, self._whole = (path.with_name(f"{path.name}.{kind}") for kind in ("partial", "whole.partial"))
         self._files = files
         self._layout: rrb.Blueprint | None = None
         self.stream = rr.RecordingStream(
@@ -70,30 +69,6 @@ class LayerFile:
         self._unsent = 0
 
     @property
-    def _partial(self) -> Path:
-        """The file that is written: numbered after those that earlier runs left."""
-        number = f"-{len(self._kept)}" if self._kept else ""
-        return self._path.with_name(f"{self._path.name}.partial{number}")
-
-    def state(self) -> dict[str, Any]:
-        """Return the state for another run: the bytes of each flushed partial file, and its parts."""
-        self._unsent = 0
-        parts = {name: log.state() for name, log in self._logs.items()}
-        files = {path.name: size for path, size in self._kept}
-        if self._file:
-            self._file.flush()
-            files[self._partial.name] = self._partial.stat().st_size
-        return {"files": files, "parts": parts}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Continue after partial files, unless it already continues after more of them; call it before :meth:`open`."""
-        kept = [(self._path.with_name(name), size) for name, size in state["files"].items()]
-        if not self._file and sum(size for _, size in kept) > sum(size for _, size in self._kept):
-            self._kept = kept
-            for name, part in state["parts"].items():
-                self.part(name).resume(part)
-
-    @property
     def is_open(self) -> bool:
         """Whether the file has been begun."""
         return self._file is not None
@@ -105,8 +80,6 @@ class LayerFile:
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with only a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._check_room()
-        for path, size in self._kept:
-            os.truncate(path, size)
         self._layout = layout
         self._file = _StreamFile(self.stream, self._partial, layout, footer=False)
         self.stream.send_recording_name(self._files.clip)
@@ -150,7 +123,6 @@ class LayerFile:
             finally:
                 self._file.close()
         if complete:
-            self._kept.append((self._partial, self._partial.stat().st_size))
             self._assemble()
 
     def _check_room(self) -> None:
@@ -160,19 +132,13 @@ class LayerFile:
             raise OSError(errno.ENOSPC, said, str(self._partial))
 
     def _assemble(self) -> None:
-        """Write the chunks of all partial files into the complete file, and remove the partial ones."""
-        write_whole(self._partial, self._files.ids, self._layout, self._chunks())
-        self._partial.replace(self._path)
-        for path in self._path.parent.iterdir():
-            if path.name.startswith(f"{self._path.name}.partial"):
-                path.unlink()
-
-    def _chunks(self) -> Iterator[Chunk]:
-        for path, _ in self._kept:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
-                reader = RrdReader(path)
-            yield from reader.stream()
+        """Write the chunks of the partial file into the complete file, and remove the partial one."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file without a footer
+            chunks = RrdReader(self._partial).stream()
+        write_whole(self._whole, self._files.ids, self._layout, chunks)
+        self._whole.replace(self._path)
+        self._partial.unlink()
 
     def _send_rows(self) -> None:
         self._unsent = 0

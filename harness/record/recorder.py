@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from harness.record import entities
 from harness.record.appearance import Colours
@@ -15,7 +15,7 @@ from harness.record.frame_content import log_attention, log_disparity, log_targe
 from harness.record.images import ImageLog, log_masks
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
-from harness.run.frame_sink import FinishedFrame, SinkState
+from harness.run.frame_sink import FinishedFrame
 
 
 class SharedLayers:
@@ -35,24 +35,6 @@ class SharedLayers:
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
-
-    def state(self, layers: LayerNames) -> dict[str, Any] | None:
-        """Return the state of a configuration's shared layers for another run; None if it cannot continue here."""
-        if not self._image_log.pause():
-            return None
-        states = {"images": self._images.state()}
-        if layers.reconstruction in self._reconstructions:
-            states[layers.reconstruction] = self._reconstructions[layers.reconstruction].state()
-        return {"layers": states, "colours": list(self.colours.known)}
-
-    def resume(self, layers: LayerNames, state: Mapping[str, Any]) -> None:
-        """Continue from the state of one of the configurations; the most advanced one counts."""
-        for name in state["colours"]:
-            self.colours.class_of(name)
-        self._images.resume(state["layers"]["images"])
-        if layers.reconstruction in state["layers"]:
-            layer = self._layer_of(layers.reconstruction)
-            layer.resume(state["layers"][layers.reconstruction])
 
     @classmethod
     def join(cls, files: ClipFiles, rate_hz: float | None, names: Sequence[str]) -> SharedLayers:
@@ -116,8 +98,6 @@ class Recorder:
         Frames per second at which the viewer plays; None if the source does not know it.
     subjects, targets
         The names of the manifest, in its order: they fix the colours and give each subject a view of its own.
-    resumed
-        The state of the files after an earlier run.
     """
 
     files: ClipFiles
@@ -126,25 +106,12 @@ class Recorder:
     rate_hz: float | None
     subjects: Sequence[str] = ()
     targets: Sequence[str] = ()
-    resumed: SinkState | None = None
 
     def __enter__(self) -> Self:
         self._names = (*self.targets, *self.subjects)
         self._shared = SharedLayers.join(self.files, self.rate_hz, self._names)
         self._layer = LayerFile(self.files.attention(self.layers.configuration), self.files)
-        if self.resumed:
-            self._layer.resume(self.resumed.values["own"])
-            self._shared.resume(self.layers, self.resumed.values["shared"])
         return self
-
-    def state(self) -> SinkState | None:
-        """The extent of the flushed files; None between key frames of the videos."""
-        shared = self._shared.state(self.layers)
-        if shared is None:
-            return None
-        own = self._layer.state()
-        files = {name: size for state in (own, *shared["layers"].values()) for name, size in state["files"].items()}
-        return SinkState(files=files, values={"own": own, "shared": shared})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -44,7 +44,6 @@ class RecordingSinks:
             rate_hz=context.rate_hz,
             subjects=tuple(manifest.subjects),
             targets=tuple(manifest.targets),
-            resumed=context.resumed,
         )
 
     def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
@@ -73,9 +72,7 @@ class ThumbnailSinks:
         """Open the thumbnails of one configuration on one clip."""
         from harness.report.thumbnails.writer import ThumbnailWriter
 
-        return ThumbnailWriter(
-            context.directory.path, context.manifest.name, context.configuration, resumed=context.resumed
-        )
+        return ThumbnailWriter(context.directory.path, context.manifest.name, context.configuration)
 
 
 def composed_sinks(configurations: Iterable[Configuration], *, recorded: bool = True) -> tuple[SinkFactory, ...]:

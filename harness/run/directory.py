@@ -235,10 +235,6 @@ class RunDirectory:
         """The file for the traceback of a (clip, configuration) that a stage's fault ended."""
         return self.partial(pair, _TRACEBACK)
 
-    def checkpoint(self, pair: Pair) -> Path:
-        """The checkpoint of an unfinished (clip, configuration) (:mod:`harness.run.resume`)."""
-        return self.partial(pair, "checkpoint")
-
     def is_finished(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is marked finished: its results are whole, and so were its other files."""
         return self.partial(pair, "jsonl").exists()
@@ -282,7 +278,7 @@ class RunDirectory:
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""
-        for suffix in ("jsonl.partial", "csv.partial", _TRACEBACK, "checkpoint"):
+        for suffix in ("jsonl.partial", "csv.partial", _TRACEBACK):
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def remove_partial(self) -> None:

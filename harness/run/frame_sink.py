@@ -7,7 +7,7 @@ travels to its worker by pickle, so it carries factories, not open files.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
@@ -54,39 +54,14 @@ class FrameSink(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SinkState:
-    """The progress of a sink. ``files`` gives the bytes written, by path below the run's directory.
-
-    ``values`` holds whatever else the sink needs to continue.
-    """
-
-    files: Mapping[str, int]
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-
-@runtime_checkable
-class ResumableSink(FrameSink, Protocol):
-    """A sink that can continue in another process. A run writes checkpoints if all of its sinks are resumable."""
-
-    def state(self) -> SinkState | None:
-        """How far it has written, with all data handed to the operating system; None: not possible now."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SinkContext:
-    """Context of a sink: one configuration on one clip.
-
-    ``run_id`` is the run's, also on another computer. ``resumed`` is the state to continue from: files are cut to it,
-    and the frames after it follow.
-    """
+    """Context of a sink: one configuration on one clip. ``run_id`` is the run's, also on another computer."""
 
     manifest: ClipManifest
     configuration: str
     rate_hz: float | None
     directory: RunDirectory
     run_id: str
-    resumed: SinkState | None = None
 
 
 class SinkFactory(Protocol):

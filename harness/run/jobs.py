@@ -6,7 +6,7 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +19,9 @@ from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import SharedFiles, lacks_files
-from harness.run.loop import ClipJob, ClipOutcome, checkpoints, first_frame, run_clip
+from harness.run.loop import ClipJob, ClipOutcome, run_clip
 from harness.run.plan import Plan, PreparedClip
-from harness.run.resume import ResultsSinks
+from harness.run.results_sink import ResultsSinks
 from harness.sources import MeasuredClip
 from vfoa.errors import VfoaError
 
@@ -50,11 +50,8 @@ def run_jobs(
     cache: Store | None,
     executor: Executor,
     progress: Progress,
-    tell: Callable[[str], None] = lambda line: None,
 ) -> tuple[dict[Pair, VfoaError], Account]:
     """Run the unfinished jobs of a plan; return the errors of those that failed, and the use of the cache.
-
-    ``tell`` is called with a message when a job continues from a checkpoint.
 
     If there are enough clips to keep every worker busy, a job is a clip. Otherwise the workers share a clip through the
     cache: each perceives stretches of it under all configurations, so that nothing is decoded or computed twice. The
@@ -69,10 +66,9 @@ def run_jobs(
         if not job.configurations:
             skip(job, progress)
     todo = [job for job in jobs if job.configurations]
-    begun = {job.manifest.name: first_frame(job, checkpoints(job, tell)) for job in todo}
     failures: dict[Pair, VfoaError] = {}
     if cache and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
-        todo = _share(todo, begun, executor, account, progress, failures)
+        todo = _share(todo, executor, account, progress, failures)
         progress = _silent
     for jobs in _rounds(todo):
         for outcome in executor.run(run_clip, jobs, progress, _lost):
@@ -83,17 +79,13 @@ def run_jobs(
 
 def _share(
     jobs: Sequence[ClipJob],
-    begun: Mapping[str, int],
     executor: Executor,
     account: Account,
     progress: Progress,
     failures: dict[Pair, VfoaError],
 ) -> list[ClipJob]:
-    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs.
-
-    ``begun`` are the first needed frames, by clip.
-    """
-    warm_up, left = WarmUp(jobs, begun, executor, account, progress), list[ClipJob]()
+    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs."""
+    warm_up, left = WarmUp(jobs, executor, account, progress), list[ClipJob]()
     compute_with(executor.threads)
     for job in jobs:
         can_follow = len(_together(job)) == 1 or len(job.configurations) * (executor.workers - 1) <= FOLLOWING
@@ -228,24 +220,13 @@ class GivenUpError(Exception):
 
 
 class WarmUp:
-    """Workers perceive the frames of these jobs that the cache lacks; they begin when the first frame is requested.
+    """Workers perceive the frames of these jobs that the cache lacks; they begin when the first frame is requested."""
 
-    ``begun`` are the first needed frames, by clip.
-    """
-
-    def __init__(
-        self,
-        jobs: Sequence[ClipJob],
-        begun: Mapping[str, int],
-        executor: Executor,
-        account: Account,
-        progress: Progress,
-    ) -> None:
+    def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
         self._account, self._lost = account, set[tuple[str, int]]()
         parts: list[ClipJob] = []
         for job in jobs:
-            needed = [frame for frame in job.frames if frame >= begun[job.manifest.name]]
-            lacking = job.cache.lacking(needed) if job.cache else []
+            lacking = job.cache.lacking(job.frames) if job.cache else []
             for _ in range(len(job.frames) - len(lacking)):
                 progress(job.manifest.name)
             parts += [replace(job, frames=frames) for frames in stretches(lacking, executor.workers)]

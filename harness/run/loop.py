@@ -6,11 +6,9 @@ continue.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Generic, NamedTuple, Self, TypeVar
 
@@ -27,13 +25,12 @@ from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, 
 from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
-from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext, SinkFactory
+from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext, SinkFactory
 from harness.run.records import to_record
-from harness.run.resume import Checkpoint, ResultsSink, is_due, read_checkpoint, write_checkpoint
+from harness.run.results_sink import ResultsSink
 from harness.sources import Clip, MeasuredClip
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
-from vfoa.gaze.temporal import WindowStart
 from vfoa.logit import LogitSettings, weigh_again
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import FrameResult, Percepts, StereoFrame
@@ -61,11 +58,6 @@ class ClipJob:
     known: Mapping[str, str] = field(default_factory=dict)
     cache: ClipCache | None = None
     ahead: int = 0
-
-    @property
-    def sink_names(self) -> list[str]:
-        """A name for each sink factory: its position and its class."""
-        return [f"{place} {type(factory).__name__}" for place, factory in enumerate(self.sinks, start=1)]
 
     @property
     def pairs(self) -> list[Pair]:
@@ -99,31 +91,8 @@ class ClipOutcome:
     tallies: tuple[Tally, ...] = ()
 
 
-def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
-    """Read the usable checkpoints of a job by configuration name; ``tell`` is called with a line about each."""
-    frames = frozenset(job.frames)
-    usable: dict[str, Checkpoint] = {}
-    for clip, name in job.pairs:
-        read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
-        if read is not None:
-            usable[name] = read
-            tell(f"{clip} under {name}: continues after frame {read.frame}")
-        elif misfit is not None:
-            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it starts again with the first frame")
-    return usable
-
-
-def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
-    """Return the first frame that a job must read: that of the configuration that is least advanced."""
-    begin = min(job.frames, default=0)
-    return min(
-        resumed[configuration.name].first_read if configuration.name in resumed else begin
-        for configuration in job.configurations
-    )
-
-
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
-    """Run one clip under all configurations of a job, each from its checkpoint if it has one.
+    """Run one clip under all configurations of a job.
 
     ``progress`` is called with the name of the clip after each frame. ``numbers`` yields the frames of the job, each as
     soon as it may be read; default: the job's own frames.
@@ -133,22 +102,19 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         unchanged = job.unchanged(clip)
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
-    resumed = checkpoints(job)
-    first = first_frame(job, resumed)
-    for _ in range(sum(number < first for number in job.frames)):
-        progress(job.manifest.name)
-    chosen = (number for number in (job.frames if numbers is None else numbers) if number >= first)
+    chosen = job.frames if numbers is None else numbers
     if isinstance(clip, MeasuredClip):
         scenes = pose_frames(job.configurations, clip, chosen)
-        runners = attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed)
+        runners = attend_to(scenes, job, clip.rate_hz, progress)
         return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
-    begins = {name: checkpoint.frame + 1 for name, checkpoint in resumed.items()}
-    starts = {name: checkpoint.window for name, checkpoint in resumed.items() if checkpoint.window}
-    perceive = partial(Perception, drawn=job.drawn, parallel=job.ahead > 0, begins=begins, starts=starts)
-    with unchanged(), perceive(job.configurations, images, job.cache) as perception:
+    parallel = job.ahead > 0
+    with (
+        unchanged(),
+        Perception(job.configurations, images, job.cache, drawn=job.drawn, parallel=parallel) as perception,
+    ):
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
-        runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
+        runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth))
     if job.cache:
         job.cache.store.trim()
     return job.outcome((runner.error for runner in runners), perception.take_tallies())
@@ -161,32 +127,20 @@ def attend_to(
     progress: Progress,
     *,
     measurer: Measurer | None = None,
-    resumed: Mapping[str, Checkpoint] | None = None,
 ) -> list[ConfigurationRunner]:
     """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
-    Checkpoints are written from time to time. ``resumed`` holds the states that configurations continue from, by name.
     Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
     Returns one runner per configuration of the job, in order, each finished, with its error.
     """
-    begun = resumed or {}
-    runners = [
-        ConfigurationRunner(job, configuration, rate_hz, measurer, resumed=begun.get(configuration.name))
-        for configuration in job.configurations
-    ]
-    began_s = written_s = time.monotonic()
+    runners = [ConfigurationRunner(job, configuration, rate_hz, measurer) for configuration in job.configurations]
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
         try:
-            count = 0
             while any(runner.error is None for runner in runners) and (frame := next(frames, None)):
                 for runner in runners:
                     runner.attend(frame)
-                count, now_s = count + 1, time.monotonic()
-                if is_due(now_s - began_s, now_s - written_s, count):
-                    written = [runner.checkpoint() for runner in runners]
-                    written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"
@@ -213,11 +167,6 @@ class SmoothingBuffer(Generic[T]):
         self._settings = attention if isinstance(attention, BayesSettings | LogitSettings) else None
         self._waiting: list[tuple[FrameResult, T]] = []
 
-    @property
-    def oldest(self) -> T | None:
-        """The companion of the oldest waiting result; None if none waits."""
-        return self._waiting[0][1] if self._waiting else None
-
     def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
         """Add a result; yield the results that have waited long enough."""
         self._waiting.append((result, companion))
@@ -242,21 +191,19 @@ class SmoothingBuffer(Generic[T]):
 
 
 class _Companion(NamedTuple):
-    """The data that goes to the sinks with a result, and the data needed to attend to its frame again."""
+    """The data that goes to the sinks with a result."""
 
     frame: StereoFrame | None
     percepts: Percepts | None
     measures: FrameMeasures | None
     timings: Timings
-    memory: Memory
-    window: WindowStart | None
 
 
 class ConfigurationRunner:
     """Attends to the frames of a clip in order under one configuration, and hands them to the sinks of its job.
 
     It is a context manager, which opens and closes the sinks. An error ends only this configuration: ``error`` is None
-    until then. ``resumed`` is the checkpoint of an earlier run: frames up to it are skipped.
+    until then.
     """
 
     def __init__(
@@ -265,14 +212,8 @@ class ConfigurationRunner:
         configuration: Configuration,
         rate_hz: float | None,
         measurer: Measurer | None,
-        *,
-        resumed: Checkpoint | None = None,
     ) -> None:
         self.error: VfoaError | None = None
-        self.written = resumed.written if resumed else 0
-        self._resumed = resumed
-        self._last = resumed.frame if resumed else None
-        self._window = resumed.window if resumed else None
         self._job, self._configuration, self._measurer = job, configuration, measurer
         self._context = SinkContext(
             manifest=job.manifest,
@@ -281,17 +222,16 @@ class ConfigurationRunner:
             directory=job.directory,
             run_id=job.run_id,
         )
-        self._memory, self._names = (resumed.memory, resumed.names) if resumed else (Memory(), SubjectNames())
+        self._memory, self._names = Memory(), SubjectNames()
         self._smoothing: SmoothingBuffer[_Companion] = SmoothingBuffer(configuration.attend)
-        self._sinks: dict[str, FrameSink] = {}
+        self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
 
     def __enter__(self) -> Self:
         try:
-            states = self._resumed.sinks if self._resumed else {}
-            for name, factory in zip(self._job.sink_names, self._job.sinks, strict=True):
-                if (sink := factory.open(replace(self._context, resumed=states.get(name)))) is not None:
-                    self._sinks[name] = self._open_sinks.enter_context(sink)
+            for factory in self._job.sinks:
+                if (sink := factory.open(self._context)) is not None:
+                    self._sinks.append(self._open_sinks.enter_context(sink))
         except VfoaError as error:
             self.fail(error)
         return self
@@ -318,28 +258,26 @@ class ConfigurationRunner:
 
     def mark_finished(self) -> None:
         """Mark the results as finished, unless this configuration has failed; the sinks of all must be closed."""
-        for sink in self._sinks.values() if self.error is None else ():
+        for sink in self._sinks if self.error is None else ():
             if isinstance(sink, ResultsSink):
                 sink.mark_finished()
 
     def attend(self, shared: SharedFrame) -> None:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
-        if self.error is not None or (self._resumed and shared.index <= self._resumed.frame):
+        if self.error is not None:
             return
         perceived = shared.by_configuration[self._configuration.name]
         if isinstance(perceived, VfoaError):
             self.fail(perceived)
             return
         percepts, scene, timings = perceived
-        memory = self._memory
-        self._window = shared.windows.get(self._configuration.name)
         try:
             with timed(timings, "attention"):
                 result, self._memory = guarded("attention", attend, scene, self._memory, self._configuration.attend)
             with timed(timings, "measures"):
                 measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
             with timed(timings, "attention"):
-                companion = _Companion(shared.frame, percepts, measures, timings, memory, self._window)
+                companion = _Companion(shared.frame, percepts, measures, timings)
                 ready = list(self._smoothing.add(result, companion))
             self._hand_over(ready)
         except VfoaError as error:
@@ -353,32 +291,10 @@ class ConfigurationRunner:
         The time of the sinks counts as ``recording``, except that of the last one.
         """
         manifest = self._job.manifest
-        for result, (frame, percepts, measures, timings, _, _) in ready:
+        for result, (frame, percepts, measures, timings) in ready:
             names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
             record = to_record(manifest.name, self._configuration.name, result, names, measures)
             finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
-            for sink in self._sinks.values():
+            for sink in self._sinks:
                 with timed(timings, "recording"):
                     sink.write(finished)
-            self.written += 1
-            self._last = record.frame
-
-    def checkpoint(self) -> bool:
-        """Write a checkpoint; return False if a sink cannot be continued from here."""
-        sinks = {name: sink for name, sink in self._sinks.items() if isinstance(sink, ResumableSink)}
-        if self.error is not None or self._last is None or len(sinks) < len(self._sinks):
-            return False
-        states = {name: state for name, sink in sinks.items() if (state := sink.state()) is not None}
-        if len(states) < len(sinks):
-            return False
-        waiting = self._smoothing.oldest
-        checkpoint = Checkpoint(
-            frame=self._last,
-            written=self.written,
-            memory=waiting.memory if waiting else self._memory,
-            names=self._names,
-            window=waiting.window if waiting else self._window,
-            sinks=states,
-        )
-        write_checkpoint(self._job.directory, (self._job.manifest.name, self._configuration.name), checkpoint)
-        return True

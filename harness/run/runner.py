@@ -91,11 +91,10 @@ def run_plan(
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
-                failures, account = run_jobs(
-                    plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell
-                )
+                failures, account = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
         except KeyboardInterrupt:
-            tell(f"interrupted: finished frames are kept in {directory.path}; the same command continues")
+            perceived = ", and stage outputs in the cache" if cache else ""
+            tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
             raise
         _finish(plan, directory, of_run, failures, account, started)
     for line in cache_lines(account.rows()):

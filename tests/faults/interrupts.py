@@ -1,8 +1,9 @@
-"""Interrupts at random instants of a run, from its start on: ``python -m tests.faults.interrupts --times 500``.
+"""Interrupts and kills at random instants of a run: ``python -m tests.faults.interrupts --times 500``.
 
-Every run gets one signal, as a terminal, a closed terminal or a batch system sends it. A trial holds if all processes
-end within 5 s without a traceback, and if the run, continued after some interrupts, writes the tables of a run without
-any. Tracebacks of Python's own start, before it imports anything of this program, are not counted.
+Every run gets one signal, as a terminal, a closed terminal, a batch system or a full memory sends it; half of them
+while recordings are being closed. A trial holds if all processes end within 5 s without a traceback, and if the run,
+continued after some interrupts, writes the tables and the recordings of a run without any. Tracebacks of Python's own
+start, before it imports anything of this program, are not counted.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from random import Random
 
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text
+from tests.recorded import values_of
 from tests.repository import REPOSITORY
 
 LONGEST_S = 5.0
@@ -32,6 +34,8 @@ FRAMES = range(1, 9)
 TABLES = ("results.jsonl", "frr.csv", "frames.csv", "comparisons.csv")
 IN_A_ROW = 8
 """Interrupts of one run before it is left to end."""
+CLOSING_S = 0.5
+"""Signals that are sent while recordings are being closed come within so many seconds of the first closed file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +71,14 @@ class Runs:
     def __init__(self, folder: Path) -> None:
         self._folder, self._experiment = folder, write_experiment(folder)
         self.seconds: dict[int, float] = {}
-        self._expected = self._tables(self._finish(1))
+        self._expected = self._written(self._finish(1))
         for workers in (2, 4):
             self._finish(workers)
 
     def start(self, out: Path, workers: int, rng: Random) -> subprocess.Popen[bytes]:
         """Start a run in a process group of its own."""
         cache = rng.choice([["--no-cache"], ["--cache", str(self._folder / f"cache{rng.random()}")]])
-        words = ["run", str(self._experiment), "--out", str(out), "--workers", str(workers), "--recording", "none"]
+        words = ["run", str(self._experiment), "--out", str(out), "--workers", str(workers)]
         return subprocess.Popen(
             [Path(sys.executable).with_name("vfoa"), *words, *cache],
             env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
@@ -86,10 +90,15 @@ class Runs:
 
     def interrupt(self, out: Path, workers: int, rng: Random) -> Trial:
         """Start or continue a run, and interrupt it at a random instant."""
-        at_s = rng.uniform(0, self.seconds[workers])
-        name, to_all = rng.choice([("SIGINT", True), ("SIGINT", True), ("SIGHUP", True), ("SIGTERM", False)])
+        name, to_all = rng.choice([("SIGINT", True), ("SIGHUP", True), ("SIGTERM", False), ("SIGKILL", True)])
+        began_s = time.monotonic()
         process = self.start(out, workers, rng)
-        time.sleep(at_s)
+        if rng.random() < 0.5:
+            time.sleep(rng.uniform(0, self.seconds[workers]))
+        else:
+            while process.poll() is None and not any(out.glob("*.whole.partial")):
+                time.sleep(0.002)
+            time.sleep(rng.uniform(0, CLOSING_S))
         sent_s = time.monotonic()
         if process.poll() is None:
             (os.killpg if to_all else os.kill)(process.pid, getattr(signal, name))
@@ -102,12 +111,12 @@ class Runs:
         is_started = not said or "harness" in said or "vfoa:" in said
         if is_started and (len(said.splitlines()) > 1 or code not in (0, 130, -getattr(signal, name))):
             wrong = wrong or f"exit {code}: {said}"
-        return Trial(workers, name, round(at_s, 3), code, round(took_s, 2), wrong)
+        return Trial(workers, name, round(sent_s - began_s, 3), code, round(took_s, 2), wrong)
 
     def what_differs(self, out: Path, workers: int) -> str:
-        """Let an interrupted run end; return the tables that are not as they should be."""
-        found = self._tables(self._finish(workers, out))
-        return ", ".join(name for name in TABLES if found.get(name) != self._expected.get(name))
+        """Let an interrupted run end; return the tables and recordings that are not as they should be."""
+        found = self._written(self._finish(workers, out))
+        return ", ".join(name for name in found | self._expected if found.get(name) != self._expected.get(name))
 
     def _finish(self, workers: int, out: Path | None = None) -> Path:
         begun = time.monotonic()
@@ -118,8 +127,12 @@ class Runs:
             raise SystemExit(f"exit {process.returncode}: {(self._folder / 'said').read_text()}")
         return out or self._folder / f"whole-{workers}"
 
-    def _tables(self, out: Path) -> dict[str, bytes]:
-        return {name: (out / name).read_bytes() for name in TABLES if (out / name).is_file()}
+    def _written(self, out: Path) -> dict[str, object]:
+        """The bytes of tables, and the values of recordings; partial files are not expected."""
+        tables = {name: (out / name).read_bytes() for name in TABLES if (out / name).is_file()}
+        return {**tables, **{path.name: values_of(path) for path in out.glob("*.rrd")}} | dict.fromkeys(
+            path.name for path in out.glob("*.rrd.*")
+        )
 
 
 def _expect_signals() -> None:

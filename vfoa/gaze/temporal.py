@@ -14,18 +14,9 @@ from vfoa.types import Gaze, HeadView, Image, Percepts, Person, StereoRig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WindowStart:
-    """The frame at which a window begins in the middle of a clip, and the tracks as they were before it."""
-
-    frame: int
-    tracker: TrackerState
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """The heads of one frame with the track of each (None: not followed), and the tracks before the frame."""
+    """The heads of one frame with the track of each (None: not followed)."""
 
-    before: TrackerState
     rig: StereoRig
     views: tuple[HeadView, ...]
     tracks: tuple[int | None, ...]
@@ -45,8 +36,6 @@ class HeadWindow:
         Frame rate of the clip; None if not known.
     tracking
         How heads are followed.
-    start
-        The frame to begin at; earlier frames are ignored. None: the first.
 
     Raises
     ------
@@ -54,16 +43,10 @@ class HeadWindow:
         If the model cannot derive its stride from this rate.
     """
 
-    def __init__(
-        self,
-        model: TemporalGazeModel,
-        rate_hz: float | None,
-        tracking: TrackingSettings,
-        start: WindowStart | None = None,
-    ) -> None:
-        self._model, self._tracking, self._start = model, tracking, start
+    def __init__(self, model: TemporalGazeModel, rate_hz: float | None, tracking: TrackingSettings) -> None:
+        self._model, self._tracking = model, tracking
         self._stride = model.stride(rate_hz)
-        self._tracker = start.tracker if start else TrackerState()
+        self._tracker = TrackerState()
         self._seen: dict[int, _Seen] = {}
 
     @property
@@ -71,21 +54,13 @@ class HeadWindow:
         """Number of frames after a frame that must be read before its gazes are known."""
         return REACH * self._stride
 
-    def begin_by(self, start: WindowStart | None) -> None:
-        """Begin early enough for a second user as well; None: with the clip. Call it before :meth:`add`."""
-        if self._start and (start is None or start.frame < self._start.frame):
-            self._start, self._tracker = start, start.tracker if start else TrackerState()
-
     def add(self, percepts: Percepts) -> None:
         """Add the next frame; its views hold the model's crops."""
-        if self._start and percepts.index < self._start.frame:
-            return
-        before = self._tracker
         people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
         tracked, self._tracker = track_people(people, self._tracker, self._tracking)
         track_of = {id(person): track for track, person in tracked}
         tracks = tuple(track_of.get(id(person)) for person in people)
-        self._seen[percepts.index] = _Seen(before=before, rig=percepts.rig, views=percepts.views, tracks=tracks)
+        self._seen[percepts.index] = _Seen(rig=percepts.rig, views=percepts.views, tracks=tracks)
 
     def gazes(self, index: int) -> tuple[Gaze | None, ...]:
         """Return the gazes in a frame, in the order of its views; None for a head that is not followed.
@@ -98,11 +73,6 @@ class HeadWindow:
             None if track is None else self._gaze(index, view, track, seen.rig)
             for view, track in zip(seen.views, seen.tracks, strict=True)
         )
-
-    def start(self) -> WindowStart:
-        """Return the start of a window that gives the gazes of the last frame asked for and of all later ones."""
-        first = min(self._seen)
-        return WindowStart(frame=first, tracker=self._seen[first].before)
 
     def _gaze(self, index: int, view: HeadView, track: int, rig: StereoRig) -> Gaze:
         numbers = range(index - self.look_ahead, index + self.look_ahead + 1, self._stride)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from itertools import compress
 from pathlib import Path
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from harness.files.io import replacing
 from harness.record.appearance import cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
-from harness.run.frame_sink import FinishedFrame, SinkState
+from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
 from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
@@ -36,8 +35,8 @@ RIM = 16
 class ThumbnailWriter:
     """Writes the thumbnails of one clip and configuration; older ones are replaced when it ends."""
 
-    def __init__(self, run: Path, clip: str, configuration: str, resumed: SinkState | None = None) -> None:
-        self._run, self._clip, self._resumed = run, clip, resumed
+    def __init__(self, run: Path, clip: str, configuration: str) -> None:
+        self._run, self._clip = run, clip
         self._path = lines_path(run, clip, configuration)
         self._partial = self._path.with_name(self._path.name + ".partial")
         self._encoder = msgspec.json.Encoder()
@@ -45,20 +44,8 @@ class ThumbnailWriter:
 
     def __enter__(self) -> Self:
         picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
-        self._file = self._partial.open("r+b" if self._resumed else "wb")
-        if self._resumed:
-            self._file.truncate(self._resumed.files[self._name])
-            self._file.seek(0, os.SEEK_END)
+        self._file = self._partial.open("wb")
         return self
-
-    def state(self) -> SinkState:
-        """The extent of the lines' file; each picture has a file of its own."""
-        self._file.flush()
-        return SinkState(files={self._name: self._file.tell()})
-
-    @property
-    def _name(self) -> str:
-        return self._partial.relative_to(self._run).as_posix()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

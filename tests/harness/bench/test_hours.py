@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.bench import generated_clip, hours, resuming
+from harness.bench import generated_clip, hours
 from harness.bench.generated_clip import write_clip, write_labels
 from harness.bench.overhead import measure_overhead, overhead_table
-from harness.bench.resuming import measure_resume, resume_table
 from harness.files import digests
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -37,15 +36,6 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     monkeypatch.setattr(digests, "file_digest", lambda path: (read.append(path), real(path))[1])
     rescore(RunDirectory(tmp_path / "run"))
     assert not [path for path in read if path.suffix == ".png"]
-
-
-def test_a_killed_run_is_continued_and_its_parts_are_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(resuming, "SETTLED_NS", 0)
-    found = measure_resume(12, 7, tmp_path)
-    parts = (found.imported, found.opened, found.described, found.first_frame, found.finished)
-    assert [part.cpu_seconds for part in parts] == sorted(part.cpu_seconds for part in parts)
-    assert RunDirectory(tmp_path / "run").results.read_bytes().count(b"\n") == 4 * 12
-    assert resume_table([found]).rows[0][:2] == ("12", "7")
 
 
 def test_overhead_is_of_every_sink_and_of_the_scores() -> None:

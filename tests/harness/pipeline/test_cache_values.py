@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from random import Random
 
 import numpy as np
 import pytest
@@ -24,6 +25,14 @@ DTYPES = st.sampled_from(["f4", "f8", "u1", "u2", "i8", "?"])
 def test_an_array_survives_to_the_last_bit(array: np.ndarray) -> None:
     (found,) = decode(encode((array,)))
     assert (found.dtype, found.shape, found.tobytes()) == (array.dtype, array.shape, array.tobytes())
+
+
+@given(arrays.arrays(dtype=DTYPES, shape=arrays.array_shapes(min_dims=2, max_dims=3, min_side=2)), st.randoms())
+def test_an_array_keeps_the_order_of_its_axes(array: np.ndarray, random: Random) -> None:
+    turned = array.transpose(random.sample(range(array.ndim), array.ndim))[::-1]
+    (found,) = decode(encode((turned,)))
+    assert np.array_equal(found, turned, equal_nan=found.dtype.kind == "f")
+    assert np.argsort(found.strides).tolist() == np.argsort(np.abs(turned.strides)).tolist()
 
 
 @given(st.floats(), st.integers(-(2**63), 2**63 - 1), st.text())

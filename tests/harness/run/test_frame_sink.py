@@ -15,7 +15,7 @@ from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.loop import ClipJob, run_clip
 from harness.run.results import read_results
-from harness.run.resume import ResultsSinks
+from harness.run.results_sink import ResultsSinks
 from vfoa.errors import VfoaError
 
 

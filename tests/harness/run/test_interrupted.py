@@ -103,7 +103,7 @@ def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     os.killpg(process.pid, getattr(signal, name))
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130, said
-    assert "frames are kept in" in said
+    assert "clips are kept in" in said
     assert len(said.splitlines()) == 1
     kept = {path: path.read_bytes() for path in (tmp_path / "out").glob("partial/*.jsonl*")}
     assert any(kept.values())

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rerun.chunk import RrdReader
 
 from harness.record.layer_file import _StreamFile
 from harness.report.sinks import composed_sinks
@@ -20,6 +19,7 @@ from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
+from tests.recorded import values_of
 from vfoa.errors import VfoaError
 
 FRAMES = 2
@@ -80,24 +80,11 @@ def killed(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[
     return whole, sorted((folder / "copies").iterdir())
 
 
-def _values(run: Path) -> dict[tuple[str, str, str, object], object]:
-    """Every value of a run's recordings, by file, entity, component and frame."""
-    values: dict[tuple[str, str, str, object], object] = {}
-    for path in sorted(run.glob("*.rrd")):
-        for chunk in RrdReader(path).stream():
-            batch = chunk.to_record_batch()
-            names = batch.schema.names
-            frames = batch.column("frame").cast("int64").to_pylist() if "frame" in names else [None] * batch.num_rows
-            for name in (name for name in names if ":" in name):
-                rows = zip(frames, batch.column(name), strict=True)
-                values |= {(path.name, chunk.entity_path, name, frame): value for frame, value in rows}
-    return {key: value for key, value in values.items() if not key[1].startswith("/__properties")}
-
-
 def _assert_whole(run: RunDirectory, whole: RunDirectory) -> None:
     assert {path.name for path in run.path.glob("*.rrd*")} == RECORDINGS
     assert run.results.read_bytes() == whole.results.read_bytes()
-    assert _values(run.path) == _values(whole.path)
+    for name in RECORDINGS:
+        assert values_of(run.path / name) == values_of(whole.path / name), name
     assert not (run.path / "partial").exists()
 
 
