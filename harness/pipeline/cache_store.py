@@ -15,11 +15,11 @@ much smaller).
 from __future__ import annotations
 
 import dataclasses
+import errno
 import hashlib
 import json
 import logging
 import os
-import shutil
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -121,19 +121,22 @@ class Store:
     def save(self, path: Path, data: bytes) -> None:
         """Store a result. It is not forced to the disk: a checksum detects what a power cut damages.
 
+        A result that the cache is cleared of while it is written is not stored.
+
         Raises
         ------
         OSError, VfoaError
             If it cannot be written.
         """
-        with replacing(path) as draft:
+        with suppress(FileNotFoundError), replacing(path) as draft:
             draft.write_bytes(sealed(data))
 
     def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
         """Write the description of an identity beside its results. Raises as :meth:`save` does."""
         path = self.folder(slot, identity) / _IDENTITY
         if not path.exists():
-            atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
+            with suppress(FileNotFoundError):
+                atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
 
     def described(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
         """The folder and the description of each identity of a slot (``*``: of any); damaged ones are left out."""
@@ -175,15 +178,31 @@ class Store:
             excess -= size
 
     def clear(self) -> None:
-        """Remove every result.
+        """Remove every result; those that a run stores meanwhile may stay.
 
         Raises
         ------
+        VfoaError
+            If the folder is a link: what it links to may be another's.
         OSError
             If something cannot be removed. It is no error if another process removes it meanwhile.
         """
-        with suppress(FileNotFoundError):
-            shutil.rmtree(self.stages)
+        if self.stages.is_symlink():
+            raise VfoaError(f"{self.stages}: found a symbolic link; expected a folder: clear the one that it links to")
+        for place, folders, files in os.walk(self.stages, topdown=False, onerror=_raise_unless_gone):
+            links = (name for name in folders if os.path.islink(os.path.join(place, name)))
+            for name in (*files, *links):
+                Path(place, name).unlink(missing_ok=True)
+            try:
+                os.rmdir(place)
+            except OSError as error:
+                if error.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST):
+                    raise
+
+
+def _raise_unless_gone(error: OSError) -> None:
+    if not isinstance(error, FileNotFoundError):
+        raise error
 
 
 def warn_damaged(path: Path) -> None:

@@ -92,9 +92,49 @@ def test_what_cannot_be_cleared_is_said(store: Store, tmp_path: Path) -> None:
     elsewhere.save(elsewhere.folder("stereo", "abc") / "000001-0.bin", b"x")
     store.clear()
     store.stages.symlink_to(elsewhere.stages)
-    with pytest.raises(OSError, match="symbolic link"):
+    with pytest.raises(VfoaError, match="symbolic link"):
         store.clear()
     assert (elsewhere.folder("stereo", "abc") / "000001-0.bin").exists()
+
+
+def test_what_a_run_stores_while_the_cache_is_cleared_may_stay(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A result is stored in each folder when its files are removed; another folder vanishes as in another clearing."""
+    for slot in ("stereo", "heads", "gaze"):
+        store.save(store.folder(slot, "abc") / "000001-0.bin", b"x")
+    remove = os.rmdir
+
+    def stored_first(folder: str) -> None:
+        if folder == str(store.folder("stereo", "abc")):
+            store.save(store.folder("stereo", "abc") / "000002-0.bin", b"y")
+        if folder == str(store.folder("heads", "abc")):
+            remove(folder)
+        remove(folder)
+
+    monkeypatch.setattr(os, "rmdir", stored_first)
+    store.clear()
+    monkeypatch.undo()
+    assert [path.name for path in store.stages.rglob("*.bin")] == ["000002-0.bin"]
+    assert [path.name for path in store.stages.iterdir()] == ["stereo"]
+    store.clear()
+    assert not store.stages.exists()
+
+
+def test_a_result_whose_draft_is_cleared_is_not_stored_and_no_error(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = store.folder("stereo", "abc") / "000001-0.bin"
+    replace = Path.replace
+
+    def cleared_first(draft: Path, target: Path) -> Path:
+        store.clear()
+        return replace(draft, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", cleared_first)
+        store.save(path, b"x")
+    assert store.load(path) is None
+    store.save(path, b"x")
+    assert store.load(path) == b"x"
 
 
 @pytest.mark.parametrize("text", ["lots", "-1", "nan", "inf"])
