@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
-from harness.clips.manifest import load_manifest
+from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.labels.labels import RESERVED, timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -64,7 +64,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
     VfoaError
         If the run has no such clip, or the clip no such subject.
     """
-    manifest = load_manifest(_place(directory, clip), clip)
+    manifest = _manifest(directory, clip)
     check_known(subject, manifest.subjects, f"{clip}: unknown subject")
     others = (name for name in manifest.subjects if name != subject)
     return (*manifest.targets, *others, *RESERVED)
@@ -85,7 +85,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     VfoaError
         If a name or a frame is not the clip's, or another process labels the clip.
     """
-    manifest = load_manifest(_place(directory, correction.clip), correction.clip)
+    manifest = _manifest(directory, correction.clip)
     timeline = timeline_of(manifest.open())
     frames = list(timeline.frames)
     for frame in (correction.first, correction.last):
@@ -99,11 +99,12 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     return path
 
 
-def _place(directory: RunDirectory, clip: str) -> str:
-    """The manifest of a run's clip where the run found it or, if it has moved since, its name."""
-    places = {entry["name"]: entry["manifest"] for entry in directory.read_manifest()["clips"]}
+def _manifest(directory: RunDirectory, clip: str) -> ClipManifest:
+    """The manifest whose names the labels have that the run is scored against."""
+    run = directory.read_manifest()
+    places = {entry["name"]: entry["manifest"] for entry in run["clips"]}
     check_known(clip, places, f"{directory.path}: no clip")
-    return places[clip] if Path(places[clip]).is_file() else clip
+    return manifest_of_run(places[clip], clip, run.get("annotator"))
 
 
 def correction_routes(directory: RunDirectory) -> list[Route]:

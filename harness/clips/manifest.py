@@ -24,7 +24,7 @@ from typing import Any, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from harness.clips.naming import NameRule
-from harness.files.folders import folders, names
+from harness.files.folders import came_with_program, folders, names
 from harness.files.io import check_name, is_file, read_text
 from harness.files.parsing import read_toml
 from harness.labels.drawn import Drawn, read_drawn
@@ -230,6 +230,25 @@ def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None)
     by_path = text.endswith(".toml")
     path = Path(text) if by_path else _find(text)
     return make_manifest(read_toml(path), path, clip if by_path else text)
+
+
+def manifest_of_run(place: str, clip: str, annotator: str | None) -> ClipManifest:
+    """Read the manifest of a run's clip where the run found it or, if it has moved since, by name.
+
+    A clip that came with the program can have another manifest of its name by now, a copy with renamed targets. The
+    labels are then found beside that one, if there are any by this annotator, and have its names: so it is read.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`load_manifest`.
+    """
+    if not is_file(Path(place)):
+        return load_manifest(clip)
+    then = load_manifest(place, clip)
+    if came_with_program(then.path) and (now := load_manifest(clip)).annotations.find(annotator):
+        return now
+    return then
 
 
 def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> ClipManifest:

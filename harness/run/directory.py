@@ -21,7 +21,7 @@ from typing import IO, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, model_validator
 
-from harness.clips.manifest import load_manifest
+from harness.clips.manifest import manifest_of_run
 from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
 from harness.files.parsing import differing_keys, parse_json
 from harness.remote import local_folder
@@ -204,9 +204,10 @@ class RunDirectory:
         yield from (self.manifest, self.results, self.timings)
         yield from self.path.glob("*.rrd")
         yield from (self.path / "partial").rglob("*")
-        for clip in self.read_manifest()["clips"] if self.manifest.is_file() else ():
+        run: dict[str, Any] = self.read_manifest() if self.manifest.is_file() else {"clips": []}
+        for clip in run["clips"]:
             with suppress(VfoaError):  # the clip of a finished run may be gone
-                yield from load_manifest(clip.get("manifest") or clip["name"], clip["name"]).files
+                yield from manifest_of_run(clip.get("manifest", ""), clip["name"], run.get("annotator")).files
 
     def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
         """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""

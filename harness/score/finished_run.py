@@ -12,10 +12,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
-from harness.files.io import is_file
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
@@ -70,14 +69,21 @@ class FinishedRun:
 
         Renamed targets have their present names.
         """
-        names, results = self.names_now(), self.directory.results
+        names, results = self._names_now(self._manifests(self.manifest.get("annotator"))), self.directory.results
         for block in self.scored_blocks(find_blocks(results)):
             yield from (renamed(record, names[block.clip]) for record in read_block(results, block))
 
-    def names_now(self) -> dict[str, dict[str, str]]:
+    def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
+        """The present manifest of each clip, whose names the labels of this annotator have."""
+        return {
+            clip["name"]: manifest_of_run(clip.get("manifest", ""), clip["name"], annotator)
+            for clip in self.manifest["clips"]
+        }
+
+    def _names_now(self, manifests: Mapping[str, ClipManifest]) -> dict[str, dict[str, str]]:
         """The present names of renamed targets by their names in the results, for each clip."""
         return {
-            clip["name"]: _manifest(clip).names_now(clip.get("names", {}).get("targets", {}))
+            clip["name"]: manifests[clip["name"]].names_now(clip.get("names", {}).get("targets", {}))
             for clip in self.manifest["clips"]
         }
 
@@ -121,7 +127,7 @@ class FinishedRun:
         """
         run = self.manifest
         annotator = annotator or run.get("annotator")
-        manifests = {clip["name"]: _manifest(clip) for clip in run["clips"]}
+        manifests = self._manifests(annotator)
         read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         of_clips: dict[str, list[str]] = {}
@@ -149,7 +155,7 @@ class FinishedRun:
                 *self._unlabelled_notes([manifests[name] for name in read if name not in labels]),
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
-            names_now=self.names_now(),
+            names_now=self._names_now(manifests),
             says_nowhere=frozenset(name for name, settings in run["configurations"].items() if says_nowhere(settings)),
             probabilistic=dict.fromkeys(
                 name for name, settings in run["configurations"].items() if has_probabilities(settings)
@@ -162,7 +168,7 @@ class FinishedRun:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
         annotator = annotator or self.manifest.get("annotator")
         before = self.manifest.get(TABLE_LABELS, {})
-        now = {clip["name"]: _manifest(clip).annotations.digest(annotator) for clip in self.manifest["clips"]}
+        now = {name: clip.annotations.digest(annotator) for name, clip in self._manifests(annotator).items()}
         if now != before:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
@@ -203,12 +209,6 @@ def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
         else:
             notes.setdefault(failure["configuration"], f"left out, failed on {failure['clip']}: {failure['error']}")
     return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
-
-
-def _manifest(clip: dict[str, Any]) -> ClipManifest:
-    """Read the clip's manifest where the run found it or, if it has moved since, by name."""
-    place = Path(clip.get("manifest", ""))
-    return load_manifest(place, clip["name"]) if is_file(place) else load_manifest(clip["name"])
 
 
 def _timeline(clip: dict[str, Any]) -> Timeline | None:

@@ -1,12 +1,18 @@
 from __future__ import annotations
 
+import json
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from harness.annotate.correction import choices
+from harness.annotate.history import History
+from harness.clips.manifest import load_manifest
+from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
 from harness.run.results import find_blocks, to_line
-from harness.score.finished_run import FinishedRun
+from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
 from tests.records import answers
 from vfoa.errors import VfoaError
@@ -52,3 +58,40 @@ def test_results_of_a_clip_that_the_manifest_does_not_have_are_one_line(tmp_path
     for read in (lambda: list(run.records()), lambda: run.scored_blocks(find_blocks(results))):
         with pytest.raises(VfoaError, match=r"manifest\.json: clips: found studio_table; expected .old."):
             read()
+
+
+def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its targets cannot be renamed in place: the page advises to copy the manifest."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "cache"))
+    built_in = load_manifest("studio_talk")
+    looks = ["bear", "bear", "bowl"]
+    records = answers(looks, subject="ben", clip="studio_talk")
+    write_text(tmp_path / "run" / "results.jsonl", "".join(map(to_line, records)))
+    clip = {"name": "studio_talk", "manifest": str(built_in.path), "frames": [1, 2, 3], "names": built_in.naming()}
+    write_text(
+        tmp_path / "run" / "manifest.json",
+        json.dumps({"clips": [clip], "configurations": {"one": {}}, "finished": "now"}),
+    )
+    directory = RunDirectory(tmp_path / "run")
+
+    def of_ben() -> list[tuple[str | None, str | None]]:
+        verdicts = read_scores(directory).verdicts
+        return [(verdict.truth, verdict.predicted) for verdict in verdicts if verdict.subject == "ben"]
+
+    before = [("bear", "bear"), ("bear", "bear"), ("bear", "bowl")]
+    assert of_ben() == before
+    copy = write_text(tmp_path / "datasets" / "studio_talk.toml", built_in.path.read_text())
+    assert of_ben() == before  # there are no labels yet beside the copy
+    assert copy not in directory.inputs
+    labels = built_in.annotations.find()
+    assert labels is not None
+    write_text(tmp_path / "annotations" / "studio_talk.csv", labels.read_text())
+    mine = load_manifest("studio_talk")
+    with closing(History(mine, None, timeline_of(mine.open()))) as history:
+        history.change_target("bear", new_name="teddy", key=None, colour="olive plain")
+    assert of_ben() == [("teddy", "teddy"), ("teddy", "teddy"), ("teddy", "bowl")]
+    assert copy in directory.inputs
+    assert "teddy" in choices(directory, "studio_talk", "ben")
