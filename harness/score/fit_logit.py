@@ -35,6 +35,7 @@ from vfoa.types import Float
 BLOCK_S = 10.0
 """Shortest block that is left out of a single clip, seconds: a look must not be on both sides of a border."""
 _MOST_BLOCKS = 8
+_UNSCORED = "(--even-if-worse writes a file without a score)"
 CURVE_S = (20, 60, 120, 240, 480, 960)
 """Labelled seconds at which the learning curve is computed."""
 FITTED, DEFAULT = "fitted", "default weights"
@@ -54,11 +55,11 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     Raises
     ------
     VfoaError
-        If there is one clip, and it is too short for two blocks.
+        If there is one clip, and it is too short for two blocks, or has no label beyond the first seconds.
     """
-    clips = list(dict.fromkeys(person.sequence.group for person in run.people))
+    clips = list(dict.fromkeys(person.sequence.group for person in run.people if person.labelled))
     if len(clips) == 1:
-        return _blocks(run) if first_s is None else [_first_and_rest(run.people, first_s)]
+        return _blocks(run) if first_s is None else [_first_and_rest(run, first_s)]
     inside = {clip: [person for person in run.people if person.sequence.group == clip] for clip in clips}
     outside = {clip: [person for person in run.people if person.sequence.group != clip] for clip in clips}
     if first_s is None:
@@ -66,9 +67,17 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     return [Fold([person.first(first_s) for person in inside[clip]], outside[clip]) for clip in clips]
 
 
-def _first_and_rest(people: Sequence[Person], first_s: float) -> Fold:
-    first = [person.first(first_s) for person in people]
-    return Fold(first, [person.without(part.labelled) for person, part in zip(people, first, strict=True)])
+def _first_and_rest(run: LabelledRun, first_s: float) -> Fold:
+    first = [person.first(first_s) for person in run.people]
+    rest = [person.without(part.labelled) for person, part in zip(run.people, first, strict=True)]
+    if not any(person.labelled for person in rest):
+        longest_s = max(person.labelled_s for person in run.people)
+        raise VfoaError(
+            f"fit: {run.experiment}: --first {first_s:g}s: each person has at most {longest_s:.1f} labelled seconds; "
+            "expected more, to score the fit on the rest: label more, or fit on fewer seconds "
+            f"{_UNSCORED}"
+        )
+    return Fold(first, rest)
 
 
 def _blocks(run: LabelledRun) -> list[Fold]:
@@ -79,7 +88,7 @@ def _blocks(run: LabelledRun) -> list[Fold]:
     if count < 2:
         raise VfoaError(
             f"fit: {run.experiment}: {end - begin:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
-            "one part and score on the other (--even-if-worse writes a file without a score)"
+            f"one part and score on the other {_UNSCORED}"
         )
     folds = []
     for low, high in itertools.pairwise(np.linspace(begin, end + 1e-6, count + 1)):
@@ -90,8 +99,18 @@ def _blocks(run: LabelledRun) -> list[Fold]:
 
 
 def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = True) -> FittedWeights:
-    """Fit the weights on all labels, or on the first seconds of each clip; score fits on what they did not see."""
+    """Fit the weights on all labels, or on the first seconds of each clip; score fits on what they did not see.
+
+    Raises
+    ------
+    VfoaError
+        If the first seconds have no label, or nothing is left to score the fit on (:func:`folds_of`).
+    """
     people = [person.first(first_s) for person in run.people] if first_s is not None else run.people
+    if not any(person.labelled for person in people):
+        raise VfoaError(
+            f"fit: {run.experiment}: --first {first_s:g}s: no labelled frame is so short; expected more seconds"
+        )
     folds = folds_of(run, first_s) if scored else []
     weights = fitted_to(people)
     return FittedWeights(

@@ -109,6 +109,21 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     assert not set(first.train[0].labelled) & set(first.test[0].labelled)
 
 
+@pytest.mark.parametrize("first", ["8s", "20s"])
+def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
+    first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), 40)  # 8 s
+    with pytest.raises(VfoaError, match=rf"--first {first}: each person has at most 7\.8 labelled seconds"):
+        fit("talk.toml", Path("fitted.toml"), first=first)
+    with pytest.raises(VfoaError, match=r"--first 0\.1s: no labelled frame"):
+        fit("talk.toml", Path("fitted.toml"), first="0.1s", even_if_worse=True)
+    assert not Path("fitted.toml").exists()
+    fit("talk.toml", Path("fitted.toml"), first=first, even_if_worse=True)
+    assert read_fitted(Path("fitted.toml")).fit.held_out == ()
+
+
 def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("talk",), 40)
