@@ -24,6 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,7 @@ from harness.pipeline.configuration import (
 )
 from harness.run.directory import Published
 from harness.run.grid import base_of, repeated, variants
+from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.logit import LogitSettings
@@ -97,9 +99,27 @@ def read_fitted(path: Path) -> FittedWeights:
     Raises
     ------
     VfoaError
-        If it is missing, or a key or value is wrong.
+        If it is missing, a key or value is wrong, or a later version of this program wrote it.
     """
-    return parse(FittedWeights, read_toml(path), str(path))
+    table = read_toml(path)
+    _check_version(table, path)  # first: a later version may have other keys
+    return parse(FittedWeights, table, str(path))
+
+
+def _check_version(table: Mapping[str, Any], path: Path) -> None:
+    record = table.get("fit")
+    version = record.get("version") if isinstance(record, dict) else None
+    if isinstance(version, str) and not () < _release(version) <= _release(__version__):
+        raise VfoaError(
+            f"{path}: fit.version: found {version!r}; expected that of this program, {__version__}, or an earlier one: "
+            "update vfoa, or fit the weights again"
+        )
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """The numbers that a version begins with; none if it is no version."""
+    numbers = re.match(r"\d{1,9}(\.\d{1,9})*", version, re.ASCII)
+    return tuple(map(int, numbers[0].split("."))) if numbers else ()
 
 
 def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:

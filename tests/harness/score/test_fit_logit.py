@@ -19,6 +19,7 @@ from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.repository import REPOSITORY
+from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
 
@@ -81,6 +82,20 @@ def test_a_wrong_weight_is_named(fitted: Path) -> None:
     fitted.write_text(fitted.read_text().replace("head_swing", "head_shear"))
     with pytest.raises(VfoaError, match=r"attention.*head_shear"):
         load_experiment("talk.toml", preset=str(fitted))
+
+
+@pytest.mark.parametrize("version", ["99.9", f"{__version__}.1", "newest", ""])
+def test_weights_of_a_version_that_this_program_does_not_know_are_refused(version: str, fitted: Path) -> None:
+    text = fitted.read_text()
+    assert f'version = "{__version__}"' in text
+    fitted.write_text(text.replace(f'version = "{__version__}"', f'version = "{version}"\nof_later = 1'))
+    with pytest.raises(VfoaError, match=rf"fitted\.toml: fit\.version: found '{version}'.*{__version__}"):
+        load_experiment("talk.toml", preset=str(fitted))
+
+
+def test_weights_of_an_earlier_version_are_taken(fitted: Path) -> None:
+    fitted.write_text(fitted.read_text().replace(f'version = "{__version__}"', 'version = "0.0.9"'))
+    assert read_fitted(fitted).fit.version == "0.0.9"
 
 
 def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
