@@ -18,7 +18,7 @@ from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.write import rescore
 from harness.run.directory import MOST, RunDirectory, out_folder
-from harness.run.experiment import load_experiment
+from harness.run.experiment import RecordingKind, load_experiment
 from harness.score.comparison import compare_runs as _compare_runs
 from harness.score.comparison import compare_with_baseline
 from vfoa.errors import VfoaError
@@ -183,7 +183,7 @@ def run_experiment(
     out: str | Path | None = None,
     limit: int | None = None,
     workers: int = 1,
-    recordings: bool | None = None,
+    recordings: bool | RecordingKind | None = None,
     cache: bool = True,
 ) -> RunResults:
     """Run an experiment as ``vfoa run`` does, write its tables and report, and load them.
@@ -205,7 +205,8 @@ def run_experiment(
     workers
         Processes; 0 means one per core. A script that uses several needs ``if __name__ == "__main__":``.
     recordings
-        Whether to write Rerun recordings; None: as the experiment says.
+        Whether to write Rerun recordings, or their kind as ``--recording`` of ``vfoa run``; None: as the experiment
+        says.
     cache
         Whether to reuse stage outputs of earlier runs, and to store those of this one.
 
@@ -231,7 +232,7 @@ def run_experiment(
         cache=open_store() if cache else None,
         beside=out is None,
         limit=limit,
-        recorded=recordings,
+        recording=("light" if recordings else "none") if isinstance(recordings, bool) else recordings,
     )
     if failed := directory.read_manifest()["failed"]:  # before scoring, which may find nothing that can be compared
         warnings.warn(_incomplete(directory, failed), stacklevel=2)

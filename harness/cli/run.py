@@ -64,8 +64,11 @@ def run(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
-        Literal["light", "none"] | None,
-        typer.Option(help="Write Rerun recordings, or none. Default: the experiment's, else light."),
+        Literal["light", "jpeg", "none"] | None,
+        typer.Option(
+            help="Rerun recordings: with AV1 video (light), with JPEG pictures for viewers that do not decode AV1 "
+            "(jpeg: larger), or none. Default: the experiment's, else light."
+        ),
     ] = None,
     oracle: Annotated[
         bool, typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth.")
@@ -105,7 +108,7 @@ def run(
             threads=threads or os.cpu_count() or 1,
             scheduler=scheduler,
             limit=limit,
-            recorded=None if recording is None else recording == "light",
+            recording=recording,
             bar=frames_bar,
             cache=store,
             tell=notices.append,

@@ -1,8 +1,8 @@
 """The layer of the images: the camera, both views as video, the measured depth, and the masks of each segmentation.
 
-Video is AV1, which the viewer and every browser decode by themselves: the native viewer needs an FFmpeg program for
-H.264. It is also small: 5 kB a frame of 1024 x 436 pixels where a JPEG of quality 85 takes 92 (25 frames of
-``studio_talk``).
+Video is AV1, which the viewer decodes by itself, while it needs an FFmpeg program for H.264. It is also small: 5 kB a
+frame of 1024 x 436 pixels where a JPEG of quality 85 takes 92 (25 frames of ``studio_talk``). Safari on Macs without a
+decoder of their own for AV1, and the native viewer on Linux ARM, do not decode it: JPEG pictures are shown everywhere.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ def key_frame_every(rate_hz: float | None) -> int:
 
 
 class ImageLog:
-    """Logs the images of a clip: AV1 videos, or JPEG pictures if they are too small for the encoder."""
+    """Logs the images of a clip: AV1 videos, or JPEG pictures if these are wanted, or too small for the encoder."""
 
-    def __init__(self, log: FrameLog, rate_hz: float | None) -> None:
-        self._log = log
+    def __init__(self, log: FrameLog, rate_hz: float | None, *, jpeg: bool = False) -> None:
+        self._log, self._jpeg = log, jpeg
         self._key_every = key_frame_every(rate_hz)
         self._videos: dict[str, VideoEncoder] = {}
         self._times: dict[tuple[str, int], tuple[int, int]] = {}
@@ -84,7 +84,7 @@ class ImageLog:
             self._packets(path, video.finish())
 
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
-        if min(image.shape[:2]) < LEAST_SIDE_PX:
+        if self._jpeg or min(image.shape[:2]) < LEAST_SIDE_PX:
             self._log.row(path, rr.EncodedImage, blob=[_jpeg(image)], media_type=["image/jpeg"])
             return
         if path not in self._videos:

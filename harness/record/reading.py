@@ -41,6 +41,12 @@ def ids_of(recording: Path) -> RecordingIds:
         return RecordingIds(application=entry.application_id, recording=entry.recording_id)
 
 
+def has_video(recording: Path) -> bool:
+    """Whether images of a file are AV1 video."""
+    with reading(recording):
+        return any(True for _ in RrdReader(recording).stream().filter(components="VideoStream:codec"))
+
+
 def properties(recording: Path) -> dict[str, object]:
     """Return the properties of a recording that are single values, by name."""
     by_name: dict[str, object] = {}

@@ -26,21 +26,21 @@ class SharedLayers:
 
     _open: ClassVar[dict[ClipFiles, SharedLayers]] = {}
 
-    def __init__(self, files: ClipFiles, rate_hz: float | None, names: Sequence[str]) -> None:
+    def __init__(self, files: ClipFiles, rate_hz: float | None, names: Sequence[str], *, jpeg: bool) -> None:
         self.files = files
         self.colours = Colours(names)
         self.further = load_entities()
         self._images = LayerFile(files.images, files)
-        self._image_log = ImageLog(self._images.part("images"), rate_hz)
+        self._image_log = ImageLog(self._images.part("images"), rate_hz, jpeg=jpeg)
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
 
     @classmethod
-    def join(cls, files: ClipFiles, rate_hz: float | None, names: Sequence[str]) -> SharedLayers:
+    def join(cls, files: ClipFiles, rate_hz: float | None, names: Sequence[str], *, jpeg: bool) -> SharedLayers:
         """Return the layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
         if files not in cls._open:
-            cls._open[files] = cls(files, rate_hz, names)
+            cls._open[files] = cls(files, rate_hz, names, jpeg=jpeg)
         shared = cls._open[files]
         shared._users += 1
         return shared
@@ -98,6 +98,8 @@ class Recorder:
         Frames per second at which the viewer plays; None if the source does not know it.
     subjects, targets
         The names of the manifest, in its order: they fix the colours and give each subject a view of its own.
+    jpeg
+        Whether images are JPEG pictures, not AV1 video.
     """
 
     files: ClipFiles
@@ -106,10 +108,11 @@ class Recorder:
     rate_hz: float | None
     subjects: Sequence[str] = ()
     targets: Sequence[str] = ()
+    jpeg: bool = False
 
     def __enter__(self) -> Self:
         self._names = (*self.targets, *self.subjects)
-        self._shared = SharedLayers.join(self.files, self.rate_hz, self._names)
+        self._shared = SharedLayers.join(self.files, self.rate_hz, self._names, jpeg=self.jpeg)
         self._layer = LayerFile(self.files.attention(self.layers.configuration), self.files)
         return self
 

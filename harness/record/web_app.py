@@ -9,7 +9,6 @@ from mimetypes import guess_type
 from pathlib import Path
 from urllib.parse import quote, urlencode
 
-from rerun.chunk import RrdReader
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -24,7 +23,7 @@ from starlette.responses import (
 from starlette.routing import Route
 
 from harness.record.composed import Composed
-from harness.record.reading import reading
+from harness.record.reading import has_video
 from harness.run.directory import Pair
 from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
@@ -40,6 +39,9 @@ VIEWER_POLICY = (
 )
 
 Routes = Sequence[Route]
+
+AV1 = "av01.0.08M.08"
+"""The videos of recordings as a browser is asked whether it decodes them."""
 
 _FRAME = re.compile(r"-?[0-9]{1,18}")
 _BINARY = "application/octet-stream"
@@ -85,11 +87,11 @@ def site(
             raise HTTPException(400, f"frame: expected a number, found {frame!r}.")
         recording = recordings[name]
         recording.expect_files()
-        for file in recording.files:
-            with reading(file):
-                RrdReader(file).recordings()
         place = f"/files/{numbered.index(recording)}"
         query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
+        have_video = [has_video(file) for file in recording.files]  # all are read: a damaged one is an error here
+        if any(have_video):
+            query.append(("codec", AV1))
         if recording.make_layout is not None:
             who = request.query_params.get("subject")
             query.append(("layout", f"{place}/layout.rbl" + (f"?{urlencode({'subject': who})}" if who else "")))

@@ -10,7 +10,7 @@ from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
 from harness.run.directory import RunDirectory
 from harness.run.executors import Progress
-from harness.run.experiment import Experiment
+from harness.run.experiment import Experiment, RecordingKind
 from harness.run.plan import Plan
 from harness.run.runner import prepare, run_plan
 
@@ -32,7 +32,7 @@ def run_whole(
     cache: Store | None,
     beside: bool,
     limit: int | None = None,
-    recorded: bool | None = None,
+    recording: RecordingKind | None = None,
     bar: Bar = no_bar,
     threads: int = 1,
     scheduler: str | None = None,
@@ -47,8 +47,8 @@ def run_whole(
     ----------
     limit
         Run only the first frames of each clip.
-    recorded
-        Whether to write Rerun recordings; None: as the experiment says.
+    recording
+        The kind of Rerun recordings to write; None: as the experiment says.
 
     The others are those of :func:`harness.run.runner.run_plan`, which also lists the errors.
     """
@@ -59,8 +59,9 @@ def run_whole(
         experiment = with_left_out_weights(
             experiment, lambda each: run_plainly(each, fit_out, workers=workers, cache=cache, limit=limit, bar=bar)
         )
-    recorded = experiment.recording == "light" if recorded is None else recorded
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
+    kind = recording or experiment.recording
+    sinks = composed_sinks(experiment.configurations, recorded=kind != "none", jpeg=kind == "jpeg")
+    plan = prepare(experiment, limit=limit, sinks=sinks)
     with bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,

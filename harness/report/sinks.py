@@ -24,14 +24,16 @@ if TYPE_CHECKING:
 class RecordingSinks:
     """Recordings, next to the results.
 
-    ``layers`` are those of every configuration of the experiment, by its name.
+    ``layers`` are those of every configuration of the experiment, by its name. ``jpeg``: images are JPEG pictures, not
+    AV1 video.
     """
 
     layers: Mapping[str, LayerNames]
+    jpeg: bool = False
 
     def described(self) -> Mapping[str, Any]:
-        """That a run has recordings is written into its manifest."""
-        return {"recording": "light"}
+        """The kind of its recordings is written into a run's manifest."""
+        return {"recording": "jpeg" if self.jpeg else "light"}
 
     def open(self, context: SinkContext) -> Recorder:
         """Open the recording of one configuration on one clip."""
@@ -44,6 +46,7 @@ class RecordingSinks:
             rate_hz=context.rate_hz,
             subjects=tuple(manifest.subjects),
             targets=tuple(manifest.targets),
+            jpeg=self.jpeg,
         )
 
     def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
@@ -53,11 +56,10 @@ class RecordingSinks:
         return files.images, files.reconstruction(layers.reconstruction), files.attention(configuration)
 
 
-def recordings(configurations: Iterable[Configuration]) -> RecordingSinks:
+def recordings(configurations: Iterable[Configuration], *, jpeg: bool = False) -> RecordingSinks:
     """Return the recordings of an experiment with these configurations."""
-    return RecordingSinks(
-        layers=layer_names({configuration.name: configuration.plain() for configuration in configurations})
-    )
+    plain = {configuration.name: configuration.plain() for configuration in configurations}
+    return RecordingSinks(layers=layer_names(plain), jpeg=jpeg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,8 @@ class ThumbnailSinks:
         return ThumbnailWriter(context.directory.path, context.manifest.name, context.configuration)
 
 
-def composed_sinks(configurations: Iterable[Configuration], *, recorded: bool = True) -> tuple[SinkFactory, ...]:
+def composed_sinks(
+    configurations: Iterable[Configuration], *, recorded: bool = True, jpeg: bool = False
+) -> tuple[SinkFactory, ...]:
     """Thumbnails and, if they are wanted, recordings of an experiment with these configurations."""
-    return (ThumbnailSinks(), *((recordings(configurations),) if recorded else ()))
+    return (ThumbnailSinks(), *((recordings(configurations, jpeg=jpeg),) if recorded else ()))

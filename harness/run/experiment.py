@@ -6,7 +6,7 @@ An experiment is a TOML file::
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
     limit = 20                              # take the first 20 frames of each of these clips; --limit overrides it
     seeds = 20                              # repeat configurations with a simulated error under 20 seeds
-    recording = "none"                      # as --recording of `vfoa run`; light if not given
+    recording = "none"                      # as --recording of `vfoa run`: light, jpeg or none; light if not given
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
 
@@ -163,7 +163,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     return PRESETS[name]
 
 
-RecordingSize = Literal["light", "none"]
+RecordingKind = Literal["light", "jpeg", "none"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,8 +172,8 @@ class Experiment:
 
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
-    ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, unless the
-    command line says so.
+    ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, and with
+    which pictures, unless the command line says so.
     """
 
     name: str
@@ -184,7 +184,7 @@ class Experiment:
     annotator: str | None = None
     published: Published | None = None
     missing: tuple[str, ...] = ()
-    recording: RecordingSize = "light"
+    recording: RecordingKind = "light"
 
 
 class _File(Settings):
@@ -198,7 +198,7 @@ class _File(Settings):
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
     published: Published | None = None
-    recording: RecordingSize = "light"
+    recording: RecordingKind = "light"
 
 
 def load_experiment(

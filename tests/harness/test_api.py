@@ -12,6 +12,8 @@ import pytest
 import harness
 from harness.clips.add import add_clip
 from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
+from harness.run.directory import RunDirectory
+from harness.run.experiment import RecordingKind
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT as TALK
@@ -107,6 +109,25 @@ def test_a_script_gets_every_row_of_the_command(
     assert (run.path / "frr.csv").read_bytes() == Path("command/frr.csv").read_bytes()
     assert run.failed.empty
     assert run.recordings == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "written"), [(None, None), (False, None), (True, "light"), ("light", "light"), ("jpeg", "jpeg")]
+)
+def test_a_script_chooses_the_kind_of_recordings(
+    two_people: Path, asked: bool | RecordingKind | None, written: str | None
+) -> None:
+    run = harness.run_experiment(two_people, out="run", cache=False, limit=2, recordings=asked)
+    assert RunDirectory(run.path).read_manifest()["recording"] == written
+    assert bool(run.recordings) == bool(written)
+
+
+def test_the_command_chooses_the_kind_of_recordings(
+    two_people: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--recording", "jpeg", "--limit", "2", "--workers", "1", "--no-cache", "--out", "run")
+    assert vfoa(monkeypatch, capsys, "run", str(two_people), *options)[0] == 0
+    assert RunDirectory(Path("run")).read_manifest()["recording"] == "jpeg"
 
 
 def test_what_fails_is_warned_of_by_name(two_people: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@
 
 const asked = new URLSearchParams(location.search);
 const said = document.getElementById("said");
+const warned = document.getElementById("warned");
 const [SET_TIME_CURSOR, TIMELINE, TIME, PLAY_STATE, PAUSED] = [6, 2, 3, 5, 1];
 const [IN_FRONT, RECORDINGS, LOADING] = [1, 3, 7]; // of the viewer's state
 
@@ -61,9 +62,21 @@ const layouts = new Map(); // the layout that each application shows
 const opened = new Set();
 let serial = 0;
 
+/** Whether the browser decodes a video; the viewer leaves the decoding to it. */
+async function decodes(codec) {
+  return "VideoDecoder" in window && (await VideoDecoder.isConfigSupported({ codec })).supported;
+}
+
+async function warnOfVideo(codec, isWanted) {
+  const isShown = !codec || await decodes(codec);
+  if (isWanted()) warned.hidden = isShown;
+}
+
 /** Show the files of a recording in a layout at a frame. A later call takes over from one that still waits. */
 async function show(asked) {
-  const [mine, viewer] = [(serial += 1), await handle];
+  const mine = (serial += 1);
+  await warnOfVideo(asked.get("codec"), () => mine === serial);
+  const viewer = await handle;
   const [layout, application, frame] = ["layout", "application", "frame"].map((key) => asked.get(key));
   if (layout && layouts.get(application) !== layout) { // first: an open recording keeps its layout
     const bytes = await fetched(layout);

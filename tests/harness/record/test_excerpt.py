@@ -52,6 +52,13 @@ def test_an_excerpt_is_whole_and_holds_the_frames_around_one(
     assert (len(stores.recordings()), len(stores.blueprints())) == (1, 1)
 
 
+def test_an_excerpt_of_jpeg_pictures_has_those_of_its_frames(frames, record_run, read_back, tmp_path):
+    recorded, excerpt = record_run(frames, jpeg=True), tmp_path / "excerpt.rrd"
+    write_excerpt(_composed(recorded), 25, 13, 1, excerpt)
+    whole, part = (read_back(each).at(entities.IMAGE, "EncodedImage:blob") for each in (recorded, excerpt))
+    assert part == {frame: whole[frame] for frame in (13, 14)}
+
+
 def test_a_frame_that_is_not_there_is_refused(frames, record_run, tmp_path):
     recording = _composed(record_run(frames))
     with pytest.raises(VfoaError, match="no frame 12; expected one of 10 to 14"):

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from harness.record.composed import RecordedClip, find_clips
+from harness.record.composed import RecordedClip, find_clips, find_recordings
 from harness.record.web_app import failures_routes, site
-from harness.record.web_viewer import web_viewer_files
+from harness.record.web_viewer import page_files, web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.record_parts import RecordParts
@@ -194,6 +194,26 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
     shows(10, ANN, "1 of 1")
     assert len(browser.window_handles) == 1
     assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
+
+
+@pytest.mark.parametrize(
+    ("jpeg", "decodes", "warns"), [(False, "false", True), (False, "true", False), (True, "false", False)]
+)
+def test_a_browser_that_does_not_decode_the_video_says_which_setting_helps(
+    frames: list[Any], record_run: Callable[..., Any], tmp_path: Path, jpeg: bool, decodes: str, warns: bool
+) -> None:
+    (recording,) = find_recordings(record_run(frames, jpeg=jpeg).run, None, None)
+    stub = f"window.VideoDecoder = {{isConfigSupported: async ({{codec}}) => ({{supported: {decodes}}})}};"
+    with (
+        running(site({recording.name: recording}, page_files())) as server,
+        chromium(tmp_path / "profile") as browser,
+    ):
+        browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": stub})
+        browser.get(server.address)
+        browser.execute_async_script("warnOfVideo(asked.get('codec'), () => true).then(arguments[0])")
+        message = browser.find_element("id", "warned")
+        assert message.is_displayed() == warns
+        assert "--recording jpeg" in str(message.get_attribute("textContent"))
 
 
 def _likeness(picture: np.ndarray, left: np.ndarray) -> float:

@@ -228,6 +228,20 @@ def test_verdict_counts_are_listed_by_configuration(frames, record_run, read_bac
 _ESCAPED = CONFIGURATION.replace(" ", "\\ ")
 
 
+def test_a_recording_with_jpeg_pictures_has_each_image_on_its_own(frames, record_run, read_back):
+    columns = read_back(record_run(frames, jpeg=True))
+    blobs = columns.at(entities.IMAGE, "EncodedImage:blob")
+    assert list(blobs) == [shown.frame.index for shown in frames]
+    for shown in frames:
+        (blob,) = blobs[shown.frame.index]
+        with Image.open(io.BytesIO(bytes(blob))) as picture:
+            assert picture.format == "JPEG"
+            found = np.asarray(picture.convert("L"), dtype=float)
+        expected = np.asarray(Image.fromarray(shown.frame.left).convert("L"), dtype=float)
+        assert np.abs(found - expected).mean() < 5  # another frame's noise is 40 off
+    assert not any("VideoStream" in component for component in columns.everything(entities.IMAGE))
+
+
 def test_an_error_leaves_no_recording_that_looks_finished(frames, tmp_path):
     files = ClipFiles(run=tmp_path, clip="clip")
     with pytest.raises(RuntimeError, match="the run broke"):

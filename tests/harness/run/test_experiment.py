@@ -197,10 +197,11 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
         load_experiment("demo", overrides=("stereo.serach=guided",))
 
 
-def test_an_experiment_says_the_size_of_its_recordings(tmp_path: Path) -> None:
+def test_an_experiment_says_the_kind_of_its_recordings(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text('clips = ["a"]\npreset = "measured"\nrecording = "none"\n')
-    assert load_experiment(str(path)).recording == "none"
+    for kind in ("none", "jpeg"):
+        path.write_text(f'clips = ["a"]\npreset = "measured"\nrecording = "{kind}"\n')
+        assert load_experiment(str(path)).recording == kind
     path.write_text('clips = ["a"]\npreset = "measured"\n')
     assert load_experiment(str(path)).recording == "light"
 

@@ -29,10 +29,14 @@ from vfoa.types import Instances
 TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
 
 
-def _run(out: Path, *, workers: int = 1, recorded: bool = False, limit: int = 3, **override: str) -> RunDirectory:
+def _run(
+    out: Path, *, workers: int = 1, recorded: bool = False, jpeg: bool = False, limit: int = 3, **override: str
+) -> RunDirectory:
     overrides = tuple(f"{key.replace('__', '.')}={value}" for key, value in override.items())
     experiment = load_experiment("demo", clips=("studio_table", "studio_talk"), overrides=overrides)
-    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded))
+    plan = prepare(
+        experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded=recorded, jpeg=jpeg)
+    )
     return run_plan(plan, out, workers=workers, progress=lambda clip: None)
 
 
@@ -92,6 +96,8 @@ def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDi
     assert finished.results.stat().st_mtime_ns == before
     with pytest.raises(VfoaError, match=r"holds another run \(different: attention\.n_rays"):
         _run(finished.path, recorded=True, attention__n_rays="8")
+    with pytest.raises(VfoaError, match=r"holds another run \(different: recording\)"):
+        _run(finished.path, recorded=True, jpeg=True)
     assert finished.results.stat().st_mtime_ns == before
 
 
