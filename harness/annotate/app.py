@@ -1,17 +1,9 @@
-"""The labelling page's server: the page's own files, pictures by position, and the labels as JSON.
-
-Its port and token are stored for a day: an open page finds the server again after a restart.
-"""
+"""The labelling page's server: the page's own files, pictures by position, and the labels as JSON."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 import secrets
-import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -26,17 +18,16 @@ from starlette.staticfiles import StaticFiles
 
 from harness.annotate.actions import Action
 from harness.annotate.journal import OutsideClipError, StaleRevisionError
+from harness.annotate.last_address import Address, read_address, write_address
 from harness.annotate.session import Session
 from harness.annotate.views import RegionPx, View
 from harness.clips.naming import NameRule
-from harness.files.folders import cache_root
 from harness.files.parsing import parse_json
 from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
-_LONGEST_S = 24 * 3600
 _PATIENCE_S = 20
 """Longest time for a frame that must first be rendered or decoded, seconds."""
 
@@ -93,34 +84,15 @@ class PageServer(LocalServer):
     """
 
     def __init__(self, session: Session, port: int = 0) -> None:
-        app, address = create_app(session), _address_file(session.path)
-        last_port, token = _last_address(address) or (0, secrets.token_urlsafe(24))
+        app, last = create_app(session), read_address(session.path)
+        token = last.token if last else secrets.token_urlsafe(24)
         try:
-            super().__init__(app, port or last_port, patience_s=_PATIENCE_S, token=token)
+            super().__init__(app, port or (last.port if last else 0), patience_s=_PATIENCE_S, token=token)
         except VfoaError:
-            if port or not last_port:
+            if port or not last:
                 raise
             super().__init__(app, patience_s=_PATIENCE_S, token=token)
-        with suppress(OSError):  # only the address is lost: the next one is another
-            address.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            address.unlink(missing_ok=True)
-            with os.fdopen(os.open(address, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as opened:
-                json.dump([self.port, token], opened)
-
-
-def _last_address(file: Path) -> tuple[int, str] | None:
-    """Port and token of the last page of the same labels; None if there was none within a day."""
-    with suppress(OSError, ValueError, TypeError):
-        if time.time() - file.stat().st_mtime < _LONGEST_S:
-            port, token = json.loads(file.read_text())
-            return int(port), str(token)
-    return None
-
-
-def _address_file(labels: Path) -> Path:
-    """Where only this user can read it."""
-    name = hashlib.sha256(os.fsencode(labels.resolve())).hexdigest()[:24]
-    return cache_root() / "annotate" / f"{name}.json"
+        write_address(session.path, Address(port=self.port, token=token))
 
 
 def create_app(session: Session) -> Starlette:
