@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes, manifest_problems
+from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.files.folders import folders
 from harness.labels.labels import IGNORED, timeline_of
@@ -239,7 +239,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             frames=len(clip.frames),
             labels=labels,
             notes=clip.notes,
-            problems=(*measurement_problems(manifest, clip), *manifest_problems(manifest), *label_problems),
+            problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
     offsets = _offsets_px(frames)
@@ -270,7 +270,6 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *_image_problems(frames),
             *_depth_problems(frames),
             *_matching_problems(error_px, disparity_px),
-            *manifest_problems(manifest),
             *label_problems,
             *drawn_problems,
         ),

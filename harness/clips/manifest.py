@@ -9,7 +9,9 @@ the file. ``${CLIP}`` is the clip's name. A family's name means those of its cli
     subjects = { "${PERSON}" = { category = "person" } }
     [clips]
     talk_1 = { PERSON = "anna" }
-    talk_2 = { PERSON = "ben" }
+    talk_2 = { PERSON = "ben" }         # or a table [clips.talk_2]
+
+A variable without a value is refused; in ``root`` it may be one of the environment.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -37,12 +39,15 @@ from vfoa.errors import VfoaError, did_you_mean, located
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
+_AUTOMATIC = re.compile(r".+#\d+")
+"""The names that the program gives to objects without one: label#id."""
+
 
 class ClipManifest(Settings):
     """One clip: the source of its frames, the people and objects in it, and its licence.
 
     ``source`` holds the adapter's own settings, ``notes`` are for readers of the tables. ``labels_file`` is an
-    annotation file below the root, which counts as long as there is no ``annotations/<clip>.csv``.
+    annotation file below the root, which counts as long as there is no ``annotations/<clip>.csv``, and must then exist.
     """
 
     # two underscores separate clip and configuration in the names of a run's files
@@ -65,6 +70,8 @@ class ClipManifest(Settings):
         for name in rules:
             if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
+            if _AUTOMATIC.fullmatch(name):
+                raise ValueError(f"found the name {name!r}, as objects without one are called; expected no #NUMBER")
             check_name(name)
         return rules
 
@@ -116,7 +123,7 @@ class ClipManifest(Settings):
     @property
     def annotations(self) -> AnnotationFiles:
         """The clip's annotation files, one for each annotator."""
-        with_clip = f"{self.root or '.'}/{self.labels_file}" if self.labels_file else None
+        with_clip = (self.root or ".", self.labels_file) if self.labels_file else None
         return AnnotationFiles(clip=self.name, manifest=self._path, with_clip=with_clip)
 
     @property
@@ -305,10 +312,15 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(here), tuple(absent)
 
 
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+_CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
+"""A line of a file that may have the table: most have none, and are read faster."""
+
+
 def _clips_of(path: Path) -> tuple[str, ...]:
     """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
     try:
-        clips = read_toml(path).get("clips", {}) if "[clips]" in read_text(path) else {}
+        clips = read_toml(path).get("clips", {}) if _CLIPS.search(read_text(path)) else {}
     except VfoaError:
         return ()
     return tuple(clips) if isinstance(clips, dict) else ()
@@ -317,20 +329,45 @@ def _clips_of(path: Path) -> tuple[str, ...]:
 def _member(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
     """The manifest of one clip of a family."""
     clips = data["clips"]
-    if not isinstance(clips, dict) or not all(isinstance(values, dict) for values in clips.values()):
+    if not isinstance(clips, dict) or not all(map(_is_values, clips.values())):
         raise VfoaError(f"{path}: clips: expected a table of values for each clip")
     if clip not in clips:
         hint = f"expected one of its clips by name: {', '.join(clips)}" if clip is None else did_you_mean(clip, clips)
         raise VfoaError(f"{path}: {'a family' if clip is None else f'no clip {clip!r}'}; {hint}")
     values = {"CLIP": clip, **clips[clip]}
+    of_others = {name for other in clips.values() for name in other}
+    for key, value in data.items():
+        for name in _variables(value) if key != "clips" else ():
+            if name not in values and (name in of_others or key not in _WITH_ENVIRONMENT):
+                given = ", ".join(clips[clip]) or "none"
+                raise VfoaError(
+                    f"{path}: clips.{clip}: {name}: missing, and ${{{name}}} stands in {key}; expected a value of it "
+                    f"(found: {given})"
+                )
     filled = {key: _filled(value, values) for key, value in data.items() if key != "clips"}
     return {"name": clip, **filled}
+
+
+_WITH_ENVIRONMENT = ("root", "labels_file")
+"""Keys whose other variables are those of the environment."""
+
+
+def _is_values(of_clip: Any) -> bool:
+    return isinstance(of_clip, dict) and all(isinstance(value, str | int | float) for value in of_clip.values())
+
+
+def _variables(value: Any) -> Iterator[str]:
+    """The variables everywhere in a value."""
+    if isinstance(value, str):
+        yield from _VARIABLE.findall(value)
+    for item in (*value, *value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _variables(item)
 
 
 def _filled(value: Any, values: Mapping[str, Any]) -> Any:
     """A value with the variables filled in everywhere; other variables are those of the environment, and stay."""
     if isinstance(value, str):
-        return re.sub(r"\$\{(\w+)\}", lambda match: str(values.get(match[1], match[0])), value)
+        return _VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
     if isinstance(value, dict):
         return {_filled(key, values): _filled(item, values) for key, item in value.items()}
     return [_filled(item, values) for item in value] if isinstance(value, list) else value
@@ -345,17 +382,7 @@ def _find(name: str) -> Path:
     raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
 
 
-_AUTOMATIC = re.compile(r".+#\d+")
 _COCO = frozenset({*THINGS.values(), *STUFF.values()})
-
-
-def manifest_problems(manifest: ClipManifest) -> list[str]:
-    """Names that the program gives to unnamed objects."""
-    return [
-        f"{name!r} is reserved for an object without a name (label#id); expected another name"
-        for name in (*manifest.subjects, *manifest.targets)
-        if _AUTOMATIC.fullmatch(name)
-    ]
 
 
 def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:

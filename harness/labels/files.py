@@ -148,13 +148,13 @@ class AnnotationFiles:
     """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
 
     They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
-    that came with the program belong only to clips that did, never to another clip of the same name. ``with_clip`` is
-    the configured path of labels among the clip's own files, which is searched last.
+    that came with the program belong only to clips that did, never to another clip of the same name. ``with_clip`` are
+    the clip's root and the path of labels below it, as configured, which are searched last.
     """
 
     clip: str
     manifest: Path
-    with_clip: str | None = None
+    with_clip: tuple[str, str] | None = None
 
     def find(self, annotator: str | None = None) -> Path | None:
         """Return an annotator's file; None if there is none.
@@ -162,13 +162,21 @@ class AnnotationFiles:
         Raises
         ------
         VfoaError
-            If the path of the labels among the clip's files needs a variable that is not set.
+            If the labels among the clip's files are not there, or their path needs a variable that is not set.
         """
         path = self._find(f"{self._stem(annotator)}.csv")
         if path is not None or annotator is not None or self.with_clip is None:
             return path
-        with_clip = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
-        return with_clip if is_file_or_link(with_clip) else None
+        root, below = self.with_clip
+        path = expand(f"{root}/{below}", self.manifest.parent, f"{self.manifest}: root")
+        if is_file_or_link(path):
+            return path
+        if expand(root, self.manifest.parent, f"{self.manifest}: root").exists():
+            raise VfoaError(
+                f"{self.manifest}: labels_file: {path}: no such file; expected labels there, {self.place()}, or no "
+                "labels_file"
+            )
+        return None  # the clip is not here at all
 
     def digest(self, annotator: str | None = None) -> str | None:
         """Return the sha256 of an annotator's file; None if there is none. Raises as :meth:`find` does."""

@@ -152,7 +152,7 @@ def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
         ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
         (
             {"manifest": MANIFEST.replace("targets.bird", 'targets."bird#2"')},
-            "'bird#2' is reserved for an object without a name",
+            "targets: found the name 'bird#2'",
         ),
         ({"manifest": MANIFEST.replace("left =", "lft =")}, "unknown key 'source.lft'; did you mean 'left'?"),
     ],

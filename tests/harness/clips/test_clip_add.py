@@ -44,6 +44,13 @@ def test_what_is_added_passes_the_check(tmp_path: Path, kind: Kind) -> None:
     assert checked["labels"] == 0  # all frames are ignored until somebody labels them
 
 
+def test_a_name_that_the_check_would_refuse_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="'ann#1'"):
+        vfoa("add", scene_folder(tmp_path), "--name", "mine", "--subject", "ann#1")
+    assert not Path("datasets/mine.toml").exists()
+    assert not Path("annotations/mine.csv").exists()
+
+
 def test_what_is_added_is_listed(tmp_path: Path) -> None:
     vfoa("add", scene_folder(tmp_path), "--name", "mine", "--subject", "ann", "--target", "mug=cup")
     (listed,) = [row for row in vfoa("list") if row["name"] == "mine"]

@@ -81,6 +81,7 @@ def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.Mon
             r"targets\.bird: found instance and at_px",
         ),
         ("[targets.bird]", "[targets.none]", r"targets: found the name 'none'"),
+        ("[subjects.girl]", '[subjects."girl#1"]', r"subjects: found the name 'girl#1'"),
         ("[targets.bird]", "[targets.girl]", r"targets\.girl: a subject has this name"),
         (
             "[targets.bird]",
@@ -185,6 +186,69 @@ def test_a_family_makes_a_clip_of_each_key(tmp_path: Path, monkeypatch: pytest.M
     measured_tables(tmp_path / "datasets" / "files" / "talk_2")
     assert clips_here(["talks", "other"]) == (("talk_2", "other"), ("talk_1",))
     assert load_experiment("conversation", clips=("talks",)).missing == ("Not here, and not run: talk_1.",)
+
+
+TABLES = FAMILY.partition("[clips]")[0] + '[clips.talk_1]\nWHO = "anna"\n[clips.talk_2]\nWHO = "ben"\n'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TABLES,
+        TABLES.replace("[clips.talk_1]", "[ clips . 'talk_1' ]"),
+        'clips.talk_1.WHO = "anna"\nclips.talk_2.WHO = "ben"\n' + FAMILY.partition("[clips]")[0],
+        'clips = { talk_1 = { WHO = "anna" }, talk_2 = { WHO = "ben" } }\n' + FAMILY.partition("[clips]")[0],
+    ],
+    ids=["tables", "blanks", "dotted", "inline"],
+)
+def test_a_family_is_one_in_every_form_of_its_table(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", text)
+    assert [list(load_manifest(name).subjects) for name in ("talk_1", "talk_2")] == [["anna"], ["ben"]]
+    assert "talks" not in clip_files()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('{ WHO = "ben" }', "{}", r"clips\.talk_2: WHO: missing, and \$\{WHO\} stands in subjects.*found: none"),
+        ('{ WHO = "ben" }', '{ WHOM = "ben" }', r"clips\.talk_2: WHO: missing.*found: WHOM"),
+        ('${CLIP}"', '${CLIP}/${WHO}"\nlicence = "${LICENCE}"', r"clips\.talk_2: LICENCE: missing"),
+        ('{ WHO = "ben" }', '{ WHO = ["ben"] }', r"clips: expected a table of values for each clip"),
+    ],
+)
+def test_a_variable_of_a_family_without_a_value_is_named(
+    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY.replace(old, new))
+    with pytest.raises(VfoaError, match=rf"talks\.toml: {message}"):
+        load_manifest("talk_2")
+
+
+def test_a_root_takes_variables_of_the_environment_unless_they_are_the_familys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_TALKS", "files")
+    monkeypatch.setenv("WHO", "carl")
+    text = FAMILY.replace("files/${CLIP}", "${VFOA_TALKS}/${WHO}")
+    path = write_text(tmp_path / "datasets" / "talks.toml", text)
+    assert load_manifest("talk_2").resolve_root() == path.parent / "files" / "ben"
+    write_text(path, text.replace('{ WHO = "ben" }', "{}"))
+    with pytest.raises(VfoaError, match=r"talks\.toml: clips\.talk_2: WHO: missing.*root"):
+        load_manifest("talk_2")
+
+
+def test_labels_among_the_files_that_are_not_there_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    measured_tables(tmp_path / "datasets" / "files" / "talk_1")
+    manifest = load_manifest("talk_1")
+    with pytest.raises(VfoaError, match=r"talks\.toml: labels_file: .*talk_1/labels\.csv: no such file"):
+        manifest.labels(None)
+    own = write_text(manifest.annotations.place(), true_labels())
+    assert manifest.annotations.find() == own
 
 
 def test_labels_among_the_files_count_until_there_are_annotations(
