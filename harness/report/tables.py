@@ -10,6 +10,7 @@ from functools import partial
 from harness.report.csv_tables import ALL
 from harness.report.formats import Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
+from harness.run.experiment import FITTED_ON_REPORTED
 from harness.score.baselines import BASELINES
 from harness.score.calibration import (
     BINS,
@@ -127,12 +128,13 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
     shown = [rows[place] for place in kept]
     left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
     has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in shown)
+    fitted = [note for note in scores.notes if note.startswith(FITTED_ON_REPORTED)]
     columns = "Log loss | Baseline % | Beaten" if has_losses else "Baseline % | Beaten | No hit %"  # all do not fit
     table = _rates(
         "FRR of each configuration over all clips",
         f"Configuration | n | FRR % | 95 % | Balanced % | {columns}",
         shown,
-        (TERMINAL_NOTE + left_out,) if rows else (),
+        (TERMINAL_NOTE + left_out, *fitted) if rows else (),
         words=1,
     )
     return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None

@@ -25,7 +25,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -51,7 +51,7 @@ from harness.run.grid import base_of, repeated, variants
 from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
-from vfoa.logit import LogitSettings
+from vfoa.logit import LogitSettings, shipped_fit, shipped_weights
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -166,6 +166,10 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
 RecordingKind = Literal["light", "jpeg", "none"]
 
 
+FITTED_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
+"""Begins the note that rates are too good: the weights have seen the labels of a clip that is reported."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
@@ -247,7 +251,11 @@ def load_experiment(
         clips=present,
         configurations=configurations,
         limit=None if clips else file.limit,
-        notes=(*file.notes, *missing, *partly, *_fitted_notes(file, preset, present)),
+        notes=(
+            *(*file.notes, *missing, *partly),
+            *_fitted_notes(file, preset, present),
+            *_shipped_notes(configurations, present),
+        ),
         annotator=file.annotator,
         published=file.published,
         missing=missing,
@@ -317,9 +325,17 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
     for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
         fitted_on = read_fitted(path).fit.clips
         if seen := [clip for clip in clips if clip in fitted_on]:
-            yield f"FITTED ON WHAT IS REPORTED: the weights of {path.name} were fitted on {', '.join(seen)}."
+            yield f"{FITTED_ON_REPORTED}: the weights of {path.name} were fitted on {', '.join(seen)}."
         else:
             yield f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}."
+
+
+def _shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
+    """Yield a warning if the weights that ship with vfoa were fitted on a clip that is reported."""
+    used = (configuration.attend.attention for configuration in configurations)
+    seen = [clip for clip in clips if clip in shipped_fit().get("clips", ())]
+    if seen and any(isinstance(each, LogitSettings) and each.weights == shipped_weights() for each in used):
+        yield f"{FITTED_ON_REPORTED}: the default weights were fitted on {', '.join(seen)}."
 
 
 def is_experiment(name_or_path: str) -> bool:

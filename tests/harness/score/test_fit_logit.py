@@ -21,7 +21,7 @@ from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.errors import VfoaError
-from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
+from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
 
 STEP_NS = 200_000_000
 """Time between frames: long clips of few frames."""
@@ -82,6 +82,25 @@ def test_a_wrong_weight_is_named(fitted: Path) -> None:
     fitted.write_text(fitted.read_text().replace("head_swing", "head_shear"))
     with pytest.raises(VfoaError, match=r"attention.*head_shear"):
         load_experiment("talk.toml", preset=str(fitted))
+
+
+def test_the_terminal_says_that_a_clip_was_fitted_on(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    words = ("run", "talk.toml", "--workers", "1", "--recording", "none", "--out", "out")
+    warning = "FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two."
+    _, said, _ = vfoa(monkeypatch, capsys, *words, "--preset", str(fitted))
+    assert said.splitlines().count(warning) == 1
+    assert vfoa(monkeypatch, capsys, "score", "out")[1].splitlines().count(warning) == 1
+    assert "FITTED" not in vfoa(monkeypatch, capsys, *words[:-1], "default")[1]
+
+
+def test_the_default_weights_were_fitted_on_clips_too(fitted: Path) -> None:
+    clip = shipped_fit()["clips"][0]
+    (note,) = load_experiment("talk.toml", clips=(clip,)).notes
+    assert note == f"FITTED ON WHAT IS REPORTED: the default weights were fitted on {clip}."
+    assert load_experiment("talk.toml", clips=("one",)).notes == ()
 
 
 @pytest.mark.parametrize("version", ["99.9", f"{__version__}.1", "newest", ""])
