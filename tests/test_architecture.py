@@ -45,6 +45,7 @@ DOORS = {
     "av": (
         "harness/sources/recordings/video.py",
         "harness/sources/media/images.py",
+        "harness/sources/media/video.py",
         "harness/record/images.py",
     ),
     "mcap_protobuf": ("harness/sources/recordings/messages.py",),

@@ -30,6 +30,7 @@ from harness.labels.labels import (
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
+from harness.sources import FilmClip
 from vfoa.errors import VfoaError, check_known
 
 
@@ -37,7 +38,10 @@ def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
     """Open a clip for import or export; the options are those of :class:`Exchange`. Raises as ``open`` does."""
     clip = manifest.open()
     subjects, targets = tuple(manifest.subjects), tuple(manifest.targets)
-    return Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=subjects, targets=targets, **options)
+    films = clip.films if isinstance(clip, FilmClip) else {}
+    return Exchange(
+        timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=subjects, targets=targets, films=films, **options
+    )
 
 
 def import_labels(

@@ -39,7 +39,10 @@ Format = Annotated[
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
 ]
-Offset = Annotated[float, typer.Option(help="Where the clip begins in the other program, seconds.")]
+Offset = Annotated[
+    float | None,
+    typer.Option(help="Where the clip begins in the other program, seconds. Default: as its file and the film say."),
+]
 
 
 @app.command(name="import", short_help="Read the labels of another program.")
@@ -49,7 +52,7 @@ def import_(
     clip: ClipOption,
     annotator: Annotator = None,
     fps: Fps = None,
-    offset: Offset = 0.0,
+    offset: Offset = None,
     rename: Annotated[
         list[str] | None,
         typer.Option(
@@ -63,6 +66,15 @@ def import_(
     observation: Annotated[
         str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
     ] = None,
+    film: Annotated[
+        str | None, typer.Option(metavar="NAME", help="ELAN, BORIS: film that shows the clip, if the file has several.")
+    ] = None,
+    modifier: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SET", help='BORIS: set of modifiers that names the targets; "none": leave modifiers out.'
+        ),
+    ] = None,
     confirm: Annotated[
         bool, typer.Option("--confirm", help="Confirm suggestions (a run's predictions), so that they are scored.")
     ] = False,
@@ -73,7 +85,16 @@ def import_(
     from harness.clips.manifest import load_manifest
 
     manifest, renamed = load_manifest(clip), dict(_pair(text) for text in rename or ())
-    exchange = open_exchange(manifest, fps=fps, offset=offset, renamed=renamed, gaps=gaps, observation=observation)
+    exchange = open_exchange(
+        manifest,
+        fps=fps,
+        offset=offset,
+        renamed=renamed,
+        gaps=gaps,
+        film=film,
+        observation=observation,
+        modifier=modifier,
+    )
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
@@ -94,7 +115,7 @@ def export(
     annotator: Annotator = None,
     clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
     fps: Fps = None,
-    offset: Offset = 0.0,
+    offset: Offset = None,
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
 ) -> None:

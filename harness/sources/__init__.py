@@ -132,6 +132,15 @@ class LeftClip(Protocol):
         """Read the left image of :meth:`Clip.frame`; raises the same errors."""
 
 
+@runtime_checkable
+class FilmClip(Protocol):
+    """An optional part of a clip: it is read from films, which other programs play while somebody labels them."""
+
+    @property
+    def films(self) -> Mapping[str, float]:
+        """The name of each film, the left view first, and the time at which a player shows its first picture, s."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recognised:
     """One way to read a path as a clip: the values that ``vfoa clips add`` writes into a manifest.

@@ -90,6 +90,11 @@ class StereoFolderClip:
         except VfoaError:  # the first frame cannot be read; reading it gives the error
             return self._views.notes
 
+    @property
+    def films(self) -> Mapping[str, float]:
+        """The videos, with the times of their first pictures."""
+        return self._views.films
+
     def time_ns(self, number: int) -> int:
         """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
         check_number(number, self.frames, self._folder)

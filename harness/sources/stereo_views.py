@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
 from harness.sources.media.images import read_rgb
-from harness.sources.media.video import Video
+from harness.sources.media.video import Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Image
@@ -118,6 +118,12 @@ class Views:
     def time_ns(self, number: int) -> int | None:
         """Time of a frame, if the files give it."""
         return None if self._left.times_ns is None else self._left.times_ns[number]
+
+    @property
+    def films(self) -> dict[str, float]:
+        """The name of each video, the left one first, and the time of its first picture for a player, s."""
+        sides = (self._right, self._left) if self._swapped and self._right else (self._left, self._right)
+        return {side.path.name: first_picture_s(side.path) for side in sides if isinstance(side, Video)}
 
     def where(self, number: int) -> str:
         """The (left) file and the frame that messages name."""

@@ -1,28 +1,60 @@
 """BORIS's project file (``.boris``, JSON, also gzipped): its observations, whose state events start and stop in turn.
 
-An event is ``[time, subject, behaviour, modifiers, comment]``, followed by a frame number since BORIS 8. The behaviour
-is the target. The fields are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not
-used).
+An event is ``[time, subject, behaviour, modifiers, comment]``, since BORIS 8 with a frame number, and in an observation
+of pictures with the number of the picture, from 1, and its path. The start and the stop of a state have the same
+subject, behaviour and modifiers. Times hold the time offset of the observation and, if it says so, the creation time of
+the film. The target is the behaviour, or the modifier of one set. The fields are those of BORIS's own projects and
+program (github.com/olivierfriard/BORIS, ``tests/files``, ``boris/write_event.py``; read, not used).
 """
 
 from __future__ import annotations
 
 import math
+import re
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_json
-from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, Span, from_spans, one_line
-from harness.labels.labels import Label
+from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, one_line
+from harness.labels.labels import Label, Timeline
 from vfoa.errors import VfoaError, check_known
+
+NO_MODIFIER = "none"
+"""Given as the set of modifiers: behaviours are the targets, and modifiers are left out."""
 
 _GZIP = b"\x1f\x8b"
 _LARGEST_BYTES = 2**28
 _NO_FOCAL_SUBJECT = "No focal subject"
 """BORIS's name for the subject of events without one."""
+_NOT_CHOSEN = ("", "None")
+_KEY = re.compile(r" \(.*\)$")
+"""The key of a modifier, which older versions write behind it."""
+_EXPORTED = re.compile(rb"\bBehaviou?r\b.*\b(Start \(s\)|Status|Behavior type)", re.DOTALL)
+_SHOWN = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Behaviour:
+    """A behaviour of the ethogram: whether its events have no length, and the names of its sets of modifiers."""
+
+    is_point: bool = False
+    sets: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Event:
+    """An event at a time, ms, or at the number of a picture; one modifier for each set, "" where none was chosen."""
+
+    at: int
+    subject: str
+    behaviour: str
+    modifiers: tuple[str, ...]
+    comment: str
 
 
 class Boris(ReadOnly):
@@ -31,35 +63,42 @@ class Boris(ReadOnly):
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the state events of one observation of a project."""
         project = _load(path)
-        observations = project.get("observations")
-        if not isinstance(observations, dict) or not observations:
-            raise VfoaError(f"{path}: no observations; expected a BORIS project")
-        name = _choose_observation(observations, exchange.observation, path)
-        observation = observations[name]
-        events = _events(observation, f"{path}: observation {name!r}")
-        behaviours = project.get("behaviors_conf")
-        kinds = {
-            str(behaviour.get("code")): str(behaviour.get("type", ""))
-            for behaviour in (behaviours.values() if isinstance(behaviours, dict) else ())
-            if isinstance(behaviour, dict)
-        }
-        states = [event for event in events if not kinds.get(event[2], "").lower().startswith("point")]
-        offset_ms, notes = exchange.media_offset(_media_offset_ms(observation), path)
-        if n_points := len(events) - len(states):
-            notes = [f"{path}: {n_points} point events have no length and are left out.", *notes]
-        imported = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
+        observation, where = _choose_observation(project, exchange.observation, path)
+        behaviours = _behaviours(project)
+        events = _events(observation, where)
+        states = [event for event in events if not behaviours.get(event.behaviour, _Behaviour()).is_point]
+        notes = (
+            [f"{path}: {n} point events have no length and are left out."] if (n := len(events) - len(states)) else []
+        )
+        _check_modifiers(states, behaviours, exchange.modifier, where)
+        if _is_of_pictures(observation):
+            shown, offset_ms = _numbered(exchange.frames), 0
+        else:
+            shown = exchange.shown
+            offset_ms, added = exchange.media_offset(_film_offset_ms(observation, exchange, where), path)
+            notes += added
+        end = shown.span_ns(shown.frames[0], shown.frames[-1])[1] // MS
+        spans = []
+        for event, stop in _pairs(states):
+            here = f"{where}: {'picture ' if _is_of_pictures(observation) else ''}{_shown(event.at, observation)}"
+            start = event.at + offset_ms
+            if stop is None:
+                notes.append(
+                    f"{here}: {event.behaviour!r} of {event.subject!r} never stops: it lasts to the clip's end."
+                )
+            subject = exchange.subject(event.subject, here)
+            target = exchange.target(_target(event, behaviours, exchange.modifier), subject, here)
+            spans.append(
+                Span(
+                    start_ms=start,
+                    end_ms=max(start, end) if stop is None else stop + offset_ms,
+                    subject=subject,
+                    label=Label(target=target, note=event.comment),
+                    where=here,
+                )
+            )
+        imported = from_spans(spans, exchange, path, shown=shown)
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
-
-
-def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
-    """Return the wanted observation, or the only one."""
-    if wanted is not None:
-        check_known(wanted, names, f"{path}: --observation: no")
-        return wanted
-    if len(names) > 1:
-        listed = ", ".join(map(repr, names))
-        raise VfoaError(f"{path}: found the observations {listed}; expected --observation NAME")
-    return next(iter(names))
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -70,51 +109,187 @@ def _load(path: Path) -> dict[str, Any]:
             data = unpack.decompress(data, _LARGEST_BYTES)
     except zlib.error as error:
         raise VfoaError(f"{path}: not a BORIS project: {error}") from None
+    if _EXPORTED.search(data[:4096]) or data.startswith(b"PK"):
+        raise VfoaError(
+            f"{path}: a table that BORIS exports; expected its project, the .boris file with the observation"
+        )
     project = parse_json(data, path)
     if not isinstance(project, dict):
         raise VfoaError(f"{path}: found {type(project).__name__}; expected a BORIS project")
     return project
 
 
-def _events(observation: Any, where: str) -> list[tuple[int, str, str, str]]:
-    """Time (ms), subject, behaviour and comment of every event, in order of time."""
-    events = observation.get("events") if isinstance(observation, Mapping) else None
+def _choose_observation(project: Mapping[str, Any], wanted: str | None, path: Path) -> tuple[Mapping[str, Any], str]:
+    """Return the wanted observation, or the only one, and its place for messages."""
+    observations = project.get("observations")
+    if not isinstance(observations, dict) or not observations:
+        raise VfoaError(f"{path}: no observations; expected a BORIS project")
+    if wanted is not None:
+        check_known(wanted, observations, f"{path}: --observation: no")
+    elif len(observations) > 1:
+        listed = ", ".join(map(repr, observations))
+        raise VfoaError(f"{path}: found the observations {listed}; expected --observation NAME")
+    name = next(iter(observations)) if wanted is None else wanted
+    where = f"{path}: observation {name!r}"
+    if not isinstance(observations[name], dict):
+        raise VfoaError(f"{where}: found {type(observations[name]).__name__}; expected an observation")
+    return observations[name], where
+
+
+def _behaviours(project: Mapping[str, Any]) -> dict[str, _Behaviour]:
+    """The behaviours of the ethogram by name."""
+    listed = project.get("behaviors_conf")
+    behaviours = {}
+    for behaviour in listed.values() if isinstance(listed, dict) else ():
+        if isinstance(behaviour, dict):
+            sets = behaviour.get("modifiers")
+            names = (
+                [one.get("name") for one in sets.values() if isinstance(one, dict)] if isinstance(sets, dict) else []
+            )
+            is_point = str(behaviour.get("type", "")).lower().startswith("point")
+            behaviours[str(behaviour.get("code"))] = _Behaviour(is_point=is_point, sets=tuple(map(str, names)))
+    return behaviours
+
+
+def _is_of_pictures(observation: Mapping[str, Any]) -> bool:
+    return observation.get("type") == "IMAGES"
+
+
+def _events(observation: Mapping[str, Any], where: str) -> list[_Event]:
+    """Every event of an observation, in order."""
+    events = observation.get("events")
     if not isinstance(events, list):
         raise VfoaError(f"{where}: no events; expected a list of them")
+    place_of, scale = (5, 1) if _is_of_pictures(observation) else (0, 1000)
     parsed = []
-    for place, event in enumerate(events, start=1):
-        if not isinstance(event, list) or len(event) < 3 or not _is_time(event[0]):
-            raise VfoaError(
-                f"{where}: event {place}: found {str(event)[:80]!r}; expected [time, subject, behaviour, ...]"
+    for number, event in enumerate(events, start=1):
+        if not isinstance(event, list) or len(event) < max(3, place_of + 1) or not _is_number(event[place_of]):
+            fields = (
+                "time, subject, behaviour, ..." if scale == 1000 else "time, subject, ..., number of the picture, path"
             )
-        comment = one_line(str(event[4])) if len(event) > 4 else ""
-        parsed.append((round(float(event[0]) * 1000), str(event[1]) or _NO_FOCAL_SUBJECT, str(event[2]), comment))
-    return sorted(parsed, key=lambda event: event[0])
+            raise VfoaError(f"{where}: event {number}: found {str(event)[:80]!r}; expected [{fields}]")
+        parsed.append(
+            _Event(
+                at=round(float(event[place_of]) * scale),
+                subject=str(event[1]) or _NO_FOCAL_SUBJECT,
+                behaviour=str(event[2]),
+                modifiers=_modifiers(event[3] if len(event) > 3 else ""),
+                comment=one_line(str(event[4])) if len(event) > 4 else "",
+            )
+        )
+    return sorted(parsed, key=lambda event: event.at)
 
 
-def _is_time(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value) and abs(value) < 1e9
+def _modifiers(text: object) -> tuple[str, ...]:
+    """The modifier of each set; none if no set has one."""
+    modifiers = tuple(_KEY.sub("", part.strip()) for part in str(text or "").split("|"))
+    cleaned = tuple("" if part in _NOT_CHOSEN else part for part in modifiers)
+    return cleaned if any(cleaned) else ()
 
 
-def _media_offset_ms(observation: Mapping[str, Any]) -> int:
-    """The time of the first player's medium in that of the observation, ms: BORIS subtracts the offset."""
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value) and abs(value) < 1e10
+
+
+def _shown(at: int, observation: Mapping[str, Any]) -> str:
+    return str(at) if _is_of_pictures(observation) else f"{at / 1000:.3f} s"
+
+
+def _check_modifiers(
+    states: Iterable[_Event], behaviours: Mapping[str, _Behaviour], modifier: str | None, where: str
+) -> None:
+    """Refuse modifiers unless the user says whether they are the targets, and a set that no state has."""
+    modified = [event for event in states if event.modifiers]
+    if not modified or modifier == NO_MODIFIER:
+        return
+    first = modified[0]
+    if modifier is None:
+        name = next(n for n, value in zip(_set_names(first, behaviours), first.modifiers, strict=True) if value)
+        values = dict.fromkeys(value for event in modified for value in event.modifiers if value)
+        listed = ", ".join([*values][:_SHOWN]) + (", ..." if len(values) > _SHOWN else "")
+        raise VfoaError(
+            f"{where}: states of {first.behaviour!r} have modifiers ({listed}); expected --modifier {quote(name)} if "
+            f"they are the targets, or --modifier {NO_MODIFIER} to leave them out"
+        )
+    if not any(_set_number(event, behaviours, modifier) is not None for event in modified):
+        check_known(
+            modifier,
+            dict.fromkeys(n for event in modified for n in _set_names(event, behaviours)),
+            f"{where}: --modifier: no",
+        )
+
+
+def _set_names(event: _Event, behaviours: Mapping[str, _Behaviour]) -> list[str]:
+    """The names of an event's sets of modifiers; a set without a name has its number, from 1."""
+    names = behaviours.get(event.behaviour, _Behaviour()).sets
+    return [(names[n] if n < len(names) else "") or str(n + 1) for n in range(len(event.modifiers))]
+
+
+def _set_number(event: _Event, behaviours: Mapping[str, _Behaviour], modifier: str) -> int | None:
+    names = _set_names(event, behaviours)
+    return names.index(modifier) if modifier in names else None
+
+
+def _target(event: _Event, behaviours: Mapping[str, _Behaviour], modifier: str | None) -> str:
+    """The modifier of the chosen set; the behaviour where there is none."""
+    number = None if modifier is None else _set_number(event, behaviours, modifier)
+    return event.behaviour if number is None else event.modifiers[number] or event.behaviour
+
+
+def _pairs(states: Sequence[_Event]) -> Iterator[tuple[_Event, int | None]]:
+    """Yield every start with the time of its stop; None for a state that never stops."""
+    begun: dict[tuple[str, str, tuple[str, ...]], _Event] = {}
+    for event in states:
+        key = event.subject, event.behaviour, event.modifiers
+        if key in begun:
+            yield begun.pop(key), event.at
+        else:
+            begun[key] = event
+    for event in begun.values():
+        yield event, None
+
+
+def _numbered(frames: Sequence[int]) -> Timeline:
+    """A clip as pictures, numbered from 1: one each millisecond."""
+    return Timeline(frames=frames, times_ns=[MS * number for number in range(1, len(frames) + 1)])
+
+
+def _film_offset_ms(observation: Mapping[str, Any], exchange: Exchange, where: str) -> int:
+    """What is added to the time of an event to get the time in the film that shows the clip, ms.
+
+    BORIS adds an observation's time offset to each event, and the film's creation time if the observation says so. A
+    player begins at its offset, and plays the films of its list one after the other.
+    """
+    begin_s = _number(observation, "time offset", where)
     media = observation.get("media_info")
-    offsets = media.get("offset") if isinstance(media, dict) else None
-    offset = offsets.get("1", 0.0) if isinstance(offsets, dict) else 0.0
-    return -round(offset * 1000) if _is_time(offset) else 0
+    media = media if isinstance(media, dict) else {}
+    lists = observation.get("file")
+    players = {str(player): films for player, films in lists.items() if films} if isinstance(lists, dict) else {}
+    films = [(player, place, str(film)) for player, listed in players.items() for place, film in enumerate(listed)]
+    chosen = exchange.film_of([film for _, _, film in films], where)
+    player, place, film = next((at for at in films if at[2] == chosen), ("1", 0, ""))
+    begin_s += _number(media.get("offset"), player, where)
+    begin_s += sum(
+        _number(media.get("length"), str(before), where, needed=True) for before in players.get(player, ())[:place]
+    )
+    if observation.get("media_creation_date_as_offset"):
+        if len(players.get("1", ())) > 1:
+            raise VfoaError(
+                f"{where}: times count from the creation of each of several films; expected --offset SECONDS"
+            )
+        begin_s += _number(media.get("media_creation_time"), film, where, needed=True)
+    return -round(begin_s * 1000)
 
 
-def _pairs(events: list[tuple[int, str, str, str]], offset_ms: int, exchange: Exchange, where: str) -> Iterator[Span]:
-    """Yield the spans between every first and second event of a subject and behaviour."""
-    begun: dict[tuple[str, str], tuple[int, str]] = {}
-    for time, subject, behaviour, comment in events:
-        if (subject, behaviour) not in begun:
-            begun[subject, behaviour] = time, comment
-            continue
-        start, note = begun.pop((subject, behaviour))
-        here = f"{where}: {start / 1000:.3f} s"
-        ours = exchange.subject(subject, here)
-        label = Label(target=exchange.target(behaviour, ours, here), note=note)
-        yield Span(start_ms=start + offset_ms, end_ms=time + offset_ms, subject=ours, label=label, where=here)
-    for (subject, behaviour), (start, _) in begun.items():
-        raise VfoaError(f"{where}: {behaviour!r} of {subject!r} starts at {start / 1000:.3f} s and never stops")
+def _number(table: Any, key: str, where: str, *, needed: bool = False) -> float:
+    """A number of seconds in a table; 0 where there is none, unless it is needed."""
+    value = table.get(key) if isinstance(table, dict) else None
+    if value is None and not needed:
+        return 0.0
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = math.nan
+    if not _is_number(number):
+        raise VfoaError(f"{where}: {key}: found {str(value)[:40]!r}; expected seconds, or --offset SECONDS")
+    return number

@@ -44,7 +44,7 @@ class Elan:
                 f"{path}: no tier is named after a subject; found {present}; "
                 f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
             )
-        origin_ms, notes = exchange.media_offset(_media_offset_ms(document, path), path)
+        origin_ms, notes = exchange.media_offset(_film_offset_ms(document, exchange, path), path)
         spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
@@ -98,9 +98,15 @@ def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Pat
         yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
 
 
-def _media_offset_ms(document: Any, path: Path) -> int:
-    """The first medium's offset to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
-    origin = next((medium.get("TIME_ORIGIN") for medium in document.media_descriptors), None) or "0"
+def _film_offset_ms(document: Any, exchange: Exchange, path: Path) -> int:
+    """The offset of the film that shows the clip to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
+    origins: dict[str, str] = {}
+    for medium in document.media_descriptors:
+        if not medium.get("MIME_TYPE", "").startswith("audio"):
+            address = medium.get("MEDIA_URL") or medium.get("RELATIVE_MEDIA_URL") or ""
+            origins.setdefault(address, medium.get("TIME_ORIGIN") or "0")
+    film = exchange.film_of([*origins], path)
+    origin = "0" if film is None else origins[film]
     try:
         return int(origin)
     except ValueError:

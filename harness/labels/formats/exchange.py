@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
+from urllib.parse import unquote
 
-from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, Timeline, fill_gaps
+from harness.labels.labels import (
+    IGNORED,
+    RESERVED,
+    UNLABELLED,
+    Label,
+    LabelRange,
+    Labels,
+    Timeline,
+    fill_gaps,
+    format_seconds,
+)
 from harness.labels.rows import check_sequence
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, check_known, did_you_mean
 
 MS = 1_000_000
 """A millisecond in ns."""
 
 _SHOWN = 8
-_LARGEST = 1e9
-"""Largest offset and rate: seconds, frames, or frames per second."""
+_LARGEST = 1e10
+"""Largest offset and rate, seconds or frames per second: seconds since 1970 are below it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,13 +111,20 @@ class Exchange:
     fps
         The rate at which the other program shows the clip's frames; None: at the clip's own times.
     offset
-        Time of the clip's first frame in the other program, seconds.
+        Time of the clip's first frame in the other program, seconds; None: as the file and the film say.
+    films
+        The names of the films from which the clip is read, the left view first, each with the time of its first
+        picture for a player, seconds.
     renamed
         The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
+    film
+        In ELAN and BORIS: the film that shows the clip, if a file has several.
     observation
         In BORIS: the observation to read, if a file has several.
+    modifier
+        In BORIS: the set of modifiers that names the targets; "none" for behaviours with modifiers that do not count.
     """
 
     timeline: Timeline
@@ -113,10 +132,13 @@ class Exchange:
     subjects: Collection[str]
     targets: Collection[str]
     fps: float | None = None
-    offset: float = 0.0
+    offset: float | None = None
+    films: Mapping[str, float] = field(default_factory=dict)
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: Literal["ignore", "none"] = "ignore"
+    film: str | None = None
     observation: str | None = None
+    modifier: str | None = None
 
     def __post_init__(self) -> None:
         for option, value in (("--fps", self.fps), ("--offset", self.offset)):
@@ -144,20 +166,44 @@ class Exchange:
         """
         if self.fps is None and self.rate_hz is None:
             raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
-        offset_ns = round(self.offset * 1e9)
+        begin_s = next(iter(self.films.values()), 0.0) if self.offset is None else self.offset
         if self.fps is not None:
             times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]
         else:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
-        return Timeline(frames=self.frames, times_ns=[_rounded_ms(time + offset_ns) * MS for time in times_ns])
+        return Timeline(
+            frames=self.frames, times_ns=[_rounded_ms(time + round(begin_s * 1e9)) * MS for time in times_ns]
+        )
+
+    def film_of(self, names: Sequence[str], where: object) -> str | None:
+        """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.
+
+        Raises
+        ------
+        VfoaError
+            If there are several, and neither their names nor ``film`` tell.
+        """
+        if self.film is not None:
+            check_known(self.film, [file_name(name) for name in names], f"{where}: --film: no")
+            return next(name for name in names if file_name(name) == self.film)
+        if self.offset is not None or len(names) < 2:
+            return next(iter(names), None)
+        own = (name for film in self.films for name in names if file_name(name) == film)
+        if (film := next(own, None)) is None:
+            listed = ", ".join(dict.fromkeys(map(file_name, names)))
+            raise VfoaError(f"{where}: found the films {listed}; expected --film NAME, the one that shows the clip")
+        return film
 
     def media_offset(self, offset_ms: int, path: object) -> tuple[int, list[str]]:
-        """What a medium's own offset adds to times of the file, ms, with a note: nothing beside a given ``offset``."""
-        if offset_ms and self.offset:
-            offset_s = offset_ms / 1000
-            return 0, [f"{path}: the media offset of {offset_s:g} s is not used: --offset says where the clip begins."]
-        return offset_ms, [f"{path}: the media offset of {offset_ms / 1000:g} s is added."] if offset_ms else []
+        """What is added to the times of a file to get those of the clip's film, ms, with a note.
+
+        Nothing beside a given ``offset``, which says where the clip begins in the file's own times.
+        """
+        offset_s = format_seconds(offset_ms * MS)
+        if offset_ms and self.offset is not None:
+            return 0, [f"{path}: the offset of {offset_s} s in it is not used: --offset says where the clip begins."]
+        return offset_ms, [f"{path}: an offset of {offset_s} s is added to its times."] if offset_ms else []
 
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""
@@ -205,8 +251,10 @@ class Span:
     where: str
 
 
-def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Imported:
+def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown: Timeline | None = None) -> Imported:
     """Return labels from spans: a span covers the frames shown from its start on and before its end.
+
+    ``shown`` are the clip's frames at the times of the spans. Default: those of :attr:`Exchange.shown`.
 
     Raises
     ------
@@ -217,7 +265,7 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
     for span in sorted(spans, key=lambda span: (span.start_ms, span.end_ms)):
         if span.end_ms < span.start_ms:
             raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
-        if covered := exchange.shown.between(span.start_ms * MS, span.end_ms * MS):
+        if covered := (shown or exchange.shown).between(span.start_ms * MS, span.end_ms * MS):
             first, last = covered
             row = LabelRange(first_frame=first, last_frame=last, subject=span.subject, label=span.label)
             rows.append((span.where, row))
@@ -252,6 +300,11 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
 
 def _rounded_ms(time_ns: int) -> int:
     return (time_ns + MS // 2) // MS
+
+
+def file_name(address: str) -> str:
+    """The name of the file at a path, also of another system, or at an address such as ``file:///C:/a%20b.mp4``."""
+    return re.split(r"[/\\]", unquote(address))[-1]
 
 
 def one_line(text: str | None) -> str:

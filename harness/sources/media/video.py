@@ -122,6 +122,30 @@ class Video:
         return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
 
 
+def first_picture_s(path: Path) -> float:
+    """The time at which a player shows a video's first picture, seconds.
+
+    Its zero is that of the container: in MPEG-4 and Matroska files the zero of the time stamps, in others, whose stamps
+    begin anywhere, the first picture or sound.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not a video.
+    """
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            begins_s = float((stream.start_time or 0) * (stream.time_base or 0))
+            is_at_zero = any(name in container.format.name for name in ("mp4", "matroska"))
+            zero_s = 0.0 if is_at_zero else (container.start_time or 0) / av.time_base
+    except (av.FFmpegError, IndexError, OSError) as error:
+        raise VfoaError(f"{path}: not a readable video: {error}") from None
+    return max(begins_s - zero_s, 0.0)
+
+
 def _are_frames(path: Path, stamps: Sequence[int]) -> bool:
     """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some packets."""
     if not stamps or len(set(stamps)) != len(stamps):

@@ -67,7 +67,7 @@ def test_the_offset_of_the_medium_is_taken_off_and_said(tmp_path: Path) -> None:
     path = project(tmp_path / "a.boris", offset=2.0, talk=later)
     imported = Boris().read(path, exchange())
     assert imported.labels.ranges == ROWS
-    assert f"{path}: the media offset of -2 s is added." in imported.notes
+    assert f"{path}: an offset of -2 s is added to its times." in imported.notes
     told = Boris().read(path, exchange(offset=2.0))
     assert told.labels.ranges == ROWS
     assert "is not used" in told.notes[-1]
@@ -80,7 +80,9 @@ def test_the_offset_of_the_medium_is_taken_off_and_said(tmp_path: Path) -> None:
         ('{"a": 1}', "no observations"),
         ('{"observations": {"a": {}}}', "observation 'a': no events"),
         ('{"observations": {"a": {"events": [["x", "girl", "bird"]]}}}', "event 1: found"),
-        ('{"observations": {"a": {"events": [[1, "girl", "bird"]]}}}', "starts at 1.000 s and never stops"),
+        ('{"observations": {"a": {"events": [[0, "girl", "bird"], [1, "girl", "cup"]]}}}', "overlap"),
+        ('{"observations": {"a": {"type": "IMAGES", "events": [[NaN, "girl", "bird", "", ""]]}}}', "event 1: found"),
+        ('{"observations": {"a": {"time offset": "noon", "events": []}}}', "time offset: found 'noon'"),
         ('{"observations": {"a": {"events": [[1, "gril", "bird"], [2, "gril", "bird"]]}}}', "did you mean 'girl'"),
     ],
 )
@@ -114,6 +116,168 @@ def test_events_without_a_focal_subject_can_be_given_one(tmp_path: Path) -> None
     with pytest.raises(VfoaError, match="unknown subject 'No focal subject'"):
         Boris().read(path, exchange())
     assert Boris().read(path, exchange(renamed={"No focal subject": "girl"})).labels.ranges == ROWS
+
+
+def _observed(path: Path, *events: tuple[float, str, str], sets: tuple[str, ...] = (), **observation: Any) -> Path:
+    """A project with one observation: ``(seconds, behaviour, modifiers)`` of the girl."""
+    rows = [[time, "girl", behaviour, modifiers, "", -1] for time, behaviour, modifiers in events]
+    modifiers = {str(n): {"name": name, "type": 0, "values": []} for n, name in enumerate(sets)}
+    codes = sorted({behaviour for _, behaviour, _ in events})
+    ethogram = {str(n): {"code": code, "type": "State event", "modifiers": modifiers} for n, code in enumerate(codes)}
+    observed = {"type": "MEDIA", "events": rows, **observation}
+    return write_text(path, json.dumps({"behaviors_conf": ethogram, "observations": {"o": observed}}))
+
+
+LOOKS = ((0.0, "look", "bird"), (0.08, "look", "bird"), (0.08, "look", "cup"), (0.16, "look", "cup"))
+TURNS = (row(1, 2, "bird"), row(3, 4, "cup"))
+
+
+@pytest.mark.parametrize(
+    ("events", "sets", "modifier"),
+    [
+        (LOOKS, ("what",), "what"),
+        (LOOKS, ("",), "1"),  # a set without a name
+        ([(t, b, f"fast|{m}") for t, b, m in LOOKS], ("how", "what"), "what"),
+        ([(t, b, f" {m} (k)|None") for t, b, m in LOOKS], ("what", "how"), "what"),  # spaces, a key, nothing chosen
+        ([(0.0, "bird", ""), (0.079, "bird", ""), (0.08, "look", "cup"), (0.16, "look", "cup")], ("what",), "what"),
+    ],
+    ids=["one set", "no name", "second set", "spaces and key", "some behaviours without"],
+)
+def test_a_set_of_modifiers_names_the_targets(
+    events: list[tuple[float, str, str]], sets: tuple[str, ...], modifier: str, tmp_path: Path
+) -> None:
+    path = _observed(tmp_path / "a.boris", *events, sets=sets)
+    assert Boris().read(path, exchange(modifier=modifier)).labels.ranges == TURNS
+
+
+def test_modifiers_that_nobody_said_anything_about_are_refused(tmp_path: Path) -> None:
+    path = _observed(tmp_path / "a.boris", *LOOKS, sets=("looks at",))
+    with pytest.raises(VfoaError, match=r"\(bird, cup\); expected --modifier 'looks at' .* --modifier none"):
+        Boris().read(path, exchange())
+    with pytest.raises(VfoaError, match=r"--modifier: no 'looksat'; did you mean 'looks at'"):
+        Boris().read(path, exchange(modifier="looksat"))
+
+
+def test_modifiers_are_left_out_on_demand_and_still_pair_states(tmp_path: Path) -> None:
+    events = [(0.0, "bird", "fast"), (0.08, "bird", "fast"), (0.08, "bird", "slow"), (0.16, "bird", "slow")]
+    path = _observed(tmp_path / "a.boris", *events, sets=("how",))
+    assert Boris().read(path, exchange(modifier="none")).labels.ranges == (row(1, 2, "bird"), row(3, 4, "bird"))
+
+
+@pytest.mark.parametrize("modifiers", [("bird", "cup", "bird", "cup"), ("bird", "cup", "cup", "bird")])
+def test_states_of_one_subject_that_overlap_are_refused(modifiers: tuple[str, ...], tmp_path: Path) -> None:
+    events = [(time, "look", modifier) for time, modifier in zip((0.0, 0.04, 0.08, 0.12), modifiers, strict=True)]
+    with pytest.raises(VfoaError, match="overlap"):
+        Boris().read(_observed(tmp_path / "a.boris", *events, sets=("what",)), exchange(modifier="what"))
+
+
+def test_a_state_without_a_stop_lasts_to_the_end_of_the_clip(tmp_path: Path) -> None:
+    path = _observed(tmp_path / "a.boris", (0.0, "bird", ""), (0.08, "bird", ""), (0.08, "cup", ""))
+    imported = Boris().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 50, "cup"))
+    (note,) = (note for note in imported.notes if "never stops" in note)
+    assert "0.080 s: 'cup' of 'girl'" in note
+
+
+def _at(begin_s: float) -> list[tuple[float, str, str]]:
+    return [(begin_s + time, modifier, "") for time, _, modifier in LOOKS]
+
+
+@pytest.mark.parametrize(
+    ("begin_s", "observation"),
+    [
+        (5.0, {"time offset": 5.0}),
+        (45_296.5, {"time offset": "45296.5"}),  # the time of day
+        (-2.0, {"time offset": -2.0}),
+        (9.0, {"type": "LIVE", "file": {}, "time offset": 9.0}),
+        (7.5, {"time offset": 5.0, "file": {"1": ["a.mp4"]}, "media_info": {"offset": {"1": 2.5}}}),
+        (
+            1_718_000_002.0,
+            {
+                "time offset": 2.0,
+                "file": {"1": ["/v/a.mp4"]},
+                "media_creation_date_as_offset": True,
+                "media_info": {"media_creation_time": {"/v/a.mp4": 1_718_000_000}},
+            },
+        ),
+        (
+            13.0,  # not asked for: its times are those of the film
+            {
+                "time offset": 13.0,
+                "file": {"1": ["a.mp4"]},
+                "media_creation_date_as_offset": False,
+                "media_info": {"media_creation_time": {"a.mp4": 1_718_000_000}},
+            },
+        ),
+    ],
+    ids=["seconds", "time of day", "negative", "live", "and a player's", "epoch", "creation not used"],
+)
+def test_what_boris_adds_to_each_time_is_taken_off_and_said(
+    begin_s: float, observation: dict[str, Any], tmp_path: Path
+) -> None:
+    path = _observed(tmp_path / "a.boris", *_at(begin_s), **observation)
+    imported = Boris().read(path, exchange())
+    assert imported.labels.ranges == TURNS
+    assert f"{path}: an offset of {-begin_s!r} s is added to its times.".replace(".0 s", " s") in imported.notes
+    assert Boris().read(path, exchange(offset=begin_s)).labels.ranges == TURNS
+
+
+FILMS = {"side.mp4": 10.0, "front.mp4": 20.0, "C:\\v\\left.mp4": 30.0, "/v/right.mp4": 40.0}
+
+
+@pytest.mark.parametrize(
+    ("begin_s", "players", "offsets", "own"),
+    [
+        (3.0, {"1": ["side.mp4"], "2": ["front.mp4"]}, {"1": 0.0, "2": 3.0}, ["front.mp4"]),
+        (10.0, {"1": ["side.mp4", "front.mp4"]}, {"1": 0.0}, ["front.mp4"]),  # one after the other
+        (31.5, {"1": ["front.mp4"], "2": ["side.mp4", "front.mp4", "/v/right.mp4"]}, {"2": 1.5}, ["right.mp4"]),
+        (2.0, {"1": ["/v/right.mp4"], "2": ["C:\\v\\left.mp4"]}, {"1": 9.0, "2": 2.0}, ["left.mp4", "right.mp4"]),
+        (2.0, {"1": ["another.mp4"], "2": []}, {"1": 2.0}, ["front.mp4"]),  # the only film: a copy of the clip's
+    ],
+    ids=["second player", "queue", "queue of the second", "left of two views", "another name"],
+)
+def test_the_film_that_shows_the_clip_counts(
+    begin_s: float, players: dict[str, list[str]], offsets: dict[str, float], own: list[str], tmp_path: Path
+) -> None:
+    media = {"length": FILMS, "offset": offsets}
+    path = _observed(tmp_path / "a.boris", *_at(begin_s), file=players, media_info=media)
+    assert Boris().read(path, exchange(films=dict.fromkeys(own, 0.0))).labels.ranges == TURNS
+
+
+def test_the_film_is_asked_for_where_none_is_the_clips_own(tmp_path: Path) -> None:
+    media = {"length": FILMS, "offset": {"1": 0.0, "2": 3.0}}
+    files = {"1": ["side.mp4"], "2": ["front.mp4"]}
+    path = _observed(tmp_path / "a.boris", *_at(3.0), file=files, media_info=media)
+    with pytest.raises(VfoaError, match=r"found the films side\.mp4, front\.mp4; expected --film NAME"):
+        Boris().read(path, exchange())
+    with pytest.raises(VfoaError, match=r"--film: no 'frnt\.mp4'; did you mean 'front\.mp4'"):
+        Boris().read(path, exchange(film="frnt.mp4"))
+    assert Boris().read(path, exchange(film="front.mp4")).labels.ranges == TURNS
+    assert Boris().read(path, exchange(offset=3.0)).labels.ranges == TURNS
+
+
+def test_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
+    rows = [(1, "bird"), (3, "bird"), (3, "cup"), (5, "cup")]
+    events = [[float("nan"), "girl", what, "", "", number, f"p/{number}.png"] for number, what in rows]
+    observation = {"type": "IMAGES", "events": events, "directories_list": ["p"], "time offset": 7.0}
+    path = write_text(tmp_path / "a.boris", json.dumps({"observations": {"o": observation}}))
+    every_tenth = PlainClip(frames=range(10, 510, 10), rate_hz=None)
+    imported = Boris().read(path, exchange(every_tenth))
+    assert imported.labels.ranges == (row(10, 20, "bird"), row(30, 40, "cup"))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "Observation id\tSubject\tBehavior\tBehavior type\tStart (s)\tStop (s)\no\tgirl\tbird\tSTATE\t0.0\t1\n",
+        "Observation id\to\t\n\nTime\tMedia file path\tSubject\tBehavior\tStatus\n3.3\ta.mp4\tgirl\tbird\tSTART\n",
+        "PK\x03\x04 a workbook",
+    ],
+    ids=["aggregated", "tabular", "xlsx"],
+)
+def test_an_exported_table_is_named_as_one(content: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"a\.tsv: a table that BORIS exports; expected its project"):
+        Boris().read(write_text(tmp_path / "a.tsv", content), exchange())
 
 
 def test_it_is_not_written(tmp_path: Path) -> None:

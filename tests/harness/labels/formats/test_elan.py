@@ -138,10 +138,40 @@ def test_the_offset_of_the_medium_is_added_and_said(tmp_path: Path) -> None:
     clip = PlainClip(frames=range(1, 101))
     imported = Elan().read(tmp_path / "a.eaf", exchange(clip))
     assert imported.labels.ranges == (row(51, 52, "bird"),)
-    assert imported.notes == (f"{tmp_path / 'a.eaf'}: the media offset of 2 s is added.",)
+    assert imported.notes == (f"{tmp_path / 'a.eaf'}: an offset of 2 s is added to its times.",)
     told = Elan().read(tmp_path / "a.eaf", exchange(clip, offset=-1.0))
     assert told.labels.ranges == (row(26, 27, "bird"),)
     assert "is not used: --offset says where the clip begins" in told.notes[0]
+
+
+def test_the_film_that_shows_the_clip_counts(tmp_path: Path) -> None:
+    document = Eaf(author="somebody")
+    document.add_linked_file("file:///C:/v/the%20sound.wav", mimetype="audio/x-wav", time_origin=7000)
+    document.add_linked_file("file:///C:/v/side.mp4", mimetype="video/mp4")
+    document.add_linked_file("file:///C:/v/the%20front.mp4", mimetype="video/mp4", time_origin=2000)
+    document.add_tier("girl")
+    document.add_annotation("girl", 0, 80, "bird")
+    document.to_file(str(tmp_path / "a.eaf"))
+    clip = PlainClip(frames=range(1, 101))
+    own = Elan().read(tmp_path / "a.eaf", exchange(clip, films={"the front.mp4": 0.0}))
+    assert own.labels.ranges == (row(51, 52, "bird"),)
+    with pytest.raises(VfoaError, match=r"found the films side\.mp4, the front\.mp4; expected --film NAME"):
+        Elan().read(tmp_path / "a.eaf", exchange(clip))
+    assert Elan().read(tmp_path / "a.eaf", exchange(clip, film="side.mp4")).labels.ranges == (row(1, 2, "bird"),)
+
+
+def test_labels_are_in_the_times_of_a_player_where_the_pictures_begin_later(tmp_path: Path) -> None:
+    clip, film = PlainClip(frames=range(1, 101)), {"talk.mp4": 2.0}
+    document = Eaf(author="somebody")
+    document.add_tier("girl")
+    document.add_annotation("girl", 2000, 2080, "bird")
+    document.to_file(str(tmp_path / "a.eaf"))
+    assert Elan().read(tmp_path / "a.eaf", exchange(clip, films=film)).labels.ranges == (row(1, 2, "bird"),)
+    assert Elan().read(tmp_path / "a.eaf", exchange(clip, films=film, offset=0.0)).labels.ranges == (
+        row(51, 52, "bird"),
+    )
+    Elan().write(tmp_path / "b.eaf", Labels([row(1, 2, "bird")]), exchange(clip, films=film))
+    assert Eaf(str(tmp_path / "b.eaf")).get_annotation_data_for_tier("girl") == [(2000, 2080, "bird")]
 
 
 def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) -> None:

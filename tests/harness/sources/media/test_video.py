@@ -2,12 +2,15 @@ from __future__ import annotations
 
 import os
 import pickle
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
-from harness.sources.media.video import STEP, Video
+from harness.sources.media.video import STEP, Video, first_picture_s
+from harness.sources.stereo_folder import StereoFolderClip
 from tests.disk import moving_picture, write_bytes, write_text, write_video
 from vfoa.errors import VfoaError
 
@@ -67,3 +70,54 @@ def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> No
     write_video(tmp_path / "a.mkv", [moving_picture(0)]).rename(path)
     with pytest.raises(VfoaError, match=r"its name is not UTF-8, which FFmpeg cannot open; rename it"):
         Video(path)
+
+
+def _film(path: Path, *, pictures_s: float, sound_s: float | None) -> Path:
+    """A film of ten pictures at 25 Hz that begin at one time, with a sound that begins at another."""
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("mpeg4", rate=25)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        video.time_base = video.codec_context.time_base = Fraction(1, 1000)
+        if sound_s is not None:
+            sound = container.add_stream("mp2", rate=48_000)
+            samples = np.zeros((1, 2 * 48_000), np.int16)
+            frame = av.AudioFrame.from_ndarray(samples, format="s16", layout="stereo")
+            frame.sample_rate, frame.time_base, frame.pts = 48_000, Fraction(1, 48_000), round(48_000 * sound_s)
+            container.mux([*sound.encode(frame), *sound.encode(None)])
+        for number in range(10):
+            picture = av.VideoFrame.from_ndarray(IMAGES[number], format="rgb24").reformat(64, 48)
+            picture.time_base, picture.pts = Fraction(1, 1000), round(1000 * pictures_s) + 40 * number
+            container.mux(video.encode(picture))
+        container.mux(video.encode(None))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "pictures_s", "sound_s", "expected_s"),
+    [
+        ("a.mp4", 0.0, None, 0.0),
+        ("a.mp4", 1.2, 0.0, 1.2),
+        ("a.mkv", 1.2, 0.0, 1.2),
+        ("a.mkv", 1.2, 0.52, 1.2),  # the container's zero is before both
+        ("a.mkv", 0.0, 1.2, 0.0),
+        ("a.ts", 1.2, 0.0, 1.2),  # its stamps begin anywhere
+        ("a.ts", 0.0, None, 0.0),
+    ],
+)
+def test_the_first_picture_is_where_a_player_shows_it(
+    name: str, pictures_s: float, sound_s: float | None, expected_s: float, tmp_path: Path
+) -> None:
+    path = _film(tmp_path / name, pictures_s=pictures_s, sound_s=sound_s)
+    assert first_picture_s(path) == pytest.approx(expected_s, abs=0.03)  # the sound's first packet is early
+    assert Video(path).times_ns[:2] == (0, 40_000_000)
+
+
+def test_a_stereo_film_says_when_its_first_picture_is_shown(tmp_path: Path) -> None:
+    _film(tmp_path / "left.mp4", pictures_s=1.2, sound_s=0.0)
+    _film(tmp_path / "right.mp4", pictures_s=0.0, sound_s=None)
+    camera = {"fx_px": 50, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
+    for swap, names in ((False, ["left.mp4", "right.mp4"]), (True, ["right.mp4", "left.mp4"])):
+        settings = {"layout": "videos", "left": "left.mp4", "right": "right.mp4", "camera": camera, "swap": swap}
+        films = StereoFolderClip(StereoFolderClip.Settings.model_validate(settings), tmp_path).films
+        assert list(films) == names
+        assert films["left.mp4"] == pytest.approx(1.2, abs=0.03)
