@@ -16,7 +16,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,6 +23,7 @@ import pytest
 
 from harness.studio.store import cache_folder
 from tests.disk import write_text
+from tests.pages import shape, steps
 from tests.repository import REPOSITORY
 
 OWN_TEST = ("label-fit-run", "real-person")
@@ -69,7 +69,7 @@ def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_pa
     folder, printed = demo
     for part in ("runs", "experiments"):
         shutil.copytree(folder / part, tmp_path / part)
-    for command, expected in _steps(page.read_text(encoding="utf-8")):
+    for command, expected in steps(page.read_text(encoding="utf-8")):
         if command == "make demo":
             said = printed
         else:
@@ -77,24 +77,7 @@ def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_pa
             assert words[0] == "vfoa", f"{page.name}: {command}"
             said = _vfoa(words[1:], tmp_path, folder / "cache")
         if expected.strip():
-            assert _shape(said.replace(f"{tmp_path}/", "")) == _shape(expected), f"{page.name}: {command}\n{said}"
-
-
-def _steps(page: str) -> Iterator[tuple[str, str]]:
-    """The commands of a page's blocks, each with the output printed below it."""
-    for block in re.finditer(
-        r"^(<!-- not executed:.*?-->\n+)?```(?:console)?\n(.*?)^```", page, re.MULTILINE | re.DOTALL
-    ):
-        if block[1] is None:
-            for step in re.split(r"^\$ ", block[2], flags=re.MULTILINE)[1:]:
-                command, _, expected = step.partition("\n")
-                yield command, expected
-
-
-def _shape(text: str) -> list[list[str]]:
-    """The words of each line, every number and token as ``0`` and every rule left out."""
-    lines = [re.sub(r"token=\S+|[+-]?\d[\d.,]*", "0", line).split() for line in text.splitlines()]
-    return [words for words in lines if words and not re.fullmatch(r"[─-]+", words[0])]
+            assert shape(said.replace(f"{tmp_path}/", "")) == shape(expected), f"{page.name}: {command}\n{said}"
 
 
 def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> str:
