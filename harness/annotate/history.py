@@ -149,7 +149,7 @@ class History:
             if drawn != self.drawing.tracks():
                 self.drawing.check_writable()
             with change.kept(self.manifest):
-                change.in_labels(stores[1:])
+                change.in_labels(stores[1:], self.manifest)
                 make()
                 self.drawing.set_tracks(drawn)
         self._read_manifest()

@@ -5,7 +5,7 @@ The journal knows more than the CSV: what to undo, and how far labels are carrie
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -222,13 +222,20 @@ class LabelStore(JournaledStore[Labels]):
         """Change targets as a step that can be undone; ``change`` has the labels' changes by file name."""
         self.commit({"targets": change, "file": self.path.name})
 
-    def set_changes(self, changes: Iterable[Change]) -> None:
+    def set_changes(self, changes: Iterable[Change], gone: Collection[str] = ()) -> None:
         """Make the changes that a change of targets causes here, as far as they are :meth:`applicable`.
 
-        Earlier steps can then no longer be undone. A second time, nothing more happens.
+        Earlier steps can then no longer be undone, also without a change here, if they would bring back a target that
+        is ``gone``. A second time, nothing more happens.
         """
-        if now := self.applicable(changes):
+        now = self.applicable(changes)
+        if now or self._steps_have(gone):
             self.commit({"set": now})
+
+    def _steps_have(self, targets: Collection[str]) -> bool:
+        changes = (change for steps in self._steps.values() for _, step in steps for change in _changes(step))
+        parts = (part for change in changes for part in (*change["before"], *change["after"]))
+        return any(len(part) > 2 and part[2] in targets for part in parts)
 
     def _check_subject(self, subject: str) -> None:
         check_known(subject, self.subjects, "unknown subject")

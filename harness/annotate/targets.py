@@ -99,10 +99,16 @@ class TargetChange(Settings):
         )
         return [name for name in before if name not in after], [name for name in after if name not in before]
 
-    def in_labels(self, stores: Iterable[LabelStore]) -> None:
+    def in_labels(self, stores: Iterable[LabelStore], manifest: ClipManifest) -> None:
         """Change the labels that still have the target, with no step to undo."""
+        gone, _ = self.names(manifest)
         for store in stores:
-            store.set_changes(self.labels.get(store.path.name, ()))
+            store.set_changes(self.labels.get(store.path.name, ()), gone)
+
+    def is_last_of(self, store: LabelStore) -> bool:
+        """Whether it is the last step that was made, or undone, in these labels."""
+        made, undone = ((last := store.last_step(kind)) and TargetChange.of_step(last[1]) for kind in ("undo", "redo"))
+        return bool((made and made.manifest == self.manifest) or (undone and undone.inverse.manifest == self.manifest))
 
     @contextmanager
     def kept(self, manifest: ClipManifest) -> Iterator[None]:
@@ -133,7 +139,8 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     atomic_write(manifest.path, change.manifest[1])
     changed = load_manifest(manifest.path, manifest.name)
     with ExitStack() as stack:
-        change.in_labels(stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
+        stores = (stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
+        change.in_labels((label_store for label_store in stores if not change.is_last_of(label_store)), changed)
     gone, _ = change.names(changed)
     with closing(open_drawing(changed, timeline, also=gone)) as drawing:
         drawing.set_tracks(change.on_drawing(drawing.tracks(), changed))

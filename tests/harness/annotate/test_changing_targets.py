@@ -238,6 +238,40 @@ def test_undo_leaves_shapes_that_were_drawn_since(opened: Any, work: Path, chang
     assert "book" in [each["name"] for each in session.drawn()["tracks"]]
 
 
+@pytest.mark.parametrize("change", [_rename, _delete])
+@pytest.mark.parametrize("kind", ["undo", "redo"])
+def test_steps_of_others_bring_no_target_back_that_was_renamed_or_deleted_since(
+    opened: Any, work: Path, change: Callable[[Session], None], kind: str
+) -> None:
+    other = opened(annotator="ben")
+    _mark(other, 0, 3, "book" if kind == "redo" else "cup")
+    _mark(other, 0, 3, "cup" if kind == "redo" else "book")
+    if kind == "redo":
+        other.step_back("undo")
+    other.close()
+    session = opened()
+    change(session)
+    session.close()
+    other = opened(annotator="ben")
+    other.step_back(kind)
+    assert _said(work, annotator="ben") == "bbbb........"
+    _mark(other, 0, 3, "none")
+    other.step_back("undo")
+    assert _said(work, annotator="ben") == "bbbb........"
+
+
+def test_a_new_target_leaves_the_steps_of_others(opened: Any, work: Path) -> None:
+    other = opened(annotator="ben")
+    _mark(other, 0, 3, "cup")
+    _mark(other, 0, 3, "book")
+    other.close()
+    session = opened()
+    session.add_target("pen", NameRule(category="pen"))
+    session.close()
+    opened(annotator="ben").step_back("undo")
+    assert _said(work, annotator="ben") == "cccc........"
+
+
 def test_a_target_whose_shapes_were_drawn_since_stays(opened: Any, work: Path) -> None:
     session = opened()
     session.add_target("pen", NameRule(category="pen"))
@@ -282,6 +316,7 @@ def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
     shutil.copytree(work, at_first)
     replace = Path.replace
     results: list[tuple[object, ...]] = []
+    undone: list[tuple[object, ...]] = []
     for kill_at in range(20):
         shutil.rmtree(work)
         shutil.copytree(at_first, work)
@@ -306,6 +341,8 @@ def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
         session.close()
         again = opened()
         found = (*again.manifest.targets, _said(work), _said(work, annotator="ben"), len(again.drawn()["tracks"]))
+        again.step_back("undo")
+        undone.append((*again.manifest.targets, _said(work), _said(work, annotator="ben")))
         again.close()
         assert not [*(work / "annotations" / ".journal").glob("*.json")]
         results.append(found)
@@ -315,6 +352,9 @@ def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
     done = (*names, letter * 6 + "." * 6, letter * 4 + "." * 8, int(to is not None))
     assert results[0] == ("cup", "book", "c" * 6 + "." * 6, "c" * 4 + "." * 8, 1)
     assert results[1:] == [done] * (len(results) - 1)
+    steps = sum(names == results[0][:-1] for names in undone[1:])
+    assert undone[1:] == [done[:-1]] * (len(undone) - 1 - steps) + [results[0][:-1]] * steps
+    assert steps >= 2  # of which the change was in the journal of these labels before the kill
     assert len(results) >= 6  # what is to be done, the manifest, two files of labels, what is drawn, and unharmed
 
 
