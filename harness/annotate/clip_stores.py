@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from harness.annotate.drawing_store import DrawingStore
+from harness.annotate.journal import Journal
 from harness.annotate.label_store import LabelStore
 from harness.clips.manifest import ClipManifest, clip_files
 from harness.files.folders import came_with_program
@@ -56,20 +57,34 @@ def open_drawing(manifest: ClipManifest, timeline: Timeline, also: Sequence[str]
 
 
 def open_stores(manifest: ClipManifest, timeline: Timeline, but: Path | None = None) -> Iterator[LabelStore]:
-    """The labels of every annotator who has a file, one after the other, without the one of this path."""
+    """The labels of every annotator who has any, one after the other, without those of this path."""
     files = manifest.annotations
     for annotator in (None, *files.annotators()):
         place = files.place(annotator)
-        if place != but and place.is_file():
+        with_clip = annotator is None and manifest.labels_file and files.find() is not None
+        if place != but and (place.is_file() or with_clip):
             yield open_store(manifest, annotator, timeline)
 
 
 @contextmanager
 def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -> Iterator[list[LabelStore]]:
-    """Yield a store and those of the clip's other annotators, until the block ends. Raises as :func:`open_store`."""
+    """Yield a store and those of the clip's other annotators, until the block ends. Raises as :func:`open_store`.
+
+    Who has no labels yet cannot begin to label meanwhile, and is not doing so: their page has the present targets.
+    """
     with ExitStack() as stack:
         others = open_stores(manifest, timeline, but=store.path)
-        yield [store, *(stack.enter_context(closing(label_store)) for label_store in others)]
+        stores = [store, *(stack.enter_context(closing(label_store)) for label_store in others)]
+        known = {_journal(label_store.path) for label_store in stores}
+        for journal in _journal(store.path).parent.glob(f"{manifest.name}*.jsonl"):
+            of = journal.parent.parent / f"{journal.stem}.csv"
+            if journal not in known and of.stem.partition("@")[0] == manifest.name:
+                stack.enter_context(closing(Journal(journal, of=of)))
+        yield stores
+
+
+def _journal(path: Path) -> Path:
+    return path.parent / ".journal" / f"{path.stem}.jsonl"
 
 
 def _open(
@@ -79,7 +94,7 @@ def _open(
     begins = present != path and (came_with_program(manifest.path) or manifest.labels_file)
     return kind(
         path,
-        path.parent / ".journal" / f"{path.stem}.jsonl",
+        _journal(path),
         timeline=timeline,
         subjects=manifest.subjects,
         targets=targets,

@@ -293,6 +293,29 @@ def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: A
     assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
 
 
+def test_names_are_not_changed_while_another_annotator_is_about_to_label_the_clip(opened: Any, work: Path) -> None:
+    session, other = opened(), opened(annotator="ben")
+    for change in (_rename, _delete, lambda session: session.add_target("pen", NameRule(category="pen"))):
+        with pytest.raises(VfoaError, match=r"noise@ben\.csv is being labelled by another vfoa annotate"):
+            change(session)
+    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+    _mark(other, 0, 3, "cup")
+    other.close()
+    _rename(session)
+    assert _said(work, annotator="ben") == "mmmm........"
+
+
+def test_a_new_name_is_in_labels_among_the_files_of_the_clip(opened: Any, work: Path) -> None:
+    write_text(work / "pairs" / "labels.csv", f"{HEAD}1,4,ann,cup,\n")
+    path = work / "datasets" / "noise.toml"
+    path.write_text(path.read_text().replace('root = "../pairs"', 'root = "../pairs"\nlabels_file = "labels.csv"'))
+    session = opened(annotator="ben")
+    _rename(session)
+    assert _said(work) == "mmmm........"
+    session.step_back("undo")
+    assert _said(work) == "cccc........"
+
+
 def test_two_names_with_one_key_are_refused(opened: Any, work: Path) -> None:
     with pytest.raises(VfoaError, match=r"key: '2' is the key of .*; expected another one"):
         opened().change_target("cup", new_name="cup", key="2", colour="blue plain")
