@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +28,43 @@ RATE_TOLERANCE = 0.01
 """A stated rate is used if it is this near to the mean of the times, which some containers round to ms."""
 
 
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a player shows pictures: mirrored left to right, then turned to the right by ``quarters`` of a turn."""
+
+    quarters: int = 0
+    is_mirrored: bool = False
+
+    @property
+    def matrix(self) -> tuple[int, int, int, int]:
+        """Signs of (a, b, c, d): a pixel (p, q) is shown at (a p + c q, b p + d q), x to the right and y down."""
+        cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarters]
+        x = -1 if self.is_mirrored else 1
+        return x * cos, x * sin, -sin, cos
+
+    def apply(self, image: Image) -> Image:
+        """Turn and mirror an image (H, W, 3)."""
+        if self == UPRIGHT:
+            return image
+        mirrored = image[:, ::-1] if self.is_mirrored else image
+        return np.ascontiguousarray(np.rot90(mirrored, -self.quarters))
+
+    def __str__(self) -> str:
+        turned = [f"rotated by {90 * self.quarters} degrees"] if self.quarters else []
+        return " and ".join((["mirrored"] if self.is_mirrored else []) + turned)
+
+
+UPRIGHT = Turn()
+
+
 class Video:
     """A video's frames by their position, from 0. Reading in order decodes each once. It can be pickled.
 
     Frames are counted by the packets, or by decoding if these are not conclusive. ``times_ns`` is each frame's time
     since the first one. ``rate_hz`` is the stated rate if the times agree, else their mean rate: phones film with
-    varying steps. ``notes``: whether the container states another number of frames (FFmpeg's estimate from a duration
-    that the frames fill does not count).
+    varying steps. Pictures are turned and mirrored as the file says, as players do. ``notes``: whether they are, and
+    whether the container states another number of frames (FFmpeg's estimate from a duration that the frames fill does
+    not count).
 
     Raises
     ------
@@ -63,6 +94,9 @@ class Video:
         self.notes: tuple[str, ...] = ()
         if claimed > 0 and claimed != len(stamps) and not is_estimate:
             self.notes = (f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read",)
+        self._turn = _turn_of(path)
+        if self._turn != UPRIGHT:
+            self.notes += (f"{path.name}: pictures are {self._turn}, as the file says",)
         self._stamps_ns = stamps
         self._capture: Any = None
         self._position = -1
@@ -91,7 +125,7 @@ class Video:
         is_decoded, image = self._capture.retrieve()
         if not is_decoded:
             raise self._undecodable(place)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        return self._turn.apply(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8))
 
     def _go(self, place: int) -> None:
         """Make ``place`` the frame that was grabbed last."""
@@ -120,6 +154,36 @@ class Video:
 
     def _undecodable(self, place: int) -> VfoaError:
         return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
+
+
+def _turn_of(path: Path) -> Turn:
+    """The display matrix of a video's first picture.
+
+    The matrix is ``[a, b, u, c, d, v, x, y, w]`` with 16 fractional bits: a pixel (p, q) is shown at
+    (a p + c q, b p + d q), x to the right and y down (libavutil/display.h).
+
+    Raises
+    ------
+    VfoaError
+        If pictures are turned by a part of 90 degrees, or there is no picture.
+    """
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            picture = next(container.decode(video=0))
+    except (av.FFmpegError, StopIteration, IndexError, OSError) as error:
+        raise VfoaError(f"{path}: no frame can be read; expected a video: {error}") from None
+    sides: Iterable[Any] = picture.side_data
+    data = next((bytes(side) for side in sides if side.type.name == "DISPLAYMATRIX"), None)
+    if data is None:
+        return UPRIGHT
+    values = np.frombuffer(data, np.int32, 5)
+    a, b, _, c, d = np.rint(values / np.abs(values).max()).astype(int).tolist()
+    for turn in (Turn(quarters, is_mirrored) for quarters in range(4) for is_mirrored in (False, True)):
+        if turn.matrix == (a, b, c, d):
+            return turn
+    raise VfoaError(f"{path}: pictures are rotated by a part of 90 degrees; expected multiples of 90")
 
 
 def first_picture_s(path: Path) -> float:
@@ -168,7 +232,7 @@ def _stamp(capture: Any) -> int:
 
 
 def _open(path: Path, packets: bool = False) -> Any:
-    """Open a capture; ``packets``: it returns packets undecoded. A rotation noted in the file is not applied."""
+    """Open a capture; ``packets``: it returns packets undecoded. A rotation noted in the file is not applied here."""
     if not path.is_file():
         raise VfoaError(f"{path}: no such file")
     name = str(path)

@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import os
 import pickle
+import struct
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -121,3 +124,54 @@ def test_a_stereo_film_says_when_its_first_picture_is_shown(tmp_path: Path) -> N
         films = StereoFolderClip(StereoFolderClip.Settings.model_validate(settings), tmp_path).films
         assert list(films) == names
         assert films["left.mp4"] == pytest.approx(1.2, abs=0.03)
+
+
+def _with_display_matrix(path: Path, a: float, b: float, c: float, d: float) -> Path:
+    """Write a matrix into the header of an MPEG-4 track: a pixel (p, q) is shown at (a p + c q, b p + d q)."""
+    content = path.read_bytes()
+    begin = content.index(b"tkhd") + 4 + 40  # version 0: times, track, duration, layer, volume before it
+    assert content[begin - 40] == 0
+    matrix = struct.pack(">9i", *(round(65536 * each) for each in (a, b, 0, c, d, 0, 0, 0)), 1 << 30)
+    return write_bytes(path, content[:begin] + matrix + content[begin + 36 :])
+
+
+TURNS = [  # by the definition of the matrix, each on its own: where the first row and column of the picture go
+    ((1, 0, 0, 1), lambda image: image),
+    ((-1, 0, 0, -1), lambda image: image[::-1, ::-1]),
+    ((0, 1, -1, 0), lambda image: image.transpose(1, 0, 2)[:, ::-1]),  # a phone held upright: a quarter to the right
+    ((0, -1, 1, 0), lambda image: image.transpose(1, 0, 2)[::-1]),
+    ((-1, 0, 0, 1), lambda image: image[:, ::-1]),  # a mirrored selfie
+    ((1, 0, 0, -1), lambda image: image[::-1]),
+    ((0, 1, 1, 0), lambda image: image.transpose(1, 0, 2)),
+    ((0, -1, -1, 0), lambda image: image.transpose(1, 0, 2)[::-1, ::-1]),
+]
+
+
+@pytest.mark.parametrize(("matrix", "shown"), TURNS)
+def test_pictures_are_turned_as_the_file_says(
+    matrix: tuple[int, ...], shown: Callable[..., Any], tmp_path: Path
+) -> None:
+    plain = Video(write_video(tmp_path / "plain.mp4", IMAGES[:5], "mp4v"))
+    turned = Video(_with_display_matrix(write_video(tmp_path / "a.mp4", IMAGES[:5], "mp4v"), *matrix))
+    for place in (0, 3):
+        assert np.array_equal(turned.read(place), shown(plain.read(place)))
+    assert (turned.notes == ()) == (matrix == (1, 0, 0, 1))
+    assert np.array_equal(pickle.loads(pickle.dumps(turned)).read(1), shown(plain.read(1)))
+
+
+def test_pictures_that_are_turned_by_a_part_of_a_quarter_are_refused(tmp_path: Path) -> None:
+    path = _with_display_matrix(write_video(tmp_path / "a.mp4", IMAGES[:2], "mp4v"), 0.7, 0.7, -0.7, 0.7)
+    with pytest.raises(VfoaError, match=r"a\.mp4: pictures are rotated by a part of 90 degrees"):
+        Video(path)
+
+
+def test_a_film_of_both_views_is_turned_before_it_is_divided(tmp_path: Path) -> None:
+    pair = np.hstack([IMAGES[0], IMAGES[5]])  # left and right, upright
+    upside_down = write_video(tmp_path / "a.mp4", [np.ascontiguousarray(pair[::-1, ::-1])], "mp4v")
+    _with_display_matrix(upside_down, -1, 0, 0, -1)
+    camera = {"fx_px": 50, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
+    settings = {"layout": "video_side_by_side", "both": "a.mp4", "camera": camera}
+    frame = StereoFolderClip(StereoFolderClip.Settings.model_validate(settings), tmp_path).frame(0)
+    assert frame.right is not None
+    for seen, image in ((frame.left, IMAGES[0]), (frame.right, IMAGES[5])):
+        assert np.abs(seen.astype(int) - image).mean() < 10
