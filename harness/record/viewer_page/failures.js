@@ -82,9 +82,9 @@ document.getElementById("next").addEventListener("click", () => step(1));
 document.getElementById("previous").addEventListener("click", () => step(-1));
 window.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select")) return;
-  if (event.key === "n") step(1);
-  if (event.key === "p") step(-1);
-});
+  const by = { n: 1, p: -1 }[event.key.toLowerCase()];
+  if (by) step(by);
+}, { capture: true }); // the viewer's canvas has the focus, and lets no key through
 
 fetch("/failures.json").then((answer) => answer.json()).then((found) => {
   failures = found.map((each, number) => ({ ...each, number: number + 1 }));

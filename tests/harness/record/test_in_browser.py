@@ -172,7 +172,11 @@ def failures(clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str
 
 
 def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome, failures: str, tmp_path: Path) -> None:
+    from selenium.webdriver import ActionChains
     from selenium.webdriver.support.select import Select
+
+    def press(key: str) -> None:
+        ActionChains(browser).send_keys(key).perform()
 
     def shows(frame: int, subject: str, place: str) -> None:
         wait_for(lambda: _shows(frame) in _state(browser), at_most_s=LOADED_S)
@@ -182,9 +186,14 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
     set_width(browser, 500, 400)  # fewer pixels: software draws them
     browser.get(failures)
     shows(10, ANN, "1 of 3")
-    browser.find_element("id", "next").click()
+    press("n")  # nothing was clicked: the canvas has the focus
     shows(11, BEN, "2 of 3")
-    browser.find_element("tag name", "body").send_keys("p")
+    browser.find_element("id", "next").click()
+    shows(14, BEN, "3 of 3")
+    ActionChains(browser).click(browser.find_element("id", "canvas")).perform()
+    press("P")
+    shows(11, BEN, "2 of 3")
+    press("p")
     shows(10, ANN, "1 of 3")
     Select(browser.find_element("name", "error_type")).select_by_value("missed")
     browser.find_element("id", "next").click()
