@@ -137,6 +137,7 @@ class History:
         if not change:
             make()
             return
+        self.labels.check_writable()
         if read_bytes(self.manifest.path).decode() != change.manifest[0]:
             self.labels.commit({"set": []})  # no earlier step can be undone
             raise VfoaError(
@@ -148,10 +149,14 @@ class History:
             drawn = change.on_drawing(self.drawing.tracks(), self.manifest)
             if drawn != self.drawing.tracks():
                 self.drawing.check_writable()
-            with change.kept(self.manifest):
-                change.in_labels(stores[1:], self.manifest)
-                make()
-                self.drawing.set_tracks(drawn)
+            try:
+                with change.kept(self.manifest):
+                    change.in_labels(stores[1:], self.manifest)
+                    make()
+                    self.drawing.set_tracks(drawn)
+            finally:
+                if (reason := targets.unfinished(self.manifest)) is not None:
+                    self.labels.read_only = self.drawing.read_only = reason
         self._read_manifest()
 
     def _read_manifest(self) -> None:

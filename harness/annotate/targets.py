@@ -124,6 +124,14 @@ class TargetChange(Settings):
         place.unlink()
 
 
+def unfinished(manifest: ClipManifest) -> str | None:
+    """Why nothing can be changed while some files have a change of targets and others do not; None if none is open."""
+    place = _place(manifest)
+    if not place.is_file():
+        return None
+    return f"{place}: a change of targets did not get into all files; open the clip again, which completes it"
+
+
 def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     """Complete an interrupted change, if there is one, and return the manifest after it.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +16,7 @@ from harness.annotate.drawing_store import Draw
 from harness.annotate.session import Session
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
+from harness.labels.files import write_annotations
 from harness.labels.labels import Labels, Timeline
 from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
 from tests.browser import chromium, set_width
@@ -320,6 +323,38 @@ def test_two_names_with_one_key_are_refused(opened: Any, work: Path) -> None:
     with pytest.raises(VfoaError, match=r"key: '2' is the key of .*; expected another one"):
         opened().change_target("cup", new_name="cup", key="2", colour="blue plain")
     assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+
+def test_after_a_change_that_did_not_get_into_all_files_nothing_is_labelled_until_it_is_completed(
+    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
+    session = opened()
+    _mark(session, 0, 5, "cup")
+
+    def full(path: Path, labels: Labels) -> None:
+        if path == session.path:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_annotations(path, labels)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("harness.annotate.label_store.write_annotations", full)
+        with pytest.raises(VfoaError, match=r"noise\.csv: cannot be written: No space left"):
+            _rename(session)
+    before = session.path.read_bytes()
+    for change in (
+        lambda: _mark(session, 6, 9, "cup"),
+        lambda: _draw(session, "cup", 0),
+        lambda: session.step_back("undo"),
+        lambda: session.add_target("pen", NameRule(category="pen")),
+    ):
+        with pytest.raises(VfoaError, match=r"noise\.change\.json: .*open the clip again"):
+            change()
+    assert session.path.read_bytes() == before
+    session.close()
+    session = opened()
+    assert [_said(work), _said(work, annotator="ben")] == ["mmmmmm......", "mmmm........"]
+    _mark(session, 6, 9, "mug")
 
 
 class Killed(BaseException):
