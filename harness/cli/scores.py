@@ -193,8 +193,10 @@ def plan(
     points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
 ) -> None:
     """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
-    from harness.report.comparisons import plan_table
+    from harness.report.comparisons import plan_pairs, plan_sentence, plan_table
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    print_reports([plan_table(read_scores(RunDirectory(run_folder(run))), points)])
+    planned = plan_pairs(read_scores(RunDirectory(run_folder(run))), points / 100)
+    say(plan_sentence(planned, points / 100))
+    print_reports([plan_table(planned, points / 100)])

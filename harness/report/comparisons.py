@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from itertools import combinations, takewhile
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +22,19 @@ from harness.report.formats import (
     points_range,
 )
 from harness.run.directory import PublishedCount
-from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
-from harness.score.intervals import LEAST_CLIPS, Units, pair
+from harness.score.comparison import (
+    MOST_CLIPS,
+    POWER,
+    SPREAD_LEVEL,
+    Clips,
+    Comparison,
+    Spread,
+    clips_needed,
+    compare,
+    detectable_difference,
+    identical_on,
+)
+from harness.score.intervals import LEAST_CLIPS, Pairs, Units, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import SIGNIFICANCE, wilson_interval
@@ -36,7 +49,7 @@ _NOTES = (
     f"significant below {100 * SIGNIFICANCE:.0f} %. 95 %: the differences that the corrected test does not reject.",
     "Detectable: the true difference that would be significant, corrected, in 80 of 100 such experiments, if clips "
     "vary as these do. None: with so few units, no difference can be significant. n units give p = 2 / 2^n at best, "
-    "0.031 with six.",
+    "0.031 with six. Identical: right on the same frames.",
 )
 
 
@@ -60,8 +73,10 @@ def comparison_table(comparisons: Sequence[Comparison]) -> Table:
         (
             (
                 *(comparison.configuration.removeprefix(shared), comparison.reference.removeprefix(shared)),
-                comparison.verdict if comparison.is_significant else "not told apart",
-                *(points(comparison.difference), points_range(comparison.interval), _units(comparison)),
+                _verdict(comparison),
+                points(comparison.difference),
+                UNKNOWN if comparison.is_identical else points_range(comparison.interval),
+                _units(comparison),
                 *(p_value(comparison.p), p_value(comparison.p_holm), _detectable(comparison.detectable)),
                 *(comparison.n, comparison.better, comparison.worse),
             )
@@ -70,6 +85,12 @@ def comparison_table(comparisons: Sequence[Comparison]) -> Table:
         words=3,
         notes=_NOTES,
     )
+
+
+def _verdict(comparison: Comparison) -> str:
+    if comparison.is_identical:
+        return identical_on(comparison.n)
+    return comparison.verdict if comparison.is_significant else "not told apart"
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
@@ -147,52 +168,105 @@ def ablation_csv(scores: Scores) -> Table:
     )
 
 
-def plan_table(scores: Scores, difference: float) -> Table:
-    """The clips and looks that every two configurations need to see a difference in points of FRR.
+class PlannedPair(NamedTuple):
+    """Two configurations on a run, and the clips that it takes to tell them apart: as they are, and twice as long.
 
-    Tests are corrected for the number of these comparisons. Cells are unknown where it is not reachable, or if there
-    are too few clips to tell.
+    Both are None if not even :data:`harness.score.comparison.MOST_CLIPS` clips do, or their spread is not known.
+    """
+
+    names: tuple[str, str]
+    pairs: Pairs
+    units: Units
+    spread: Spread
+    clips: Clips | None
+    longer: Clips | None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the run has a spread between clips."""
+        return not (math.isnan(self.spread.between) or self.pairs.is_identical)
+
+
+def plan_pairs(scores: Scores, difference: float) -> list[PlannedPair]:
+    """Plan for a difference (a share) between every two configurations, without the oracle ablation.
+
+    Tests are corrected for the number of these comparisons.
     """
     compared = combinations(without_oracles(scores.scored_configurations), 2)
-    known = [(names, units) for names in compared if (units := pair(*map(scores.frames_of, names)).units)]
-    family = max(len(known), 1)
+    paired = [(names, pair(*map(scores.frames_of, names))) for names in compared]
+    known = [(names, pairs, pairs.units) for names, pairs in paired if pairs.units]
+    planned = []
+    for names, pairs, units in known:
+        spread = Spread.of(units)
+        needs = partial(clips_needed, spread, difference, family=len(known))
+        clips, longer = (None, None) if pairs.is_identical else (needs(), needs(looks=2 * spread.looks))
+        planned.append(PlannedPair(names, pairs, units, spread, clips, longer))
+    return planned
+
+
+def plan_sentence(planned: Sequence[PlannedPair], difference: float) -> str:
+    """The clips for a difference (a share) between any two configurations, their range, and what that assumes."""
+    known = [each for each in planned if each.is_known]
+    if not known:
+        return (
+            "How many clips it takes is not known: it follows from how much clips differ, and this run has no two "
+            "clips on which two configurations differ."
+        )
+    hardest = max(known, key=lambda each: each.clips.needed if each.clips else math.inf)
+    between = "the two configurations" if len(planned) == 1 else "any two configurations"
+    corrected = f", corrected for {len(planned)} comparisons" if len(planned) > 1 else ""
+    number = f"More than {MOST_CLIPS} clips" if hardest.clips is None else f"{hardest.clips.needed} clips"
+    of_spread = f"the ends of the {100 * SPREAD_LEVEL:.0f} % interval of the spread"
+    ends = "" if hardest.clips is None else f" ({_range(hardest.clips)}: {of_spread})"
+    return (
+        f"{number}{ends} find a true difference of {100 * difference:g} points between {between} with a probability of "
+        f"{100 * POWER:.0f} %, assuming that clips differ as the {hardest.spread.clips} of this run do, normally and "
+        f"independently; test by clip at {100 * SIGNIFICANCE:.0f} %{corrected}."
+    )
+
+
+def plan_table(planned: Sequence[PlannedPair], difference: float) -> Table:
+    """The clips that every two configurations need, and what they follow from; unknown cells where it is not known."""
     return Table.of(
-        f"Clips needed to see a difference of {difference:g} points",
-        "Configuration | Against | Points now | Detectable now | Spread of clips | Spread of looks | Clips | Range | "
-        "Power % | Twice the looks",
-        (
-            (configuration, reference, *_plan(units, difference / 100, family))
-            for (reference, configuration), units in known
-        ),
+        f"Clips needed to see a difference of {100 * difference:g} points",
+        "Configuration | Against | Clips | Range | Twice the looks | Points now | Detectable now | Spread of clips | "
+        "Spread of looks",
+        (_planned_row(each, len(planned)) for each in planned),
         words=2,
         notes=(
-            f"Clips: as many as find a true difference of this size significant at 5 %, corrected for {family} "
-            f"comparison{'s' if family > 1 else ''}, with a probability of {100 * POWER:.0f} %; at least "
-            f"{LEAST_CLIPS}, the fewest that a test by clip takes. Power: that probability for the clips given. Twice "
-            "the looks: the clips if each has twice as many looks.",
-            "The spread of few clips is uncertain itself: power is averaged over the spreads that these clips leave "
-            "possible. Range: the clips if the spread is at the ends of its own 80 % interval. Few clips make it wide: "
-            "plan again when there are more.",
+            *(
+                f"{configuration} vs {reference}: {identical_on(pairs.n)}, so that their spread is not known."
+                for (reference, configuration), pairs, *_ in planned
+                if pairs.is_identical
+            ),
+            f"Clips: the fewest that find the difference with a probability of {100 * POWER:.0f} %, averaged over the "
+            f"spreads that the clips of this run leave possible; at least {LEAST_CLIPS}, the fewest that a test by "
+            "clip takes. Range: the fewest for the same probability if the spread is at the ends of its "
+            f"{100 * SPREAD_LEVEL:.0f} % interval. Few clips make it wide: plan again when there are more. Twice the "
+            "looks: the clips if each has twice as many looks.",
             "Spread: standard deviation of the difference between clips, and what the looks of one clip add to it, "
-            "in points. The differences of clips are taken as normal and independent.",
+            "in points.",
         ),
     )
 
 
-def _plan(units: Units, difference: float, family: int) -> Iterator[str]:
-    """Yield the numbers of a row: those of now, the clips for a difference (a share), and those with longer clips."""
-    spread = Spread.of(units)
-    longer = clips_needed(spread, difference, looks=2 * spread.looks, family=family)
-    yield from (points(units.rate), _detectable(detectable_difference(units, family)))
-    yield from (percent(math.sqrt(spread.between)), percent(math.sqrt(spread.within)))
-    yield from _clips(clips_needed(spread, difference, family=family))
-    yield UNKNOWN if longer is None else str(longer.needed)
+def _planned_row(planned: PlannedPair, family: int) -> tuple[str, ...]:
+    (reference, configuration), clips, spread = planned.names, planned.clips, planned.spread
+    return (
+        *(configuration, reference),
+        *((UNKNOWN, UNKNOWN) if clips is None else (str(clips.needed), _range(clips))),
+        UNKNOWN if planned.longer is None else str(planned.longer.needed),
+        *(points(planned.units.rate), _detectable(detectable_difference(planned.units, family))),
+        *((UNKNOWN, UNKNOWN) if planned.pairs.is_identical else map(_deviation, (spread.between, spread.within))),
+    )
 
 
-def _clips(clips: Clips | None) -> tuple[str, str, str]:
-    if clips is None:
-        return UNKNOWN, UNKNOWN, UNKNOWN
-    return str(clips.needed), f"{clips.fewest} to {clips.most or 'more than 100000'}", f"{100 * clips.power:.0f}"
+def _deviation(variance: float) -> str:
+    return percent(math.sqrt(variance))
+
+
+def _range(clips: Clips) -> str:
+    return f"{clips.fewest} to {clips.most or f'more than {MOST_CLIPS}'}"
 
 
 def published_table(scores: Scores) -> Table:

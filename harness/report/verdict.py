@@ -13,8 +13,8 @@ from functools import reduce
 
 import numpy as np
 
-from harness.score.comparison import Comparison, compare, with_holm
-from harness.score.intervals import ScoredFrames
+from harness.score.comparison import Comparison, compare, identical_on, with_holm
+from harness.score.intervals import ScoredFrames, pair
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
@@ -141,8 +141,9 @@ def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
         untold = [f"{best} cannot be told from {_joined([comparison.reference for comparison in tied])}"]
     elif tied:
         (only,) = tied
+        both = _joined([name for name in names if name in only.names])
         points = "" if math.isnan(only.difference) else f" ({100 * only.difference:.1f} points{_ends(only, ', ')})"
-        untold = [f"{_joined([name for name in names if name in only.names])} cannot be told apart{points}"]
+        untold = [f"{both} are {identical_on(only.n)}" if only.is_identical else f"{both} cannot be told apart{points}"]
     return better, untold
 
 
@@ -207,9 +208,39 @@ def compare_factors(
             )
             for level in levels
         }
-        groups.append(compare(pooled))
+        by_level = {shown: _without(key, level, factors, frames) for shown, level in zip(pooled, levels, strict=True)}
+        groups.append(
+            tuple(
+                replace(found, is_identical=_are_identical(*(by_level[name] for name in found.names)))
+                if found.better == found.worse == 0
+                else found
+                for found in compare(pooled)
+            )
+        )
     corrected = list(with_holm([comparison for group in groups for comparison in group]))
     return [tuple(corrected.pop(0) for _ in group) for group in groups]
+
+
+_ByOthers = Mapping[tuple[str, ...], Sequence[ScoredFrames]]
+"""The frames of configurations by the labels of all factors but one."""
+
+
+def _without(
+    key: str,
+    level: str,
+    factors: Mapping[str, Mapping[str, str]],
+    frames: Mapping[str, Sequence[ScoredFrames]],
+) -> _ByOthers:
+    return {
+        tuple(label for other, label in factors[name].items() if other != key): scored
+        for name, scored in frames.items()
+        if factors[name][key] == level
+    }
+
+
+def _are_identical(first: _ByOthers, second: _ByOthers) -> bool:
+    """Whether the configurations are identical one by one: equal sums over them say less."""
+    return all(pair(first[others], second[others]).is_identical for others in first)
 
 
 def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:

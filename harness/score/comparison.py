@@ -30,11 +30,12 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 POWER = 0.8
-_MOST_CLIPS = 100_000
+MOST_CLIPS = 100_000
+"""No plan is for more clips."""
 _POSSIBLE = 400
 """Number of spreads, equally probable, that stand for what a pilot leaves possible."""
-_SHARE_NEAR, _NEAR = 0.88, 0.1
-"""The share of the possible spreads at which the power is at most this much below its mean."""
+SPREAD_LEVEL = 0.8
+"""Level of the interval of the spread between clips, from which the range of clips follows."""
 _LEAST_DEVIATION = 1e-9
 
 
@@ -47,7 +48,7 @@ class Comparison:
     which case it is valid for these clips only. ``p_holm`` is corrected for the comparisons made together
     (``family``). ``interval`` are the differences that the corrected test does not reject. ``detectable`` is the true
     difference that such a comparison finds significant, after the correction, with 80 % power; infinite if none is
-    large enough, NaN if unknown. ``looks`` are joined ones.
+    large enough, NaN if unknown. ``looks`` are joined ones. ``is_identical``: both are right on the same frames.
     """
 
     reference: str
@@ -64,6 +65,7 @@ class Comparison:
     p_holm: float = 1.0
     family: int = 1
     detectable: float = math.nan
+    is_identical: bool = False
     units: Units | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -111,6 +113,8 @@ class Comparison:
         names = f"{self.configuration} vs {self.reference}"
         if self.n == 0:
             return f"{names}: no common frame"
+        if self.is_identical:
+            return f"{names}: {identical_on(self.n)}"
         low, high = 100 * self.interval.low, 100 * self.interval.high
         ends = "no interval" if math.isnan(low) else f"95 % {low:+.1f} to {high:+.1f}"
         basis = self.counted_units
@@ -175,12 +179,18 @@ def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
         difference=math.nan if units is None else units.rate,
         unit="clip" if units is not None and units.speaks_of_clips else "look",
         p=1.0 if units is None else sign_flip_p(units.merged().values),
+        is_identical=pairs.is_identical,
         units=units,
     )
 
 
 def _counted(n: int, what: str) -> str:
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def identical_on(frames: int) -> str:
+    """What is said of configurations that are right on the same frames, and so have no spread."""
+    return f"identical on {_counted(frames, 'frame')}"
 
 
 def format_p(p: float) -> str:
@@ -243,11 +253,11 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clips:
-    """How many clips a comparison needs.
+    """How many clips a comparison needs to find a difference with a probability of 80 %.
 
-    ``power`` is the probability that it then finds the difference, over all spreads that the pilot leaves possible.
-    ``fewest`` and ``most`` are the clips for the same power if the spread is at the ends of its own 80 % interval; None
-    if more than 100,000.
+    ``needed`` is for the mean of that probability over all spreads that the pilot leaves possible, ``fewest`` and
+    ``most`` for the spreads at the ends of the pilot's 80 % interval; ``most`` is None if more than 100,000. ``power``
+    is the mean with ``needed`` clips: above 80 % where a test takes more clips than the difference would.
     """
 
     needed: int
@@ -261,7 +271,7 @@ def clips_needed(spread: Spread, difference: float, looks: float | None = None, 
 
     The spread of few clips is uncertain itself. So the power is averaged over the spreads that it leaves possible
     (assurance: O'Hagan, Stevens and Campbell, "Assurance in clinical trial design", 2005), with clips' differences
-    normal, and is at most 0.1 less for most of these spreads.
+    normal.
 
     Parameters
     ----------
@@ -285,24 +295,22 @@ def clips_needed(spread: Spread, difference: float, looks: float | None = None, 
     # the true variance over the one seen: degrees of freedom over a chi-square
     chances = (np.arange(_POSSIBLE) + 0.5) / _POSSIBLE
     possible = np.sqrt(variance * df / chdtri(df, chances))
-    wide, narrow = (float(np.quantile(possible, at)) for at in (0.9, 0.1))
-    careful = float(np.quantile(possible, _SHARE_NEAR))
+    narrow, wide = (float(np.quantile(possible, (1 + sign * SPREAD_LEVEL) / 2)) for sign in (-1, 1))
 
     def powers(clips: int, deviation: float | Float) -> Float:
         return power(clips, level, difference / np.maximum(deviation, _LEAST_DEVIATION))
 
-    def enough(clips: int) -> bool:
-        mean = float(powers(clips, possible).mean())
-        return mean >= POWER and float(powers(clips, careful)) >= mean - _NEAR
+    def fewest(deviation: float | Float) -> int | None:
+        return _fewest(lambda clips: float(powers(clips, deviation).mean()) >= POWER)
 
-    needed = _fewest(enough)
+    needed = fewest(possible)
     if needed is None:
         return None
     return Clips(
         needed=needed,
         power=float(powers(needed, possible).mean()),
-        fewest=_fewest(lambda clips: float(powers(clips, narrow)) >= POWER) or needed,
-        most=_fewest(lambda clips: float(powers(clips, wide)) >= POWER),
+        fewest=fewest(narrow) or needed,
+        most=fewest(wide),
     )
 
 
@@ -311,7 +319,7 @@ def _fewest(enough: Callable[[int], bool]) -> int | None:
     low, high = LEAST_CLIPS - 1, LEAST_CLIPS
     while not enough(high):
         low, high = high, 2 * high
-        if high > _MOST_CLIPS:
+        if high > MOST_CLIPS:
             return None
     while high - low > 1:
         middle = (low + high) // 2

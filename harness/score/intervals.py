@@ -262,6 +262,12 @@ class Pairs:
     better: int
     worse: int
     units: Units | None
+    seeds: int = 1
+
+    @property
+    def is_identical(self) -> bool:
+        """Whether both are right on the same frames; not known of several seeds, which are only counted."""
+        return self.n > 0 and self.better == self.worse == 0 and self.seeds == 1
 
 
 def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs:
@@ -304,7 +310,7 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         values=np.concatenate(values),
         tracks=np.array(tracks, dtype=np.intp),
     )
-    return Pairs(n=int(units.frames.sum()) // repeats, better=better, worse=worse, units=units)
+    return Pairs(n=int(units.frames.sum()) // repeats, better=better, worse=worse, units=units, seeds=repeats)
 
 
 def _common(first: ScoredFrames, second: ScoredFrames) -> tuple[Codes, Codes]:

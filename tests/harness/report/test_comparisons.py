@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.report.comparisons import published_table, terminal_comparisons
+from harness.report.comparisons import (
+    plan_pairs,
+    plan_sentence,
+    plan_table,
+    published_table,
+    terminal_comparisons,
+)
+from harness.report.formats import UNKNOWN
 from harness.run.directory import Published
 from harness.run.experiment import load_experiment
 from harness.score.comparison import Comparison
 from harness.score.outcomes import Reference
-from harness.score.score import score
+from harness.score.score import Scores, score
 from harness.score.statistics import Interval
 from tests.disk import write_text
 from tests.records import answers, labels, texts_of
@@ -57,6 +65,44 @@ def test_what_is_significant_says_in_which_direction() -> None:
         _pair("a", "d", better=2, worse=1, p=1.0),
     ]
     assert [row[2] for row in terminal_comparisons(pairs).rows] == ["better", "worse", "not told apart"]
+
+
+def test_identical_configurations_have_no_interval() -> None:
+    (row,) = terminal_comparisons([replace(_pair("a", "b"), is_identical=True)]).rows
+    assert row[2:5] == ("identical on 40 frames", "+0.0", UNKNOWN)
+
+
+@pytest.fixture(scope="module")
+def pilot() -> Scores:
+    """Eight clips of twelve looks of ten frames: c is right as often as a, and b on more frames of later clips."""
+    truth = [name for _ in range(6) for name in ("cup",) * 10 + ("book",) * 10]
+    records = []
+    for clip in range(8):
+        for configuration, right in {"a": 5, "b": 3 + clip % 5, "c": 5}.items():
+            said = [name if frame % 10 < right else "vase" for frame, name in enumerate(truth)]
+            records += answers(said, configuration=configuration, clip=f"clip {clip}")
+    return score(records, Reference(labels={f"clip {clip}": labels(*truth) for clip in range(8)}))
+
+
+def test_a_plan_begins_with_the_pair_that_needs_most(pilot: Scores) -> None:
+    planned = plan_pairs(pilot, 0.05)
+    assert [each.names for each in planned] == [("a", "b"), ("a", "c"), ("b", "c")]
+    clips = planned[0].clips
+    assert clips is not None
+    first, _, assumed = plan_sentence(planned, 0.05).partition(": ")
+    assert first == f"{clips.needed} clips ({clips.fewest} to {clips.most}"
+    assert "5 points between any two configurations with a probability of 80 %" in assumed
+    assert "assuming that clips differ as the 8 of this run do" in assumed
+    rows = {row[:2]: row[2:4] for row in plan_table(planned, 0.05).rows}
+    assert rows["b", "a"] == (str(clips.needed), f"{clips.fewest} to {clips.most}")
+
+
+def test_a_plan_for_identical_configurations_is_not_known(pilot: Scores) -> None:
+    planned = plan_pairs(pilot, 0.05)
+    table = plan_table(planned, 0.05)
+    assert [row[2:5] for row in table.rows if row[:2] == ("c", "a")] == [(UNKNOWN,) * 3]
+    assert "c vs a: identical on 960 frames, so that their spread is not known." in table.notes
+    assert plan_sentence(planned[1:2], 0.05).startswith("How many clips it takes is not known")
 
 
 PAPER = Published.model_validate({"source": "Somebody, 2022", "counts": {"one": {"correct": 28, "n": 50}}})

@@ -36,8 +36,7 @@ def test_a_grid_is_judged_by_its_factors_over_all_values_of_the_others() -> None
     said = _said(right, factors=_factors(*right))
     better, alike = said.split("; ")
     assert better.startswith("two beats one by 20.0 points")
-    assert alike.startswith("bm and sgbm cannot be told apart (0.0 points, ")
-    assert alike.endswith(", these clips only, corrected for 2 comparisons).")
+    assert alike == "bm and sgbm are identical on 720 frames."
 
 
 def test_names_by_hand_are_no_grid() -> None:
@@ -49,7 +48,14 @@ def test_configurations_that_are_no_grid_are_compared_with_the_best() -> None:
     said = _said({"a": 0.5, "b": 0.9, "c": 0.9})
     better, alike = said.split("; ")
     assert better.startswith("b beats a by 40.0 points")
-    assert alike.startswith("b and c cannot be told apart")
+    assert alike == "b and c are identical on 720 frames."
+
+
+def test_equal_sums_over_a_grid_are_not_identical() -> None:
+    right = {"bm-one": 0.5, "bm-two": 0.52, "sgbm-one": 0.52, "sgbm-two": 0.5}
+    alike = _said(right, factors=_factors(*right)).split("; ")[-1]
+    assert alike.startswith("one and two cannot be told apart (0.0 points, ")
+    assert alike.endswith(", these clips only, corrected for 2 comparisons).")
 
 
 def test_clips_are_the_unit_where_there_are_enough() -> None:

@@ -109,6 +109,17 @@ def test_without_common_frames_nothing_is_claimed() -> None:
     assert compare({"a": _clips([5])}) == ()
 
 
+def test_configurations_that_are_right_on_the_same_frames_are_identical() -> None:
+    right = [[2, 5, 7]] * 6
+    (same,) = compare({"a": _clips(*right), "b": _clips(*right)})
+    assert same.is_identical
+    assert same.sentence == "b vs a: identical on 180 frames"
+    (other,) = compare({"a": _clips([5, 5]), "b": _clips([4, 6])})
+    assert (other.difference, other.is_identical) == (0, False)
+    (nothing,) = compare({"a": _clips([5]), "b": _clips([5], first=100)})
+    assert not nothing.is_identical
+
+
 def test_p_values_for_people() -> None:
     shown = {1.0: "p = 1", 0.25: "p = 0.25", 0.0312: "p = 0.031", 0.001: "p = 0.001", 0.00099: "p < 0.001"}
     assert {p: format_p(p) for p in shown} == shown

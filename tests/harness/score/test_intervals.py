@@ -210,6 +210,17 @@ def test_fewer_clips_are_needed_for_a_larger_difference_with_more_looks_and_a_la
     assert clips_needed(never, 0.05) is None
 
 
+@pytest.mark.parametrize("clips", [2, 3, 10, 50])
+@pytest.mark.parametrize("family", [1, 6])
+def test_a_plan_is_for_80_percent_and_lies_in_its_range(clips: int, family: int) -> None:
+    spread = Spread(between=0.02, within=0.01, clips=clips, looks=4)
+    planned = clips_needed(spread, 0.05, family=family)
+    assert planned
+    assert planned.needed > 20
+    assert 0.8 <= planned.power < 0.81
+    assert planned.fewest <= planned.needed <= (planned.most or math.inf)
+
+
 def test_the_spread_of_clips_and_looks_is_found_again() -> None:
     rng = np.random.default_rng(5)
     clips, looks, frames = 400, 6, 20
