@@ -60,6 +60,8 @@ class Journal:
             self._of_clip = f"{of.name.partition('.')[0].partition('@')[0]}*.jsonl"
             mode = None if path.exists() else _mode_of([of] if of.exists() else path.parent.glob(self._of_clip))
             self._file = path.open("a+b", buffering=0)
+            self.changed_ns = os.fstat(self._file.fileno()).st_ctime_ns
+            """When the journal was last changed before it was opened here."""
             if mode is not None:
                 os.fchmod(self._file.fileno(), mode)
         except OSError as error:
@@ -334,12 +336,18 @@ class JournaledStore(ABC, Generic[Content]):
             self._take_over(stored)
             return
         before = self._replay(entries)
-        # A kill between the journal and the file leaves the file one entry behind.
-        if stored in (before, self.content()):
+        # A kill between the journal and the file leaves the file one entry behind, and older than the journal.
+        if stored == self.content() or (stored == before and not self._was_put_back()):
             self._written = stored
             self._write()
         else:
             self._take_over(stored)
+
+    def _was_put_back(self) -> bool:
+        """Whether the file was changed after the journal: somebody has restored an earlier version of it."""
+        if self._journal is None or not self.path.is_file():
+            return False
+        return self.path.stat().st_ctime_ns > self._journal.changed_ns
 
     def _replay(self, entries: list[Entry]) -> Content | None:
         """Set the state from the last base on; return the content before the last change, if there is one."""

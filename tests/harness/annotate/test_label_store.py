@@ -220,6 +220,20 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
     assert (tmp_path / "annotations" / "clip.csv").read_text() == text
 
 
+def test_a_csv_that_is_put_back_to_the_version_before_the_last_change_stays(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put("ann", actions.mark_range(0, 3, "cup"))
+    before = store.path.read_bytes()
+    store.put("ann", actions.mark_range(0, 3, "book"))
+    store.close()
+    store.path.write_bytes(before)
+    while store.path.stat().st_ctime_ns <= (tmp_path / "journal.jsonl").stat().st_ctime_ns:  # in one tick of its clock
+        store.path.write_bytes(before)
+    again = _open(tmp_path)
+    assert again.path.read_bytes() == before
+    assert again.track("ann")[0] == Mark(target="cup")
+
+
 def test_who_may_not_read_the_csv_may_not_read_its_journal(tmp_path: Path) -> None:
     text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,ann,cup,\n"
     write_text(tmp_path / "annotations" / "clip.csv", text).chmod(0o600)
@@ -439,8 +453,8 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
     for length in range(len(journal), len(grown) + 1):
         folder = tmp_path / str(length)
         (folder / "annotations").mkdir(parents=True)
-        (folder / "journal.jsonl").write_bytes(grown[:length])
         (folder / "annotations" / "clip.csv").write_bytes(csv)
+        (folder / "journal.jsonl").write_bytes(grown[:length])
         opened = _open(folder)
         assert _known(opened) == (after if length == len(grown) else before)
         assert _targets(_file(folder))[0] == ("book" if length == len(grown) else "cup")
