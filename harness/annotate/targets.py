@@ -135,6 +135,9 @@ def unfinished(manifest: ClipManifest) -> str | None:
 def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     """Complete an interrupted change, if there is one, and return the manifest after it.
 
+    A manifest that was edited since stays as it is. The manifest is changed first, so that no file has the change if
+    the manifest's targets are not those after it: it is then dropped.
+
     Raises
     ------
     VfoaError
@@ -144,12 +147,16 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     if not place.is_file():
         return manifest
     change = parse(TargetChange, parse_json(read_bytes(place), str(place)), str(place))
-    atomic_write(manifest.path, change.manifest[1])
+    gone, come = change.names(manifest)
+    if read_bytes(manifest.path).decode() == change.manifest[0]:
+        atomic_write(manifest.path, change.manifest[1])
     changed = load_manifest(manifest.path, manifest.name)
+    if {*gone} & {*changed.targets} or not {*come} <= {*changed.targets}:
+        place.unlink()
+        return changed
     with ExitStack() as stack:
         stores = (stack.enter_context(closing(label_store)) for label_store in open_stores(changed, timeline))
         change.in_labels((label_store for label_store in stores if not change.is_last_of(label_store)), changed)
-    gone, _ = change.names(changed)
     with closing(open_drawing(changed, timeline, also=gone)) as drawing:
         drawing.set_tracks(change.on_drawing(drawing.tracks(), changed))
     place.unlink()

@@ -416,6 +416,33 @@ def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
     assert len(results) >= 6  # what is to be done, the manifest, two files of labels, what is drawn, and unharmed
 
 
+@pytest.mark.parametrize(("kill_at", "letter"), [(1, "c"), (2, "m")], ids=["before the manifest", "after it"])
+def test_a_manifest_that_is_edited_before_an_interrupted_change_is_finished_keeps_what_was_edited(
+    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch, kill_at: int, letter: str
+) -> None:
+    write_text(work / "annotations" / "noise.csv", f"{HEAD}1,6,ann,cup,\n")
+    session, path = opened(), work / "datasets" / "noise.toml"
+    replace, left = Path.replace, iter(range(kill_at))
+
+    def until_killed(source: Path, target: Path) -> Path:
+        if next(left, None) is None:
+            raise Killed
+        return replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", until_killed)
+        with pytest.raises(Killed):
+            _rename(session)
+    session.close()
+    edited = path.read_text() + "# edited\n"
+    path.write_text(edited)
+    again = opened()
+    assert path.read_text() == edited
+    assert _said(work) == letter * 6 + "......"
+    assert not [*(work / "annotations" / ".journal").glob("*.json")]
+    again.add_target("pen", NameRule(category="pen"))
+
+
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
     with chromium(tmp_path_factory.mktemp("profile")) as browser:
