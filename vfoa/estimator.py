@@ -190,8 +190,9 @@ class Follower:
         left, right
             As for :meth:`Estimator.estimate`.
         time_ns
-            The frame's time, nanoseconds. Only the posterior (``attention.method = "bayes"``) uses it; if times do not
-            increase, it uses the setting ``attention.frame_rate_hz``.
+            The frame's time, nanoseconds. The logit and the posterior (``attention.method``: ``"logit"``, ``"bayes"``)
+            use it; if times do not increase, as without any, frames count as one period of the setting
+            ``attention.frame_rate_hz`` apart, by default 40 ms.
 
         Raises
         ------

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,15 @@ import pytest
 
 import vfoa
 from tests.repository import REPOSITORY
-from tests.true_stages import EYES, FAR, NEAR, true_percepts, true_stages
+from tests.true_stages import BOXES, EYES, FAR, NEAR, TrueGaze, true_percepts, true_stages
 from vfoa.bayes import BayesSettings
 from vfoa.estimator import DEFAULTS
+from vfoa.geometry import unit
+from vfoa.logit import LogitSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.segmentation.key_frames import KeyFrameSettings
-from vfoa.types import NoAttention, Percepts
+from vfoa.types import Gaze, Head, HeadPose, NoAttention, Percepts, StereoFrame
 
 PATCH = ReconstructionSettings(eyes="patch")
 BLACK = np.zeros((240, 400, 3), np.uint8)
@@ -77,6 +80,33 @@ def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> Non
     (look,) = [follower.step(BLACK, BLACK) for _ in range(5)][-1].looks
     assert look.target == estimator.estimate(BLACK, BLACK, percepts.rig).target_names[NEAR]
     assert 0 < look.attention <= 1
+
+
+class TurningGaze(TrueGaze):
+    """The gaze goes from the far target to the near one after two frames."""
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze:
+        looked_at = FAR if frame.index < 2 else NEAR
+        return Gaze(direction=unit(BOXES[looked_at].center_m - EYES))
+
+
+@pytest.mark.parametrize("settings", [LogitSettings, BayesSettings], ids=["logit", "bayes"])
+def test_a_method_with_a_memory_takes_the_time_between_frames_or_the_rate(
+    settings: type[LogitSettings | BayesSettings], percepts: Percepts
+) -> None:
+    stages = true_stages(percepts, NEAR)
+    assert isinstance(stages.gaze, TrueGaze)
+    turning = replace(stages, gaze=TurningGaze(**vars(stages.gaze)))
+
+    def attention(step_ns: int, **more: float) -> float:
+        method = "logit" if settings is LogitSettings else "bayes"
+        attend = AttendSettings(attention=settings.model_validate({"method": method, **more}))
+        follower = vfoa.Estimator(turning, reconstruction=PATCH, attend=attend).follow(percepts.rig)
+        looks = [look for i in range(3) for look in follower.step(BLACK, BLACK, time_ns=i * step_ns).looks]
+        return max(looks[-1].values.values())
+
+    assert attention(0) == attention(40_000_000)
+    assert attention(0, frame_rate_hz=2) == attention(500_000_000) != attention(0)
 
 
 def test_without_a_direction_the_look_says_why(percepts: Percepts) -> None:
