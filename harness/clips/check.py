@@ -11,10 +11,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from harness.clips.axes import other_axes
 from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.files.folders import folders
-from harness.labels.labels import IGNORED, timeline_of
+from harness.labels.labels import IGNORED, RESERVED, Label, timeline_of
 from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
@@ -151,6 +152,42 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
         yield f"a person or object is {farthest_m:g} m away; expected metres (millimetres?)"
 
 
+MOST_AIMS = 400
+"""Most labelled frames of a clip in which directions are compared with the labels."""
+
+
+def axis_notes(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
+    """A note if the directions seem to be in another program's axes: gazes, or heads where no gaze was measured."""
+    labels, _ = _attempt(lambda: manifest.labels(timeline_of(clip)))
+    looks = [look for look in labels.labelled(clip.frames) if look[2].target not in RESERVED] if labels else []
+    aims = [aim for look in looks[:: -(-len(looks) // MOST_AIMS) or 1] if (aim := _aim(manifest, clip, *look))]
+    directions, to_targets = np.array(aims, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
+    if (found := other_axes(directions, to_targets)) is not None:
+        yield str(found)
+
+
+def _aim(
+    manifest: ClipManifest, clip: MeasuredClip, number: int, subject: str, label: Label
+) -> tuple[Float, Float] | None:
+    """A person's direction in a frame, and the vector from the eyes to the labelled target; None if not known."""
+    scene = clip.scene(number)
+    person = next((person for person in scene.people if person.instance_id in _ids(manifest, clip, subject)), None)
+    boxes = (target.box for target in scene.targets if target.instance.id in _ids(manifest, clip, label.target))
+    box = next((box for box in boxes if box is not None), None)
+    if person is None or box is None or person.eye_origin_left is None:
+        return None
+    measured = person.view.gaze or person.view.head_pose
+    return None if measured is None else (measured.direction, box.center_m - person.eye_origin_left)
+
+
+def _ids(manifest: ClipManifest, clip: MeasuredClip, name: str) -> set[int]:
+    """The instances that a name of the manifest may be."""
+    rule = {**manifest.subjects, **manifest.targets}[name]
+    ids = {**clip.people, **clip.objects}
+    of_kind = {ids[own] for own, category in clip.categories.items() if category == rule.category}
+    return of_kind if rule.instance is None else {rule.instance}
+
+
 def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:
     scene = clip.scene(number)
     yield from (float(np.linalg.norm(target.box.center_m)) for target in scene.targets if target.box is not None)
@@ -238,7 +275,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             name=manifest.name,
             frames=len(clip.frames),
             labels=labels,
-            notes=clip.notes,
+            notes=(*clip.notes, *axis_notes(manifest, clip)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)

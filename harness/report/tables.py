@@ -10,7 +10,7 @@ from functools import partial
 from harness.report.csv_tables import ALL
 from harness.report.formats import Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
-from harness.run.experiment import FITTED_ON_REPORTED
+from harness.run.directory import FITTED_ON_REPORTED
 from harness.score.baselines import BASELINES
 from harness.score.calibration import (
     BINS,
@@ -134,7 +134,7 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
         "FRR of each configuration over all clips",
         f"Configuration | n | FRR % | 95 % | Balanced % | {columns}",
         shown,
-        (TERMINAL_NOTE + left_out, *fitted) if rows else (),
+        (TERMINAL_NOTE + left_out, *fitted, *scores.axis_notes) if rows else (),
         words=1,
     )
     return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None

@@ -46,7 +46,7 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.directory import Published
+from harness.run.directory import FITTED_ON_REPORTED, Published
 from harness.run.grid import base_of, repeated, variants
 from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
@@ -164,10 +164,6 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
 
 
 RecordingKind = Literal["light", "jpeg", "none"]
-
-
-FITTED_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
-"""Begins the note that rates are too good: the weights have seen the labels of a clip that is reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

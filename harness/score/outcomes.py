@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.directory import Pair, Published
-from harness.run.records import FrameRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES, Choices, best_limit_rad, choose, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.statistics import Codes, Flags
@@ -31,6 +32,8 @@ from harness.score.verdicts import (
 from vfoa.types import DirectionFit, Float
 
 NO_PREDICTION = -1
+AIMS_EVERY = 4
+"""Of every so many frames, the directions of one are compared with the labels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,12 +124,14 @@ Judged = dict[int, Judgement]
 class JudgedPart:
     """The judgements of a configuration on a clip by subject, the time of each frame, and the fits of the directions.
 
-    ``fits`` are those of all frames of named subjects, labelled or not.
+    ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
+    other, each with the vector from the eyes to what the label says: six numbers.
     """
 
     by_subject: dict[str, Judged] = field(default_factory=dict)
     times_ns: dict[int, int] = field(default_factory=dict)
     fits: list[DirectionFit] = field(default_factory=list)
+    aims: list[float] = field(default_factory=list)
 
     def take(self, record: FrameRecord, reference: Reference) -> None:
         """Judge every labelled or named subject of a record."""
@@ -143,12 +148,33 @@ class JudgedPart:
             judgement = Judgement(verdict, label is not None and label.is_blocked)
             if label and verdict.outcome != "unscored":
                 person = find_subject(record, subject)
-                choices = choose(record, person)
-                hits = choices.hits(right_answers(record, label))
+                choices, right = choose(record, person), right_answers(record, label)
+                hits = choices.hits(right)
+                if len(self.times_ns) % AIMS_EVERY == 1:
+                    self.aims += _aim(record, person, right)
                 has_probabilities = record.configuration in reference.probabilistic
                 worth = worth_of(record, person, label, has_probabilities=has_probabilities)
                 judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
             self.by_subject.setdefault(subject, {})[record.frame] = judgement
+
+
+def _aim(record: FrameRecord, person: SubjectRecord | None, right: Iterable[int | None]) -> tuple[float, ...]:
+    """A person's direction (the gaze's, else the head's) and the vector to the box looked at; nothing if not known."""
+    box = next((box for number in right if number is not None and (box := record.target(number).box)), None)
+    if person is None or person.eye_origin_m is None or box is None:
+        return ()
+    to_target = (end - start for end, start in zip(box.center_m, person.eye_origin_m, strict=True))
+    return (*direction, *to_target) if (direction := person.gaze or person.head) else ()
+
+
+def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
+    """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
+    notes: dict[str, str] = {}
+    for (clip, configuration), part in judged.items():
+        directions, to_targets = np.array(part.aims).reshape(-1, 2, 3).swapaxes(0, 1)
+        if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
+            notes[clip] = f"{clip} under {configuration}: {found}."
+    return tuple(notes.values())
 
 
 def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference) -> list[Outcomes]:

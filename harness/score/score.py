@@ -24,7 +24,7 @@ from harness.score.calibration import DirectionCheck, direction_checks, misfit_n
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import JudgedPart, Outcomes, Reference, to_outcomes
+from harness.score.outcomes import JudgedPart, Outcomes, Reference, axis_notes, to_outcomes
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.types import Float
@@ -112,6 +112,7 @@ class Scores:
     verdicts: tuple[Verdict, ...]
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
+    axis_notes: tuple[str, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     measures: Mapping[Pair, MeasuredPart] = field(default_factory=dict, compare=False, repr=False)
@@ -181,7 +182,7 @@ def score_parts(
     judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, MeasuredPart], reference: Reference
 ) -> Scores:
     """Score judged records; ``measured`` are the measures of the same ones."""
-    outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
+    outcomes, directions, axes = to_outcomes(judged, reference), direction_checks(judged), axis_notes(judged)
     clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
@@ -196,7 +197,8 @@ def score_parts(
         configurations=configurations,
         verdicts=verdicts,
         rows=tuple(rows),
-        notes=(*reference.notes, *misfit_notes(directions)),
+        notes=(*reference.notes, *misfit_notes(directions), *axes),
+        axis_notes=axes,
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measured,
