@@ -46,42 +46,73 @@ export function frameInWords(track, lane, i) {
     `Truth ${truth}, predicted ${predicted}.`;
 }
 
-// N and P visit wrong frames, or those selected in a figure; after the last one comes the first.
-export function visited(lane, track) {
-  const wanted = shown.visits;
-  return (i) => (wanted ? wanted.holds(track, lane, i) : isWrong(lane, i));
+// N and P visit the wrong frames of all configurations, clips and subjects, or what was selected in a figure: `visits` are
+// {name, holds, config, clip}. `holds` says it of a track, a lane and a position, in this configuration and clip (-1: all).
+// After the last one comes the first.
+
+const isOf = (name, config) => name === config || name.startsWith(`${config}.seed`);
+
+// The frames to visit in one configuration on one clip, subject by subject, as {track, lane, i}.
+async function found(visits, clip, config) {
+  const places = [];
+  for (const track of await clipTracks(clip)) {
+    const lane = track.lanes.find((each) => each.name === config);
+    for (let i = 0; lane && i < track.frames.length; i += 1) {
+      if (visits ? visits.holds(track, lane, i) : isWrong(lane, i)) places.push({ track, lane, i });
+    }
+  }
+  return places;
 }
 
+// All pairs of a clip and a configuration to look in, configuration by configuration. A step of the oracle ablation is
+// among them if it is shown or selected.
+function pairs(visits, own) {
+  const configs = data.configurations.filter(({ name, oracle }) => (visits?.config ? isOf(name, visits.config) : !oracle || name === own));
+  const clips = visits && visits.clip >= 0 ? [visits.clip] : [...data.clips.keys()];
+  return configs.flatMap(({ name }) => clips.map((clip) => [clip, name]));
+}
+
+const goTo = ({ track, lane, i }, more, why) =>
+  select({ clip: track.clip, subject: track.subject, config: lane.name, frame: track.frames[i], ...more }, { centre: true, ...why });
+
+let stepping = Promise.resolve();
+// Keys that are pressed while a clip is unpacked wait for their turn.
 export function step(direction) {
-  const { track, lane, i } = shown;
+  stepping = stepping.catch(() => {}).then(() => stepOnce(direction));
+}
+
+async function stepOnce(direction) {
+  const { track, lane, i, visits } = shown;
   if (!track) return;
-  const count = track.frames.length;
-  const holds = visited(lane, track);
-  const start = i ?? (direction > 0 ? -1 : count);
-  for (let k = 1; k <= count; k += 1) {
-    const next = (((start + direction * k) % count) + count) % count;
-    if (holds(next)) {
-      select({ frame: track.frames[next] }, { centre: true });
+  const all = pairs(visits, lane.name);
+  const own = all.findIndex(([clip, config]) => clip === track.clip && config === lane.name);
+  const start = own < 0 && direction < 0 ? all.length : own;
+  const tracks = await clipTracks(track.clip);
+  const from = i ?? (direction > 0 ? -1 : track.frames.length);
+  const isAhead = (place) => direction * (tracks.indexOf(place.track) - tracks.indexOf(track) || place.i - from) > 0;
+  for (let k = own < 0 ? 1 : 0; k <= all.length; k += 1) {
+    const [clip, config] = all[(((start + direction * k) % all.length) + all.length) % all.length];
+    const places = await found(visits, clip, config);
+    const next = (k ? places : places.filter(isAhead)).at(direction > 0 ? 0 : -1);
+    if (next) {
+      await goTo(next);
       return;
     }
   }
-  say("There is no such frame here.");
+  say("There is no such frame.");
 }
 
 // Go to the first frame that `visits` holds, in this clip (or, without one, in the first clip that has any).
-export async function goToFirst({ clip, config, visits }) {
-  const numbers = clip === undefined || clip < 0 ? data.clips.keys() : [clip];
-  for (const number of numbers) {
-    for (const track of await clipTracks(number)) {
-      const lane = track.lanes.find((each) => each.name === config) ?? track.lanes.find((each) => each.name.startsWith(`${config}.seed`));
-      const i = lane ? track.frames.findIndex((_, at) => (visits ? visits.holds(track, lane, at) : isWrong(lane, at))) : -1;
-      if (i >= 0) {
-        await select({ clip: number, subject: track.subject, config: lane.name, frame: track.frames[i], visits }, { jump: true, centre: true });
-        return;
-      }
+export async function goToFirst({ clip = -1, config, visits }) {
+  const scoped = visits && { ...visits, clip, config };
+  for (const [number, name] of pairs({ clip, config })) {
+    const [first] = await found(scoped, number, name);
+    if (first) {
+      await goTo(first, { visits: scoped }, { jump: true });
+      return;
     }
   }
-  if (clip !== undefined && clip >= 0) await select({ clip, config, visits: null }, { jump: true });
+  if (clip >= 0) await select({ clip, config, visits: null }, { jump: true });
   say("There is no such frame.");
 }
 

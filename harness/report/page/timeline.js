@@ -232,7 +232,8 @@ function fillLists() {
   const oracles = element("input", { type: "checkbox" });
   oracles.checked = withOracles;
   oracles.addEventListener("change", () => { withOracles = oracles.checked; fillLists(); arrange(); });
-  const visits = shown.visits ? [element("span", { class: "chip" }, `N and P: ${shown.visits.name} `,
+  const { name, config: only, clip: where } = shown.visits ?? {};
+  const visits = shown.visits ? [element("span", { class: "chip" }, `N and P: ${[name, only, ...(where < 0 ? [] : [data.clips[where].name])].join(", ")} `,
     button("×", () => select({ frame: of.frames[shown.i], visits: null }), { "aria-label": "N and P visit wrong frames again" }))] : [];
   const focused = [...lists.querySelectorAll("select, button, input")].indexOf(document.activeElement);
   lists.replaceChildren(clip, subject, config,

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import pytest
 from PIL import Image, ImageColor
 
 from harness.files.io import atomic_write
+from harness.labels.labels import Labels
 from harness.report.page.data import ERROR_COLOURS
 from harness.report.page.render import render_comparison
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from selenium.webdriver import Chrome
     from selenium.webdriver.remote.webelement import WebElement
 
+CUP, CAN = target_record(1, "cup"), target_record(2, "can")
 TRUTH = ("cup", "cup", "dragon", "none", "ignore", "cup")
 GIVEN = {
     "one": ("cup", "dragon", "dragon", "cup", "cup", None),
@@ -141,7 +144,7 @@ def test_the_keyboard_goes_from_failure_to_failure_round_and_round(browser: Chro
         (2, "cup", "dragon", "missed"),
         (4, "none", "cup", "false_attention"),
         (6, "cup", "no prediction", "no_subject"),
-        (2, "cup", "dragon", "missed"),
+        (2, "cup", "dragon", "missed"),  # of the other clip
     ):
         _press(browser, "n")
         text = _wait_for_box(browser, f"Frame {frame} – wrong")
@@ -161,6 +164,83 @@ def test_the_keyboard_goes_from_failure_to_failure_round_and_round(browser: Chro
     assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6 --subject girl"""
     _press(browser, Keys.ESCAPE)
     _wait_until_closed(browser)
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of two clips, subjects and configurations with five wrong frames; frame numbers are 1 and 2."""
+    run, wrong = tmp_path_factory.mktemp("crowded"), set(WRONG)
+    records = []
+    for clip, name, frame in product(("a", "b"), ("one", "two"), (1, 2)):
+        focus = {who: 2 if (name, clip, who, frame) in wrong else 1 for who in ("girl", "boy")}
+        subjects = [
+            subject_record(who, totals={given: 0.5}, focus=given, track_id=track)
+            for track, (who, given) in enumerate(focus.items())
+        ]
+        records.append(frame_record([CUP, CAN], subjects, frame=frame, clip=clip, configuration=name))
+    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    both = Labels(row for who in ("girl", "boy") for row in labels("cup", "cup", subject=who).ranges)
+    score_run(run / "results.jsonl", Reference(labels={"a": both, "b": both}))
+    return run / "report.html"
+
+
+WRONG = (
+    ("one", "a", "boy", 1),
+    ("one", "a", "girl", 2),
+    ("one", "b", "boy", 1),
+    ("one", "b", "boy", 2),
+    ("two", "a", "girl", 1),
+)
+"""Configuration, clip, subject and frame of each wrong frame, in the order in which N visits them."""
+
+
+def _wait_for_place(browser: Chrome, place: tuple[str, str, str, int]) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    canvas = browser.find_element("id", "timeline")
+    keys = ("data-config", "data-clip", "data-subject", "data-frame")
+    wanted = [str(each) for each in place]
+    WebDriverWait(browser, 60).until(lambda _: [canvas.get_attribute(key) for key in keys] == wanted, str(place))
+
+
+def test_keys_visit_the_wrong_frames_of_all_configurations_clips_and_subjects(session: Chrome, crowded: Path) -> None:
+    session.get("about:blank")
+    set_width(session, 1280)
+    _open(session, crowded)
+    for place in (*WRONG, *WRONG[:2]):
+        _press(session, "n")
+        _wait_for_place(session, place)
+    for place in (WRONG[0], *WRONG[::-1]):
+        _press(session, "p")
+        _wait_for_place(session, place)
+    _press(session, "n", "n", "n")  # faster than the page is drawn
+    _wait_for_place(session, WRONG[3])
+
+
+def test_keys_stay_in_what_was_selected_in_a_figure(session: Chrome, crowded: Path) -> None:
+    session.get("about:blank")
+    set_width(session, 1280)
+    _open(session, crowded)
+    _button(session, "one: 4 of 8 frames missed").send_keys("\ue007")  # of all clips
+    for place in (*WRONG[:4], *WRONG[:1]):
+        _wait_for_place(session, place)
+        _press(session, "n")
+    session.execute_script(
+        "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))",
+        _button(session, "one: truth cup, answer can: 2 of 4"),  # of the first clip
+    )
+    for place in (*WRONG[:2], *WRONG[:1]):
+        _wait_for_place(session, place)
+        _press(session, "n")
+    assert session.find_element("css selector", ".chip").text.startswith("N and P: cup answered as can, one, a")
+    from_outside = {"clip": "b", "config": "two", "subject": "girl", "frame": 1}
+    for key, place in (("n", WRONG[0]), ("p", WRONG[1])):
+        session.execute_script(
+            "location.hash = arguments[0]", "&".join(f"{key}={value}" for key, value in from_outside.items())
+        )
+        _wait_for_place(session, ("two", "b", "girl", 1))
+        _press(session, key)
+        _wait_for_place(session, place)
 
 
 def test_an_address_shows_its_frame(session: Chrome, page: Path) -> None:
@@ -189,7 +269,6 @@ def test_the_canvas_has_the_outcome_of_each_frame(session: Chrome, page: Path) -
     assert len({right, wrong, *one[3:]}) == 5  # three error types, and unscored
 
 
-CUP, CAN = target_record(1, "cup"), target_record(2, "can")
 ONE_OF_EACH = {
     "correct": (answers(["cup"])[0], "cup"),
     "unscored": (answers(["cup"])[0], "ignore"),
