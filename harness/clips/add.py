@@ -15,6 +15,7 @@ from harness.files.parsing import parse_toml, toml_key, toml_value
 from harness.labels.files import VERSION_LINE, format_annotations
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 from harness.sources import ADAPTERS, Clip, MeasuredClip, Recognised, Recogniser
+from harness.sources.foreign import refuse_foreign
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame, StereoRig
 
@@ -60,6 +61,7 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     """Return every way in which an adapter can read the path."""
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
+    refuse_foreign(path)
     names = [adapter] if adapter else ADAPTERS.names()
     recognisers = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
     readings: list[Reading] = []

@@ -15,12 +15,13 @@ import tempfile
 from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
 from vfoa.errors import VfoaError
+from vfoa.weights import is_lfs_pointer
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
 os.umask(_UMASK)
@@ -34,6 +35,15 @@ def read_bytes(path: Path) -> bytes:
         if _active is not None:
             _active.check(os.fspath(path), os.fstat(file.fileno()))
     return content
+
+
+def check_fetched(path: Path) -> None:
+    """Raise a :class:`VfoaError` if a file is a pointer of Git LFS, which stands where a large file was not fetched."""
+    with suppress(OSError):  # whoever reads it says why it cannot be read
+        if path.is_file() and is_lfs_pointer(path):
+            raise VfoaError(
+                f"{path}: a pointer of Git LFS, not the file itself; expected its content: git lfs pull fetches it"
+            )
 
 
 @contextmanager

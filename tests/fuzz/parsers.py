@@ -23,6 +23,7 @@ from harness.run.results import read_results, to_line
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
+from harness.sources.foreign import refuse_foreign
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_depth_file, read_disparity
 from harness.sources.media.video import Video
@@ -179,6 +180,7 @@ PARSERS: Sequence[Parser] = (
     Parser("one camera, JSON", "camera.json", (whole.OPEN3D,), _camera),
     Parser("one camera, numbers", "camera.txt", (whole.MATRIX,), _camera),
     Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
+    Parser("JSON that is no source", "layout.json", '[{"timestamp": {"sec": 1}, "frame": "left"}]', refuse_foreign),
     # Images and maps
     Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_disparity),
     Parser("Sintel segments", "frame.png", whole.array(picture(3, 5, 4)), read_segments),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.files.io import check_fetched
 from harness.sources import check_number
 from harness.sources.media.images import MOST_PIXELS, too_many_pixels
 from vfoa.errors import VfoaError
@@ -186,6 +187,17 @@ def _turn_of(path: Path) -> Turn:
     raise VfoaError(f"{path}: pictures are rotated by a part of 90 degrees; expected multiples of 90")
 
 
+def container_tags(path: Path) -> dict[str, str]:
+    """The tags of a film as a whole; none of a file that is no film."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            return dict(container.metadata)
+    except (av.FFmpegError, OSError):
+        return {}
+
+
 def first_picture_s(path: Path) -> float:
     """The time at which a player shows a video's first picture, seconds.
 
@@ -247,5 +259,6 @@ def _open(path: Path, packets: bool = False) -> Any:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
+        check_fetched(path)
         raise VfoaError(f"{path}: not a readable video; expected a file that FFmpeg opens")
     return capture

@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from harness.files.digests import digest_files
+from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
-from harness.sources.recordings.bags import BagContainer, bag_parts
+from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
 from harness.sources.recordings.containers import Container, starts_with, window_of
 from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in
@@ -230,9 +231,12 @@ def open_container(path: Path) -> Container:
     """
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder; expected a recording")
-    if bag_parts(path):
-        return BagContainer(path)
+    parts = bag_parts(path)
     files = (path,) if path.is_file() else files_in(path)
+    for file in (*files, *(file for part in parts for file in data_files(part))):
+        check_fetched(file)
+    if parts:
+        return BagContainer(path)
     if not files:
         raise VfoaError(f"{path}: no .mcap, .bag or .db3 in this folder; expected a recording")
     return McapContainer(files)

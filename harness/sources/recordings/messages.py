@@ -45,6 +45,10 @@ BY_NAME = "by name"
 _SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg",)}
 
 
+READ = "messages of ROS 1, of ROS 2 (cdr), or of Foxglove in protobuf"
+"""What is read, for errors."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageType:
     """The encoding of a topic's messages, sufficient to decode them in another process.
@@ -63,6 +67,17 @@ class MessageType:
         if self.schema_encoding not in _SCHEMAS.get(self.message_encoding, (self.schema_encoding,)):
             return None
         return _KINDS.get(self.message_encoding, {}).get(self.name)
+
+    @property
+    def encoding(self) -> str:
+        """The encodings of messages and schema, as an error lists them: ``json (jsonschema)``."""
+        return f"{self.message_encoding} ({self.schema_encoding or 'no schema'})"
+
+    @property
+    def is_unread_image(self) -> bool:
+        """Whether it carries images in an encoding that is not read, such as Foxglove's in JSON."""
+        named = {kinds.get(name) for kinds in _KINDS.values() for name in (self.name, ros_name(self.name))}
+        return self.kind is None and not IMAGES.isdisjoint(named)
 
     @property
     def is_ros(self) -> bool:

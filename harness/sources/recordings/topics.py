@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, MessageType, Picture
+from harness.sources.recordings.messages import IMAGES, READ, MessageType, Picture
 from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -70,6 +70,11 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
     everything = sorted(topics, key=lambda topic: topic.name)
     images = [topic for topic in everything if topic.is_image]
     if not images:
+        if unread := [topic for topic in everything if topic.type.is_unread_image]:
+            encodings = ", ".join(dict.fromkeys(topic.type.encoding for topic in unread))
+            raise VfoaError(
+                f"{where}: images in {encodings}, which is not read; expected {READ}: found {listed(unread)}"
+            )
         raise VfoaError(f"{where}: no image topics; found {listed(everything)}")
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)

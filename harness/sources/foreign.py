@@ -1,0 +1,44 @@
+"""Files that are often given as a source and that no adapter reads: what they are, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from harness.files.io import check_fetched, read_bytes
+from harness.files.parsing import parse_json
+from harness.sources.media.video import container_tags
+from vfoa.errors import VfoaError
+
+_MOST_JSON_BYTES = 2**24
+
+
+def refuse_foreign(path: Path) -> None:
+    """Raise a :class:`VfoaError` that names what a file is, if it is one of these; folders and other files pass."""
+    if not path.is_file():
+        return
+    check_fetched(path)
+    if path.suffix.lower() == ".mkv" and any(name.startswith("K4A_") for name in container_tags(path)):
+        raise VfoaError(
+            f"{path}: a recording of Azure Kinect's recorder (colour, depth and infrared in one file), which is not "
+            "read; expected a folder of its images: Open3D's azure_kinect_mkv_reader.py writes one"
+        )
+    if path.suffix.lower() == ".json" and (what := _foxglove(path)):
+        raise VfoaError(f"{path}: {what} of Foxglove in JSON, no recording; expected the MCAP file or bag itself")
+
+
+def _foxglove(path: Path) -> str | None:
+    """What a JSON file of Foxglove holds; None for another file."""
+    if path.stat().st_size > _MOST_JSON_BYTES:
+        return None
+    try:
+        content: Any = parse_json(read_bytes(path), path)
+    except VfoaError:
+        return None
+    first = content[0] if isinstance(content, list) and content else content
+    if not isinstance(first, Mapping):
+        return None
+    if {"configById", "layout"} <= first.keys():
+        return "a layout"
+    return "messages" if {"timestamp", "frame_id"} <= first.keys() else None

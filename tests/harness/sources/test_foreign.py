@@ -1,0 +1,86 @@
+"""Files that are no source are named for what they are, where they are added and where a manifest opens them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from harness.sources.foreign import refuse_foreign
+from harness.sources.media.video import Video
+from harness.sources.recordings.clip import McapClip, open_container
+from tests.disk import HEIGHT, WIDTH, write_text
+from vfoa.errors import VfoaError
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
+LAYOUT = {"configById": {}, "globalVariables": {}, "layout": "3D!1"}
+MESSAGE = {"timestamp": {"sec": 1, "nsec": 0}, "frame_id": "left", "data": "", "format": "jpeg"}
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3", "a.mp4", "a.mkv"])
+def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
+    path = write_text(tmp_path / name, POINTER)
+    with pytest.raises(VfoaError, match=rf"{name}: a pointer of Git LFS"):
+        refuse_foreign(path)
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3"])
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_a_recording_that_is_a_pointer_of_git_lfs_is_named(name: str, is_folder: bool, tmp_path: Path) -> None:
+    path = write_text(tmp_path / "split" / name, POINTER)
+    with pytest.raises(VfoaError, match=rf"{name}: a pointer of Git LFS"):
+        open_container(path.parent if is_folder else path)
+
+
+def test_a_film_that_is_a_pointer_of_git_lfs_is_named(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"a\.mp4: a pointer of Git LFS"):
+        Video(write_text(tmp_path / "a.mp4", POINTER))
+
+
+def _film(path: Path, **tags: str) -> Path:
+    with av.open(str(path), "w") as film:
+        film.metadata.update(tags)
+        stream = film.add_stream("ffv1", rate=30)
+        stream.width, stream.height = WIDTH, HEIGHT
+        picture = av.VideoFrame.from_ndarray(np.zeros((HEIGHT, WIDTH, 3), np.uint8)).reformat(format="yuv420p")
+        film.mux([*stream.encode(picture), *stream.encode()])
+    return path
+
+
+def test_a_recording_of_azure_kinect_is_named_and_another_film_passes(tmp_path: Path) -> None:
+    refuse_foreign(_film(tmp_path / "film.mkv", title="COLOR"))
+    path = _film(tmp_path / "k4a.mkv", K4A_COLOR_MODE="MJPG_720P", K4A_DEPTH_MODE="NFOV_UNBINNED")
+    with pytest.raises(VfoaError, match=r"k4a\.mkv: a recording of Azure Kinect"):
+        refuse_foreign(path)
+
+
+@pytest.mark.parametrize(("content", "what"), [(LAYOUT, "a layout"), (MESSAGE, "messages"), ([MESSAGE], "messages")])
+def test_json_of_foxglove_is_named(content: object, what: str, tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.json", json.dumps(content))
+    with pytest.raises(VfoaError, match=rf"a\.json: {what} of Foxglove in JSON"):
+        refuse_foreign(path)
+
+
+@pytest.mark.parametrize("text", ['{"fx": 100}', "[]", "3", "{"])
+def test_other_json_passes(text: str, tmp_path: Path) -> None:
+    refuse_foreign(write_text(tmp_path / "a.json", text))
+
+
+def test_a_recording_of_json_says_in_what_its_images_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic in ("/left", "/right"):
+            schema = writer.register_schema("foxglove.CompressedImage", "jsonschema", b"{}")
+            channel = writer.register_channel(topic, "json", schema)
+            writer.add_message(channel, log_time=1, publish_time=1, data=json.dumps(MESSAGE).encode())
+        writer.finish()
+    with pytest.raises(
+        VfoaError, match=r"a\.mcap: images in json \(jsonschema\), which is not read; expected .*protobuf"
+    ):
+        McapClip(McapClip.Settings.model_validate({"recording": "a.mcap"}), tmp_path)
