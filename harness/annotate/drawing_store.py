@@ -93,9 +93,16 @@ class DrawingStore(JournaledStore[Drawn]):
         write_drawn(path, content)
 
     def last_step(self, kind: StepBack) -> TimedStep | None:
-        """As the base class; steps of a name that the manifest no longer has do not count."""
-        last = super().last_step(kind)
-        return last if last and last[1]["draw"]["name"] in {*self.targets, *self.subjects} else None
+        """As the base class, but only a step after which, or before which, the shape is as it is now.
+
+        A change of targets is no step: by now its name can be gone, or be that of another target.
+        """
+        if (last := super().last_step(kind)) is None:
+            return None
+        change = last[1]["draw"]
+        is_known = change["name"] in {*self.targets, *self.subjects}
+        now = self._tracks.get((change["name"], change["kind"]), ())
+        return last if is_known and now == _parsed(change["after" if kind == "undo" else "before"]) else None
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows, as JSON; key frames are [position, place, outside]."""

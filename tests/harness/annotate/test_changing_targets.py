@@ -275,6 +275,24 @@ def test_a_new_target_leaves_the_steps_of_others(opened: Any, work: Path) -> Non
     assert _said(work, annotator="ben") == "cccc........"
 
 
+def test_undo_brings_no_shape_of_a_target_back_whose_name_is_that_of_another_one(opened: Any, work: Path) -> None:
+    session = opened()
+    _draw(session, "cup", 0)
+    _draw(session, "cup", 5)
+    session.close()
+    session = opened(annotator="ben")
+    _rename(session)
+    session.close()
+    session = opened(annotator="cat")
+    session.change_target("book", new_name="cup", key="8", colour="pink plain")
+    session.close()
+    session = opened()
+    before = (work / "annotations" / "noise.drawn.csv").read_bytes()
+    assert not session.state()["can_undo"]
+    session.step_back("undo")
+    assert (work / "annotations" / "noise.drawn.csv").read_bytes() == before
+
+
 def test_a_target_whose_shapes_were_drawn_since_stays(opened: Any, work: Path) -> None:
     session = opened()
     session.add_target("pen", NameRule(category="pen"))
