@@ -2,12 +2,15 @@
 "use strict";
 
 const LABELS = { clip: "Clip", configuration: "Configuration", subject: "Subject", error_type: "Error type" };
+const PLACE = ["clip", "configuration", "subject", "frame"]; // of a wrong frame, in the address
 const list = document.getElementById("list");
+const place = document.getElementById("place");
 const filters = document.getElementById("filters");
 const chosen = {}; // by key of LABELS
 let failures = [];
 let current = null;
 
+const addressOf = (each) => new URLSearchParams(PLACE.map((key) => [key, each[key]]));
 const isChosen = (each) => Object.entries(chosen).every(([key, value]) => !value || each[key] === value);
 
 function make(tag, attributes, ...children) {
@@ -50,8 +53,8 @@ function fillList() {
 
 function mark() {
   const shown = failures.filter(isChosen);
-  const place = shown.indexOf(current);
-  document.getElementById("place").textContent = shown.length ? `${place < 0 ? "–" : place + 1} of ${shown.length}` : "None of this kind.";
+  const at = shown.indexOf(current);
+  place.textContent = shown.length ? `${at < 0 ? "–" : at + 1} of ${shown.length}` : "None of this kind.";
   for (const row of list.querySelectorAll("button")) {
     const isCurrent = current && Number(row.value) === current.number;
     if (isCurrent) row.setAttribute("aria-current", "true");
@@ -63,7 +66,7 @@ function mark() {
 async function go(failure) {
   if (!failure) return;
   current = failure;
-  history.replaceState(null, "", `#${failure.number}`);
+  history.replaceState(null, "", `#${addressOf(failure)}`);
   mark();
   const answer = await fetch(failure.open, { method: "HEAD" }); // the viewer's address, with files and layout
   if (!answer.ok) throw new Error(await (await fetch(failure.open)).text());
@@ -73,8 +76,8 @@ async function go(failure) {
 function step(by) {
   const shown = failures.filter(isChosen);
   if (!shown.length) return;
-  const place = shown.indexOf(current);
-  const next = place < 0 ? (by > 0 ? 0 : shown.length - 1) : (place + by + shown.length) % shown.length;
+  const at = shown.indexOf(current);
+  const next = at < 0 ? (by > 0 ? 0 : shown.length - 1) : (at + by + shown.length) % shown.length;
   go(shown[next]).catch(complain);
 }
 
@@ -90,5 +93,9 @@ fetch("/failures.json").then((answer) => answer.json()).then((found) => {
   failures = found.map((each, number) => ({ ...each, number: number + 1 }));
   fillFilters();
   fillList();
-  return go(failures[Number(location.hash.slice(1)) - 1] ?? failures[0]);
+  if (!location.hash) return go(failures[0]);
+  const asked = new URLSearchParams(location.hash.slice(1));
+  const wanted = failures.find((each) => PLACE.every((key) => asked.get(key) === String(each[key])));
+  if (wanted) return go(wanted);
+  place.textContent = `The address names a frame that is not wrong here: ${PLACE.map((key) => `${key} ${asked.get(key) ?? "?"}`).join(", ")}.`;
 }).catch(complain);

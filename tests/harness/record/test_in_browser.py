@@ -205,6 +205,38 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
     assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
 
 
+def test_the_address_of_the_page_names_the_wrong_frame(
+    frames: list[Any], record_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    recording = find_clips(record_run(frames).run, None, None)[0].compose()
+    told = {"subject": ANN, "truth": "red cup", "predicted": "book#4", "outcome": "wrong", "error_type": "missed"}
+    wrong = [Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, **told) for frame in (11, 13, 14)]
+    more = failures_routes(wrong, {("clip", CONFIGURATION): recording})
+    app = site({recording.name: recording}, page_files(), more=more)
+    with running(app) as server, chromium(tmp_path / "profile") as browser:
+
+        def shows(place: str) -> None:
+            wait_for(lambda: browser.find_element("id", "place").text == place)
+
+        browser.get(server.address)
+        shows("1 of 3")
+        browser.find_element("id", "next").click()
+        shows("2 of 3")
+        address = browser.current_url
+        named = {"clip": ["clip"], "configuration": [CONFIGURATION], "subject": [ANN], "frame": ["13"]}
+        assert parse_qs(urlsplit(address).fragment) == named
+        for opened, place in ((address, "2 of 3"), (address.replace("frame=13", "frame=14"), "3 of 3")):
+            browser.get("about:blank")
+            browser.get(opened)
+            shows(place)
+        browser.get("about:blank")
+        browser.get(address.replace("frame=13", "frame=10"))
+        wait_for(lambda: "frame 10" in browser.find_element("id", "place").text)
+        assert not browser.find_elements("css selector", "[aria-current]")
+        browser.find_element("id", "next").click()
+        shows("1 of 3")
+
+
 @pytest.mark.parametrize(
     ("jpeg", "decodes", "warns"), [(False, "false", True), (False, "true", False), (True, "false", False)]
 )
