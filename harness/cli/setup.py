@@ -60,14 +60,18 @@ class Finding:
 
 
 def doctor() -> None:
-    """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work."""
+    """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work.
+
+    `vfoa run CLIP` cannot work if a stage has no model that is ready; `vfoa demo` needs none.
+    """
     findings = [*_packages(), *_folders(), *_weights(), *_surroundings()]
     print_table(
         ["check", "state", "to mend it"],
         [[finding.what, finding.state, finding.fix] for finding in findings],
         wrapped=("state", "to mend it"),
     )
-    if any(finding.required and finding.fix for finding in findings):
+    if needed := [finding.what for finding in findings if finding.required and finding.fix]:
+        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet, for want of: {', '.join(needed)}", err=True)
         raise typer.Exit(2)
 
 
@@ -114,8 +118,20 @@ def _weights() -> Iterator[Finding]:
     for slot, choice in default.choices.items():
         missing = missing_weights([choice] if choice else [])
         fix = " or ".join((missing.fetch, *missing.instead)) if missing else None
-        ready = ", ".join(stage.name for stage in ready_stages(STAGES[slot])) or "none"
-        yield Finding(what=f"{slot} (default {choice.name if choice else 'none'})", state=f"ready: {ready}", fix=fix)
+        ready = ", ".join(stage.name for stage in ready_stages(STAGES[slot]))
+        what = f"{slot} (default {choice.name if choice else 'none'})"
+        yield Finding(what=what, state=f"ready: {ready or 'none'}", fix=fix, required=not ready)
+
+
+_DEVICES = Path("/dev")
+
+
+def _has_nvidia_gpu() -> bool:
+    """Whether the driver's devices are here: those of Linux, or of Windows' subsystem for it with NVIDIA's tools."""
+    from shutil import which
+
+    is_subsystem = (_DEVICES / "dxg").exists() and which("nvidia-smi") is not None
+    return is_subsystem or any(_DEVICES.glob("nvidia[0-9]*"))
 
 
 def _surroundings() -> Iterator[Finding]:
@@ -125,7 +141,8 @@ def _surroundings() -> Iterator[Finding]:
     from vfoa.onnx import available_providers
 
     providers = available_providers()
-    fix = None if len(providers) > 1 else "for CUDA: onnxruntime-gpu in place of onnxruntime; then --provider cuda"
+    is_unused = len(providers) == 1 and _has_nvidia_gpu()
+    fix = "for CUDA: onnxruntime-gpu in place of onnxruntime; then --provider cuda" if is_unused else None
     yield Finding(what="providers of networks", state=", ".join(providers), fix=fix)
     try:
         state, fix = webbrowser.get().__class__.__name__, None

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import main, one_line_errors
+from harness.cli import main, one_line_errors, setup
 from harness.cli.run import experiment_of
+from harness.pipeline.weights import catalogue
 from scripts.site_pages import commands_page
 from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
@@ -178,21 +179,80 @@ def test_a_file_that_is_there_is_replaced_only_if_told_so(
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_the_doctor_names_a_fix_for_what_is_missing_and_fails_where_running_cannot_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))
+@pytest.fixture
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The only folder of weights, with a file for each network of the catalogue; and a wide terminal."""
+    for entry in catalogue().values():
+        write_text(tmp_path / "models" / entry.file, "weights")
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path / "models"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("COLUMNS", "1000")
-    code, out, _ = vfoa(monkeypatch, capsys, "doctor")
-    lines = {what: line for line in out.splitlines() for what in ("Python", "ximgproc", "yunet)") if what in line}
-    assert (code, lines["Python"].split()[-1], lines["ximgproc"].split()[-1]) == (0, "-", "-")
-    assert "vfoa models fetch yunet" in lines["yunet)"]
-    assert "person_mask" in lines["yunet)"]
+    return tmp_path / "models"
 
+
+def _lines(out: str, *words: str) -> list[str]:
+    """The line of the table with each word."""
+    return [next(line for line in out.splitlines() if word in line) for word in words]
+
+
+def test_the_doctor_finds_nothing_to_mend_where_all_is_here(
+    models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, said = vfoa(monkeypatch, capsys, "doctor")
+    assert (code, said) == (0, "")
+    mended = [line.split()[-1] for line in _lines(out, "Python", "ximgproc", "segmentation", "yunet)", "adas_0002)")]
+    assert mended == ["-"] * 5
+
+
+def test_the_doctor_names_a_fix_for_a_default_that_another_stage_can_replace(
+    models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (models / catalogue()["yunet"].file).unlink()
+    code, out, _ = vfoa(monkeypatch, capsys, "doctor")
+    (line,) = _lines(out, "yunet)")
+    assert code == 0
+    assert "vfoa models fetch yunet" in line
+    assert "person_mask" in line
+
+
+def test_the_doctor_fails_where_a_stage_has_no_model(
+    models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for entry in catalogue().values():
+        if (entry.stage or "").startswith("gaze."):
+            (models / entry.file).unlink(missing_ok=True)
+    code, out, said = vfoa(monkeypatch, capsys, "doctor")
+    (line,) = _lines(out, "gaze (default")
+    assert "ready: none" in line
+    assert code == 2
+    assert said.count("\n") == 1
+    assert "gaze (default adas_0002)" in said
+
+
+def test_the_doctor_fails_where_a_package_cannot_be_imported(
+    models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)  # as where a library of the system is missing
     code, out, _ = vfoa(monkeypatch, capsys, "doctor")
     assert (code, "libgl1" in out) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("devices", "is_offered"), [((), False), (("nvidiactl",), False), (("nvidia0", "nvidiactl"), True)]
+)
+def test_the_doctor_offers_cuda_where_there_is_a_gpu(
+    devices: tuple[str, ...],
+    is_offered: bool,
+    models: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for device in devices:
+        write_text(models.parent / "dev" / device, "")
+    monkeypatch.setattr(setup, "_DEVICES", models.parent / "dev")
+    monkeypatch.setattr("vfoa.onnx.available_providers", lambda: ["cpu"])
+    code, out, _ = vfoa(monkeypatch, capsys, "doctor")
+    assert (code, "CUDA" in out) == (0, is_offered)
 
 
 @pytest.mark.parametrize(
