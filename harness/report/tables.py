@@ -134,7 +134,7 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
         "FRR of each configuration over all clips",
         f"Configuration | n | FRR % | 95 % | Balanced % | {columns}",
         shown,
-        (TERMINAL_NOTE + left_out, *fitted, *scores.axis_notes) if rows else (),
+        (TERMINAL_NOTE + left_out, *fitted, *scores.doubts) if rows else (),
         words=1,
     )
     return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None

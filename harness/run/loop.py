@@ -293,7 +293,8 @@ class ConfigurationRunner:
         manifest = self._job.manifest
         for result, (frame, percepts, measures, timings) in ready:
             names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
-            record = to_record(manifest.name, self._configuration.name, result, names, measures)
+            fx_px = None if percepts is None else percepts.rig.fx_px
+            record = to_record(manifest.name, self._configuration.name, result, names, measures, fx_px)
             finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "recording"):

@@ -60,7 +60,8 @@ class SubjectRecord:
     ``name`` is the manifest's name, None for an unknown person. Directions are unit vectors after filtering, camera
     frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id with the most
     attention, None for nowhere. ``head_box_px`` is None if the clip has no images. ``fit`` is set if the attention is a
-    probability. ``no_gaze`` is the gaze model's reason to give none: ``face_turned_away`` or None.
+    probability. ``no_gaze`` is the gaze model's reason to give none: ``face_turned_away`` or None. ``head_width_m`` is
+    the width of the head's box at the depth of the eyes; None if either is not known.
     """
 
     track_id: int
@@ -77,6 +78,7 @@ class SubjectRecord:
     tied: tuple[int, ...]
     fit: DirectionFit | None = None
     no_gaze: str | None = None
+    head_width_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,9 +127,14 @@ def renamed(record: FrameRecord, names: Mapping[str, str]) -> FrameRecord:
 
 
 def to_record(
-    clip: str, configuration: str, result: FrameResult, names: Names, measures: FrameMeasures | None = None
+    clip: str,
+    configuration: str,
+    result: FrameResult,
+    names: Names,
+    measures: FrameMeasures | None = None,
+    fx_px: float | None = None,
 ) -> FrameRecord:
-    """The record of one frame, every number exactly as computed."""
+    """The record of one frame, every number exactly as computed. ``fx_px`` is the focal length; None without images."""
     return FrameRecord(
         clip=clip,
         configuration=configuration,
@@ -135,7 +142,8 @@ def to_record(
         time_ns=result.scene.time_ns,
         targets=tuple(_target(target, names.targets[target.instance.id]) for target in result.scene.targets),
         subjects=tuple(
-            _subject(attention, names.subjects.get(attention.subject.track_id)) for attention in result.attentions
+            _subject(attention, names.subjects.get(attention.subject.track_id), fx_px)
+            for attention in result.attentions
         ),
         measures=measures,
         masks_from=result.scene.masks_from,
@@ -164,14 +172,15 @@ def _box(box: Box3D) -> BoxRecord:
     )
 
 
-def _subject(attention: Attention, name: str | None) -> SubjectRecord:
+def _subject(attention: Attention, name: str | None, fx_px: float | None) -> SubjectRecord:
     subject = attention.subject
     origin, gaze, head = subject.person.eye_origin_left, subject.direction("gaze"), subject.direction("head")
+    box_px = None if subject.person.head is None else _box_px(subject.person.head.box_px)
     return SubjectRecord(
         track_id=subject.track_id,
         name=name,
         instance_id=subject.person.instance_id,
-        head_box_px=None if subject.person.head is None else _box_px(subject.person.head.box_px),
+        head_box_px=box_px,
         eye_origin_m=None if origin is None else _vector(origin),
         gaze=None if gaze is None else _vector(gaze),
         gaze_sigma_rad=None if subject.gaze is None else subject.gaze.sigma_rad,
@@ -182,6 +191,9 @@ def _subject(attention: Attention, name: str | None) -> SubjectRecord:
         focus=attention.focus,
         tied=attention.tied,
         fit=attention.fit,
+        head_width_m=float((box_px[2] - box_px[0]) * origin[2] / fx_px)
+        if box_px and origin is not None and fx_px
+        else None,
     )
 
 

@@ -32,8 +32,10 @@ from harness.score.verdicts import (
 from vfoa.types import DirectionFit, Float
 
 NO_PREDICTION = -1
-AIMS_EVERY = 4
-"""Of every so many frames, the directions of one are compared with the labels."""
+COMPARED_EVERY = 4
+"""Of every so many frames, one is looked at for what tells of other axes and units."""
+USUAL_HEAD_M = (0.1, 0.45)
+"""Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,19 +127,23 @@ class JudgedPart:
     """The judgements of a configuration on a clip by subject, the time of each frame, and the fits of the directions.
 
     ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
-    other, each with the vector from the eyes to what the label says: six numbers.
+    other, each with the vector from the eyes to what the label says: six numbers. ``head_widths_m`` are some widths.
     """
 
     by_subject: dict[str, Judged] = field(default_factory=dict)
     times_ns: dict[int, int] = field(default_factory=dict)
     fits: list[DirectionFit] = field(default_factory=list)
     aims: list[float] = field(default_factory=list)
+    head_widths_m: list[float] = field(default_factory=list)
 
     def take(self, record: FrameRecord, reference: Reference) -> None:
         """Judge every labelled or named subject of a record."""
         self.times_ns[record.frame] = record.time_ns
         named = [subject for subject in record.subjects if subject.name is not None]
         self.fits += [subject.fit for subject in named if subject.fit is not None]
+        is_compared = len(self.times_ns) % COMPARED_EVERY == 1
+        if is_compared:
+            self.head_widths_m += [subject.head_width_m for subject in record.subjects if subject.head_width_m]
         of_clip = reference.labels.get(record.clip)
         labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
         for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
@@ -150,7 +156,7 @@ class JudgedPart:
                 person = find_subject(record, subject)
                 choices, right = choose(record, person), right_answers(record, label)
                 hits = choices.hits(right)
-                if len(self.times_ns) % AIMS_EVERY == 1:
+                if is_compared:
                     self.aims += _aim(record, person, right)
                 has_probabilities = record.configuration in reference.probabilistic
                 worth = worth_of(record, person, label, has_probabilities=has_probabilities)
@@ -174,6 +180,20 @@ def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
         directions, to_targets = np.array(part.aims).reshape(-1, 2, 3).swapaxes(0, 1)
         if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
             notes[clip] = f"{clip} under {configuration}: {found}."
+    return tuple(notes.values())
+
+
+def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
+    """A note for each clip whose heads have no usual size in metres, under the first configuration."""
+    notes: dict[str, str] = {}
+    for (clip, configuration), part in judged.items():
+        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m else USUAL_HEAD_M[0]
+        if clip not in notes and not USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
+            notes[clip] = (
+                f"{clip} under {configuration}: heads are {width_m:.2g} m wide (median): is the unit of depth right? "
+                "In [source], depth_scale is the number of counts per metre of measured depth, baseline_m (or "
+                "calibration_unit) that of a pair."
+            )
     return tuple(notes.values())
 
 

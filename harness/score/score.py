@@ -24,7 +24,7 @@ from harness.score.calibration import DirectionCheck, direction_checks, misfit_n
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import JudgedPart, Outcomes, Reference, axis_notes, to_outcomes
+from harness.score.outcomes import JudgedPart, Outcomes, Reference, axis_notes, to_outcomes, unit_notes
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.types import Float
@@ -102,7 +102,8 @@ class Scores:
     """All scores of a run. ``rows`` hold only groups with annotated frames; ``verdicts`` include the unscored frames.
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
-    are shown with every table; ``published`` are published figures. ``measures`` compare the stages with the ground
+    are shown with every table; ``doubts`` are those of them that question the clip's axes and units, and are shown on
+    the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
     ``unknown_names`` and ``factors`` are as in :class:`Reference`.
     """
@@ -112,7 +113,7 @@ class Scores:
     verdicts: tuple[Verdict, ...]
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
-    axis_notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     measures: Mapping[Pair, MeasuredPart] = field(default_factory=dict, compare=False, repr=False)
@@ -182,7 +183,8 @@ def score_parts(
     judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, MeasuredPart], reference: Reference
 ) -> Scores:
     """Score judged records; ``measured`` are the measures of the same ones."""
-    outcomes, directions, axes = to_outcomes(judged, reference), direction_checks(judged), axis_notes(judged)
+    outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
+    doubts = (*axis_notes(judged), *unit_notes(judged))
     clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
@@ -197,8 +199,8 @@ def score_parts(
         configurations=configurations,
         verdicts=verdicts,
         rows=tuple(rows),
-        notes=(*reference.notes, *misfit_notes(directions), *axes),
-        axis_notes=axes,
+        notes=(*reference.notes, *misfit_notes(directions), *doubts),
+        doubts=doubts,
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measured,

@@ -87,6 +87,6 @@ def test_the_check_of_a_clip_and_the_table_say_so(tmp_path: Path, monkeypatch: p
     experiment = write_text(tmp_path / "both.toml", 'clips = ["right", "wrong"]\npreset = "measured"\n')
     run = run_plan(prepare(load_experiment(str(experiment))), tmp_path / "run", workers=1, progress=lambda clip: None)
     scores = rescore(run)
-    (said,) = scores.axis_notes
+    (said,) = scores.doubts
     assert said.startswith("wrong under default: with x negated, ")
     assert said in terminal_table(scores).notes

@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 
 from harness.clips.naming import Names
 from harness.pipeline.frame_measures import FrameMeasures
@@ -79,3 +80,10 @@ def test_a_target_without_a_box_has_none_and_measures_are_handed_on() -> None:
     record = to_record("clip", "best", dataclasses.replace(result, scene=flat), names, measures)
     assert record.target(4).box is None
     assert record.measures is measures
+
+
+def test_the_width_of_a_head_is_that_of_its_box_at_the_depth_of_the_eyes() -> None:
+    names = Names(subjects={}, targets={4: "cup"})
+    widths = [subject.head_width_m for subject in to_record("clip", "best", _result(), names, fx_px=100.0).subjects]
+    assert widths == [pytest.approx(2 / 100 / 3), None]
+    assert [subject.head_width_m for subject in to_record("clip", "best", _result(), names).subjects] == [None, None]
