@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from harness.clips.manifest import load_manifest
 from harness.score.intervals import difference_interval, pair
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import Interval
+from harness.score.statistics import UNKNOWN, Interval
 from harness.sources import Truth
 from vfoa.errors import VfoaError
 
@@ -92,7 +92,7 @@ class Step:
     """A step that was scored on all clips together.
 
     ``gained`` is the FRR minus that of the step before, ``interval`` its 95 % interval by clips or looks. All three are
-    None for the first step.
+    None for the first step. ``is_identical``: both are right on the same frames; the interval is not known then.
     """
 
     configuration: str
@@ -100,10 +100,13 @@ class Step:
     row: ScoreRow
     gained: float | None = None
     interval: Interval | None = None
+    is_identical: bool = False
 
     @property
     def reads(self) -> str:
         """Whether the step is better than the one before, as good within the interval, or worse; "" if unknown."""
+        if self.is_identical:
+            return "identical"
         if self.interval is None or math.isnan(self.interval.low):
             return ""
         if self.interval.low > 0:
@@ -123,14 +126,16 @@ def steps(scores: Scores) -> list[Step]:
     for name, row in scored.items():
         before = _step_before(name, scored)
         if before is not None:
-            units = pair(scores.frames_of(before), scores.frames_of(name)).units
+            pairs = pair(scores.frames_of(before), scores.frames_of(name))
+            interval = None if pairs.units is None else difference_interval(pairs.units)
             ablation.append(
                 Step(
                     configuration=name,
                     replaced=name.removeprefix(f"{before}+"),
                     row=row,
                     gained=row.frr - scored[before].frr,
-                    interval=None if units is None else difference_interval(units),
+                    interval=UNKNOWN if pairs.is_identical else interval,
+                    is_identical=pairs.is_identical,
                 )
             )
         elif any(f"{name}+{replaced}" in scored for replaced in REPLACEMENTS):

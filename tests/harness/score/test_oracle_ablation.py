@@ -20,6 +20,7 @@ from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
 from harness.score.score import score
+from harness.score.statistics import UNKNOWN
 from harness.sources import PersonTruth, Truth
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
@@ -159,6 +160,16 @@ def test_a_step_is_read_by_the_interval_of_its_own_difference(wrong_below: int, 
     assert above.interval is not None
     assert above.gained is not None
     assert above.interval.low - 1e-9 <= above.gained <= above.interval.high + 1e-9
+
+
+def test_a_step_that_changes_no_frame_is_identical_and_has_no_interval() -> None:
+    records = [
+        record
+        for name in ("bm", "bm+gaze")
+        for record in answers(["cup", "none", "cup", "none"], clip="c", configuration=name)
+    ]
+    _, above = steps(score(records, Reference(labels={"c": labels(*["cup"] * 4)})))
+    assert (above.reads, above.gained, above.interval) == ("identical", 0, UNKNOWN)
 
 
 def test_a_run_without_steps_has_no_ablation() -> None:
