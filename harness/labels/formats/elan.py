@@ -1,15 +1,16 @@
 """ELAN (.eaf): a tier per subject, an annotation per range, its value the target.
 
 Notes, image points and suggestions are in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
-``girl:state``), in annotations of the same times. Through pympi (Lubbers and Torreira, pympi-ling).
+``girl:state``), in annotations of the same times. Written through pympi (Lubbers and Torreira, pympi-ling), which reads
+fewer documents than ELAN writes: those with a schema's address, and annotations with a value and a number in their id.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from xml.etree.ElementTree import Element
 
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml
@@ -36,18 +37,20 @@ class Elan:
         names = {tier: exchange.names.translate(tier) for tier in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
         beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
-        filled = [tier for tier, (aligned, referring, *_) in document.tiers.items() if aligned or referring]
-        others = [tier for tier in filled if tier not in tiers and tier not in beside]
+        others = [tier for tier, held in document.tiers.items() if held and tier not in tiers and tier not in beside]
         if not tiers:
             present = ", ".join(map(repr, document.tiers)) or "none"
             raise VfoaError(
                 f"{path}: no tier is named after a subject; found {present}; "
                 f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
             )
-        origin_ms, notes = exchange.media_offset(_film_offset_ms(document, exchange, path), path)
-        spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
+        origin_ms, notes = exchange.media_offset(_film_offset_ms(document, exchange), path)
+        spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange)]
         moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
         imported = from_spans(moved, exchange, path)
+        for tier in tiers:
+            if empty := sum(not annotation.value for annotation in document.tiers[tier].values()):
+                notes.append(f"{path}: tier {tier!r}: {empty} annotations without a value are left out.")
         notes += [f"{path}: tier {tier!r} belongs to no subject and is left out." for tier in others]
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
@@ -73,92 +76,150 @@ class Elan:
         return ()
 
 
-def _parse(path: Path) -> Any:
-    from pympi.Elan import Eaf
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Annotation:
+    """An annotation between two time slots, or one that refers to another annotation."""
 
-    root = parse_xml(read_bytes(path), path)
+    value: str
+    slots: tuple[str, str] | None = None
+    parent: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Document:
+    """What is read of a document: times by slot, ms, tiers of annotations by id, and each film's offset by address."""
+
+    path: Path
+    times: dict[str, int | None]
+    tiers: dict[str, dict[str, _Annotation]]
+    films: dict[str, str]
+
+    def annotations(self, tier: str) -> list[tuple[int, int, str]]:
+        """Start, end (ms) and value of a tier's annotations.
+
+        Raises
+        ------
+        VfoaError
+            If one has no times, or refers to something that is not there.
+        """
+        annotations = []
+        for name, annotation in self.tiers.get(tier, {}).items():
+            try:
+                start, end = self._times_of(name)
+            except (KeyError, RecursionError) as error:
+                what = f"refers to the time slot or annotation {error}, which the file does not have"
+                raise VfoaError(f"{self.path}: tier {tier!r} {what}") from None
+            if start is None or end is None:
+                raise VfoaError(
+                    f"{self.path}: tier {tier!r} has an annotation without times; expected time-aligned annotations"
+                )
+            if max(abs(start), abs(end)) > _FARTHEST_MS:
+                raise VfoaError(
+                    f"{self.path}: tier {tier!r} has an annotation at {start} to {end} ms; expected a time in a film"
+                )
+            annotations.append((start, end, annotation.value))
+        return annotations
+
+    def _times_of(self, name: str) -> tuple[int | None, int | None]:
+        """An annotation that refers to another one has its times, or an equal share if several refer to it."""
+        tier = next((tier for tier in self.tiers.values() if name in tier), {})
+        annotation = tier[name]
+        if annotation.parent is None:
+            first, last = annotation.slots or ("", "")
+            return self.times[first], self.times[last]
+        start, end = self._times_of(annotation.parent)
+        if start is None or end is None:
+            return None, None
+        siblings = [sibling for sibling, other in tier.items() if other.parent == annotation.parent]
+        place, count = siblings.index(name), len(siblings)
+        return start + (end - start) * place // count, start + (end - start) * (place + 1) // count
+
+
+def _parse(path: Path) -> _Document:
+    data = read_bytes(path)
+    if not data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<") and b"\t" in data[:4096]:
+        raise VfoaError(f"{path}: not XML but a table, such as ELAN exports; expected the .eaf document itself")
+    root = parse_xml(data, path)
     if root.tag != "ANNOTATION_DOCUMENT":
         raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
-    try:
-        return Eaf(str(path), suppress_version_warning=True)
-    except (KeyError, ValueError, IndexError) as error:
-        raise VfoaError(f"{path}: not an ELAN document that can be read: {type(error).__name__}: {error}") from None
-
-
-def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Path) -> Iterator[Span]:
-    notes, points, states = (_beside(document, tier + suffix, path) for suffix in (_NOTE, _POINT, _STATE))
-    for start, end, value in _aligned(document, tier, path):
-        where = f"{path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
-        label = Label(
-            target=exchange.target(value.strip(), subject, where),
-            note=one_line(notes.get((start, end))),
-            point_px=parse_point(points.get((start, end), "").split(","), where),
-            is_suggested=states.get((start, end)) == SUGGESTED,
-        )
-        yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
-
-
-def _film_offset_ms(document: Any, exchange: Exchange, path: Path) -> int:
-    """The offset of the film that shows the clip to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
-    origins: dict[str, str] = {}
-    for medium in document.media_descriptors:
+    times = {_given(slot, "TIME_SLOT_ID", path): _time(slot, path) for slot in root.iter("TIME_SLOT")}
+    tiers = {_given(tier, "TIER_ID", path): _tier(tier, path) for tier in root.iter("TIER")}
+    for tier in tiers.values():
+        _share_times(tier.values(), times)
+    films: dict[str, str] = {}
+    for medium in root.iter("MEDIA_DESCRIPTOR"):
         if not medium.get("MIME_TYPE", "").startswith("audio"):
             address = medium.get("MEDIA_URL") or medium.get("RELATIVE_MEDIA_URL") or ""
-            origins.setdefault(address, medium.get("TIME_ORIGIN") or "0")
-    film = exchange.film_of([*origins], path)
-    origin = "0" if film is None else origins[film]
-    try:
-        return int(origin)
-    except ValueError:
-        raise VfoaError(f"{path}: TIME_ORIGIN: found {origin!r}; expected milliseconds") from None
+            films.setdefault(address, medium.get("TIME_ORIGIN") or "0")
+    return _Document(path=path, times=times, tiers=tiers, films=films)
 
 
-def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
-    annotations = _annotations(document, tier, path)
-    if any(start is None or end is None for start, end, _ in annotations):
-        raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
-    if far := next((times for *times, _ in annotations if max(map(abs, times)) > _FARTHEST_MS), None):
-        raise VfoaError(
-            f"{path}: tier {tier!r} has an annotation at {far[0]} to {far[1]} ms; expected a time in a film"
-        )
+def _tier(tier: Element, path: Path) -> dict[str, _Annotation]:
+    annotations = {}
+    for element in tier.iter():
+        if element.tag in ("ALIGNABLE_ANNOTATION", "REF_ANNOTATION"):
+            value = element.find("ANNOTATION_VALUE")
+            is_aligned = element.tag == "ALIGNABLE_ANNOTATION"
+            annotations[_given(element, "ANNOTATION_ID", path)] = _Annotation(
+                value="" if value is None else "".join(value.itertext()).strip(),
+                slots=(_given(element, "TIME_SLOT_REF1", path), _given(element, "TIME_SLOT_REF2", path))
+                if is_aligned
+                else None,
+                parent=None if is_aligned else _given(element, "ANNOTATION_REF", path),
+            )
     return annotations
 
 
-def _beside(document: Any, tier: str, path: Path) -> dict[tuple[int, int], str]:
-    if tier not in document.tiers:
-        return {}
-    return {(start, end): value for start, end, value in _annotations(document, tier, path)}
+def _given(element: Element, key: str, path: Path) -> str:
+    if (value := element.get(key)) is None:
+        raise VfoaError(f"{path}: <{element.tag}> without {key}; expected an ELAN document")
+    return value
 
 
-def _annotations(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
-    """Start, end (ms) and value of a tier's annotations."""
+def _time(slot: Element, path: Path) -> int | None:
+    """The time of a slot, ms; None for one without a time."""
+    if (value := slot.get("TIME_VALUE")) is None:
+        return None
     try:
-        aligned, referring = document.tiers[tier][:2]
-        times = document.timeslots
-        annotations = [(times[first], times[last], value) for first, last, value, _ in aligned.values()]
-        return annotations + [_referring(document, tier, name) for name in referring]
-    except (KeyError, RecursionError) as error:
-        raise VfoaError(
-            f"{path}: tier {tier!r} refers to the time slot or annotation {error}, which the file does not have"
-        ) from None
+        return int(value)
+    except ValueError:
+        raise VfoaError(f"{path}: TIME_VALUE: found {value[:40]!r}; expected milliseconds") from None
 
 
-def _referring(document: Any, tier: str, name: str) -> tuple[Any, Any, str]:
-    """An annotation that refers to another one has its times, or an equal share if several refer to it."""
-    parent, value, *_ = document.tiers[tier][1][name]
-    start, end = _times_of(document, parent)
-    if start is None or end is None:
-        return start, end, value
-    siblings = [sibling for sibling, (other, *_) in document.tiers[tier][1].items() if other == parent]
-    place, count = siblings.index(name), len(siblings)
-    return start + (end - start) * place // count, start + (end - start) * (place + 1) // count, value
+def _share_times(annotations: Iterable[_Annotation], times: dict[str, int | None]) -> None:
+    """Give times to the slots without one: evenly between their neighbours in a tier, as ELAN shows a subdivision."""
+    next_from = {annotation.slots[0]: annotation.slots[1] for annotation in annotations if annotation.slots}
+    for first in [slot for slot in next_from if times.get(slot) is not None]:
+        chain = [first]
+        while chain[-1] in next_from and times.get(slot := next_from[chain[-1]]) is None and slot not in chain:
+            chain.append(slot)
+        start, end = times[first], times.get(next_from.get(chain[-1], ""))
+        if len(chain) > 1 and start is not None and end is not None:
+            times.update({slot: start + (end - start) * place // len(chain) for place, slot in enumerate(chain)})
 
 
-def _times_of(document: Any, name: str) -> tuple[Any, Any]:
-    tier = document.annotations[name]
-    aligned, referring = document.tiers[tier][:2]
-    if name in referring:
-        start, end, _ = _referring(document, tier, name)
-        return start, end
-    first, last, *_ = aligned[name]
-    return document.timeslots[first], document.timeslots[last]
+def _spans(document: _Document, tier: str, subject: str, exchange: Exchange) -> Iterator[Span]:
+    notes, points, states = (
+        {(start, end): value for start, end, value in document.annotations(tier + suffix)}
+        for suffix in (_NOTE, _POINT, _STATE)
+    )
+    for start, end, value in document.annotations(tier):
+        if value:
+            where = f"{document.path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
+            label = Label(
+                target=exchange.target(value, subject, where),
+                note=one_line(notes.get((start, end))),
+                point_px=parse_point(points.get((start, end), "").split(","), where),
+                is_suggested=states.get((start, end)) == SUGGESTED,
+            )
+            yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
+
+
+def _film_offset_ms(document: _Document, exchange: Exchange) -> int:
+    """The offset of the film that shows the clip to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
+    film = exchange.film_of([*document.films], document.path)
+    origin = "0" if film is None else document.films[film]
+    try:
+        return int(origin)
+    except ValueError:
+        raise VfoaError(f"{document.path}: TIME_ORIGIN: found {origin!r}; expected milliseconds") from None

@@ -97,7 +97,9 @@ def test_a_mistake_is_one_line_with_its_place(
     [
         ("<ANNOTATION_DOCUMENT>\n<TIER", r"a\.eaf:2: not XML"),
         ("<annotations/>", r"a\.eaf: found <annotations>; expected ELAN's"),
-        ("<ANNOTATION_DOCUMENT/>", r"a\.eaf: not an ELAN document that can be read"),
+        ("<ANNOTATION_DOCUMENT/>", r"a\.eaf: no tier is named after a subject; found none"),
+        ("<ANNOTATION_DOCUMENT><TIER/></ANNOTATION_DOCUMENT>", r"a\.eaf: <TIER> without TIER_ID"),
+        ("girl\t0.000\t0.080\tbird\n", r"a\.eaf: not XML but a table, such as ELAN exports"),
     ],
 )
 def test_another_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -172,6 +174,62 @@ def test_labels_are_in_the_times_of_a_player_where_the_pictures_begin_later(tmp_
     )
     Elan().write(tmp_path / "b.eaf", Labels([row(1, 2, "bird")]), exchange(clip, films=film))
     assert Eaf(str(tmp_path / "b.eaf")).get_annotation_data_for_tier("girl") == [(2000, 2080, "bird")]
+
+
+def _unaligned(slots: list[int | None], annotations: list[tuple[int, int, str]], *, prefix: str = "a") -> str:
+    """A document without a schema's address: a tier of annotations from slot to slot."""
+    times = "".join(
+        f'<TIME_SLOT TIME_SLOT_ID="ts{n}"' + ("/>" if time is None else f' TIME_VALUE="{time}"/>')
+        for n, time in enumerate(slots)
+    )
+    held = "".join(
+        f'<ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="{prefix}{chr(97 + n)}" TIME_SLOT_REF1="ts{first}" '
+        f'TIME_SLOT_REF2="ts{last}"><ANNOTATION_VALUE>{value}</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>'
+        for n, (first, last, value) in enumerate(annotations)
+    )
+    tier = f'<TIER LINGUISTIC_TYPE_REF="s" TIER_ID="girl">{held}</TIER>'
+    return f"<ANNOTATION_DOCUMENT><HEADER/><TIME_ORDER>{times}</TIME_ORDER>{tier}</ANNOTATION_DOCUMENT>"
+
+
+@pytest.mark.parametrize(
+    ("slots", "annotations", "expected"),
+    [
+        ([0, None, None, 240], [(0, 1, "bird"), (1, 2, "cup"), (2, 3, "none")], [(1, 2), (3, 4), (5, 6)]),
+        # the times of a subdivision are those of its tier: other slots lie between, and a second one follows
+        (
+            [0, None, 100, None, 160, None, 240],
+            [(0, 1, "bird"), (1, 4, "cup"), (4, 5, "none"), (5, 6, "bird")],
+            [(1, 2), (3, 4), (5, 5), (6, 6)],
+        ),
+        ([0, 80, None, 200], [(2, 3, "none"), (1, 2, "cup"), (0, 1, "bird")], [(1, 2), (3, 4), (5, 5)]),
+    ],
+    ids=["thirds", "two subdivisions", "another order"],
+)
+def test_slots_without_times_lie_evenly_between_their_neighbours(
+    slots: list[int | None],
+    annotations: list[tuple[int, int, str]],
+    expected: list[tuple[int, int]],
+    tmp_path: Path,
+) -> None:
+    imported = Elan().read(write_text(tmp_path / "a.eaf", _unaligned(slots, annotations)), exchange())
+    assert [(label.first_frame, label.last_frame) for label in imported.labels.ranges] == expected
+    ordered = sorted(annotations)
+    assert [label.label.target for label in imported.labels.ranges] == [value for *_, value in ordered]
+
+
+@pytest.mark.parametrize("slots", [[0, None, None], [None, 80, 160], [0, None, 160]])
+def test_slots_that_no_neighbour_gives_a_time_are_refused(slots: list[int | None], tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.eaf", _unaligned(slots, [(0, 1, "bird"), (2, 2, "cup")]))
+    with pytest.raises(VfoaError, match=r"a\.eaf: tier 'girl' has an annotation without times"):
+        Elan().read(path, exchange())
+
+
+def test_annotations_without_a_value_are_left_out_and_counted(tmp_path: Path) -> None:
+    text = _unaligned([0, 80, 160, 240], [(0, 1, "bird"), (1, 2, " "), (2, 3, "")], prefix="made-by-hand-")
+    path = write_text(tmp_path / "a.eaf", text.replace("<ANNOTATION_VALUE></ANNOTATION_VALUE>", ""))
+    imported = Elan().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 2, "bird"),)
+    assert imported.notes == (f"{path}: tier 'girl': 2 annotations without a value are left out.",)
 
 
 def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) -> None:
