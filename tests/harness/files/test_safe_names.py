@@ -20,14 +20,16 @@ from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
 WRONG = ["=1+1", "+1", "-1", "@SUM(A1)", "\tcup", "\rcup", "cup\x1b[2J", "cup\x00", "", " ", "cup\u202e"]
-RIGHT = ["cup", "Ann Müller/left", "目", "cup = mug", "a-b", "laptop#2"]
+RIGHT = ["cup", "Ann Müller/left", "目", "cup = mug", "a-b"]
+AUTOMATIC = "laptop#2"
+"""What the program calls an object without a name: right in its own files, and no name that a user gives."""
 
 
 @pytest.mark.parametrize("kind", ["subjects", "targets"])
 def test_a_manifest_refuses_them(kind: str) -> None:
     for name in RIGHT:
         make_manifest({"name": "c", "adapter": "studio", kind: {name: {"category": "cup"}}}, Path("c.toml"))
-    for name in WRONG:
+    for name in (*WRONG, AUTOMATIC):
         with pytest.raises(VfoaError, match=r"c\.toml: .*found the name") as error:
             make_manifest({"name": "c", "adapter": "studio", kind: {name: {"category": "cup"}}}, Path("c.toml"))
         assert str(error.value).isprintable()
