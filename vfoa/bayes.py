@@ -24,7 +24,7 @@ from vfoa.posterior.filter import answered, update
 from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
-from vfoa.posterior.smoothing import likeliest_path, smoothed
+from vfoa.posterior.smoothing import smoothed
 from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Subject, Target, TargetAttention
 from vfoa.visible import SurfaceSettings, views_of
 
@@ -37,18 +37,17 @@ class BayesSettings(PosteriorSettings, SurfaceSettings):
 
     method: Literal["bayes"]
     """``bayes``: a posterior over the objects."""
-    smoothing: Literal["off", "forward", "both", "viterbi"] = "forward"
-    """``off``: each frame by itself; ``forward``: also earlier frames; ``both``: also later ones; ``viterbi``: best
-    path."""
+    smoothing: Literal["off", "forward", "both"] = "forward"
+    """``off``: each frame by itself; ``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
-    """How far ahead of a frame ``both`` and ``viterbi`` look, seconds."""
+    """How far ahead of a frame ``both`` looks, seconds."""
     frame_rate_hz: float = Field(default=25.0, gt=0)
     """Frame rate where frames have no times, or times that do not increase."""
 
     @property
     def frames_awaited(self) -> int:
         """Number of later frames that a frame's answer needs, at ``frame_rate_hz``."""
-        return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing in ("both", "viterbi") else 0
+        return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing == "both" else 0
 
 
 class LooksAhead(Protocol):
@@ -138,12 +137,10 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
     if not known:
         return {}
     beliefs = [belief for _, _, belief in known]
-    path = likeliest_path(beliefs) if settings.smoothing == "viterbi" else [None] * len(known)
-    by_position = {}
-    for (index, attention, belief), probability, key in zip(known, smoothed(beliefs), path, strict=True):
-        revised = _with_probabilities(attention, belief.keys, answered(belief, probability, settings, later_known=True))
-        by_position[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
-    return by_position
+    return {
+        index: _with_probabilities(attention, belief.keys, answered(belief, probability, settings, later_known=True))
+        for (index, attention, belief), probability in zip(known, smoothed(beliefs), strict=True)
+    }
 
 
 def _infer(

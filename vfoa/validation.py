@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.removed import removed
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -45,8 +46,11 @@ def parse(model: type[Model], data: Any, where: str, table: str = "", beside: It
 def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str]) -> str:
     """One pydantic error as ``key: expected and found``."""
     location, kind = mistake["loc"], mistake["type"]
-    key = ".".join(map(str, (*([table] if table else []), *location)))
+    path = (*([table] if table else []), *location)
+    key = ".".join(map(str, path))
     prefix = f"{key}: " if key else ""
+    if kind in ("extra_forbidden", "literal_error") and (gone := removed(path, mistake["input"])):
+        return f"{prefix}found {_short(mistake['input'])}: {gone}"
     if kind == "extra_forbidden":
         keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"

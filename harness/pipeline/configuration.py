@@ -29,6 +29,7 @@ from vfoa.logit import LogitSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
+from vfoa.removed import removed
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -75,7 +76,7 @@ class StageKind:
             return None
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
-        checked = parse(self.stage_class(name).Settings, settings, f"{where}: {self.name}", beside=(self.key,))
+        checked = parse(self.stage_class(name).Settings, settings, where, self.name, beside=(self.key,))
         return StageChoice(slot=self.name, name=name, settings=checked)
 
     def takes(self, name: object, key: str) -> bool:
@@ -314,7 +315,9 @@ def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> 
             raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, TABLES)}")
         for key in settings:
             if (table, key) not in used:
-                raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
+                gone = removed((table, key), settings[key])
+                problem = gone or f"no configuration's {table} has such a setting"
+                raise VfoaError(f"{where}: defaults.{table}.{key}: {problem}")
 
 
 def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], where: str) -> Configuration:

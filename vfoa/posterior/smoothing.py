@@ -50,32 +50,6 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
     return answers[::-1]
 
 
-def likeliest_path(beliefs: Sequence[Belief]) -> list[int | None]:
-    """The key of every frame in the likeliest sequence under the likeliest hypothesis (Viterbi 1967)."""
-    steps, weights = _likeliest_hypotheses(beliefs)
-    row = int(weights.argmax())
-    before = steps[0]
-    with np.errstate(divide="ignore"):
-        score = np.log(before.looked[row])
-        origins: list[np.ndarray] = []
-        for step in steps[1:]:
-            columns, known = columns_of(before.keys, step.keys)
-            predicted, _ = predicted_looks(before.looked, columns, known, step.leave, step.new)
-            leave, new = step.leave[row], step.new[row]
-            # a look at a target that is gone has ended for certain
-            left = score + np.log([leave if key in step.keys else 1.0 for key in before.keys])
-            best = int(left.argmax())
-            jump = left[best] + np.log(new)
-            stay = np.where(known, score[columns] + np.log(1 - leave + leave * new), -np.inf)
-            origins.append(np.where(stay >= jump, columns, best))
-            score = np.maximum(stay, jump) + np.log(step.looked[row]) - np.log(predicted[row])
-            before = step
-    path = [int(score.argmax())]
-    for origin in reversed(origins):
-        path.append(int(origin[path[-1]]))
-    return [step.keys[column] for step, column in zip(steps, reversed(path), strict=True)]
-
-
 def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float]:
     """Return every frame under the hypotheses that are likeliest at the end, and their weights (H,)."""
     last = beliefs[-1]

@@ -53,7 +53,7 @@ def test_the_packages_run_as_modules(module: str) -> None:
         (("run", "demo", "--clip", "studio_tabel"), "no clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
         (("run", "demo", "--set", "stereo.machter=bm"), "demo.toml --set stereo.machter=bm: "),
-        (("run", "demo", "--set", "stereo.machter=bm"), "unknown key 'machter'; did you mean 'matcher'?"),
+        (("run", "demo", "--set", "stereo.machter=bm"), "unknown key 'stereo.machter'; did you mean 'matcher'?"),
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
         (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
         (("score", "nowhere"), "nowhere: expected a run's directory, found nothing there"),

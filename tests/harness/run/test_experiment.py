@@ -146,6 +146,20 @@ def test_the_method_of_attention_decides_which_settings_are_known():
         load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            '[[configuration]]\nname = "one"\nattention = { method = "bayes", smoothing = "viterbi" }\n',
+            r"mine\.toml: .*attention\.smoothing: found 'viterbi': .*gone since 0\.1\.0; use 'both'",
+        ),
+    ],
+)
+def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        load_experiment(_write(tmp_path, HEAD + text))
+
+
 def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
     text = (
         'preset = "realtime"\n' + HEAD + '[[configuration]]\nname = "quick"\n'
@@ -193,7 +207,7 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
     found = _by_name(experiment.configurations)
     assert [found[name]["stereo"].get("search") for name in ("bm-one", "sgbm-one")] == [None, "guided"]  # type: ignore[attr-defined]
     assert "stereo.search is not set in bm-one, bm-two: no such setting there." in experiment.notes
-    with pytest.raises(VfoaError, match="unknown key 'serach'"):
+    with pytest.raises(VfoaError, match=r"unknown key 'stereo\.serach'"):
         load_experiment("demo", overrides=("stereo.serach=guided",))
 
 

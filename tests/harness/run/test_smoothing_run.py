@@ -44,21 +44,19 @@ def test_nothing_waits_that_does_not_look_ahead(settings):
     assert through(settings, [0.15] * 5) == ([2] * 5, 5)
 
 
-@pytest.mark.parametrize("smoothing", ["both", "viterbi"])
-def test_a_first_frame_is_corrected_by_those_after_it(smoothing):
+def test_a_first_frame_is_corrected_by_those_after_it():
     gazes = [-0.1, *[0.15] * 7]
     forward, _ = through(bayes("forward"), gazes)
-    revised, before_the_end = through(bayes(smoothing), gazes)
+    revised, before_the_end = through(bayes("both"), gazes)
     assert forward[0] == 1
     assert revised == [2] * 8
     assert before_the_end == 4  # the first block: seven have come, and three must be ahead of each
 
 
-@pytest.mark.parametrize("smoothing", ["both", "viterbi"])
 @pytest.mark.parametrize("rate_hz", [25, 50])
-def test_every_frame_is_revised_by_all_that_waits_at_least_the_time_ahead(smoothing, rate_hz):
+def test_every_frame_is_revised_by_all_that_waits_at_least_the_time_ahead(rate_hz):
     """0.12 s are 3 frames at 25 Hz and 6 at 50 Hz; blocks as long come back, and the rest at the end."""
-    settings = bayes(smoothing, gaze_error_deg=25, evidence=1)
+    settings = bayes("both", gaze_error_deg=25, evidence=1)
     buffer, memory, found, results = SmoothingBuffer(settings), Memory(), [], []
     for index, x in enumerate(np.random.default_rng(3).uniform(-0.5, 0.5, 20)):
         subject = make_subject(gaze=(x, 0, 1))

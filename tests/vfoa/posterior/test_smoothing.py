@@ -1,4 +1,4 @@
-"""The backward pass and the likeliest path against every sequence, counted out."""
+"""The backward pass against the sum over every sequence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vfoa.posterior.belief import Belief
 from vfoa.posterior.grid import gaze_hypotheses, head_hypotheses
 from vfoa.posterior.looks import Keys, columns_of, no_looks, predicted_looks
 from vfoa.posterior.settings import PosteriorSettings
-from vfoa.posterior.smoothing import likeliest_path, smoothed
+from vfoa.posterior.smoothing import smoothed
 
 TOLD = PosteriorSettings(error="told")
 LEAVE = np.full((1, 1), 0.25)
@@ -85,10 +85,3 @@ def test_both_passes_are_the_sum_over_every_sequence(clip) -> None:
         for sequence, weight in sequences_of(keys, likelihoods):
             exact[sequence[at]] += weight
         assert probabilities == pytest.approx(np.array(list(exact.values())) / sum(exact.values()))
-
-
-@given(comings_and_goings())
-def test_the_path_is_the_likeliest_of_every_sequence(clip) -> None:
-    keys, likelihoods = clip
-    best, _ = max(sequences_of(keys, likelihoods), key=lambda one: one[1])
-    assert tuple(likeliest_path(beliefs_of(keys, likelihoods))) == best

@@ -1,0 +1,21 @@
+"""Settings that are gone: what each was, the version that removed it, and what to use instead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+REMOVED: Mapping[str, str] = {
+    "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
+    "later frames",
+}
+"""A sentence by ``table.key``, or by ``table.key=value`` where only that value is gone."""
+
+
+def removed(keys: Iterable[object], value: object) -> str | None:
+    """What a setting was and what to use instead; None for a setting that never existed.
+
+    ``keys`` are the table, any tables inside it, and the key.
+    """
+    path = [str(key) for key in keys]
+    setting = ".".join(dict.fromkeys((path[0], path[-1])))
+    return REMOVED.get(setting) or REMOVED.get(f"{setting}={value}")
