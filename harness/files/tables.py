@@ -1,4 +1,8 @@
-"""CSV tables with a header, read strictly. A blank cell is an unknown value."""
+"""CSV tables with a header. A blank cell is an unknown value.
+
+Tables with a version are read strictly; others in any dialect of :mod:`harness.files.dialects`, their columns in
+capitals or not.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +12,23 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.files.dialects import Row, are_booleans, is_missing, number_hint, table_rows
 from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
 Number = TypeVar("Number", int, float)
 _INTEGER = re.compile(r"-?[0-9]{1,19}")
+_DIGITS = 19
+"""Most digits of a whole number of 64 bits."""
+
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -42,7 +51,7 @@ class TableRow:
         VfoaError
             If it is not a whole number of 64 bits.
         """
-        return self._value(column, whole_number, "a whole number of 64 bits")
+        return self._value(column, _whole_number_or_float, "a whole number of 64 bits")
 
     def number(self, column: str) -> float | None:
         """The number in a column; None if it is blank.
@@ -55,10 +64,10 @@ class TableRow:
         return self._value(column, _finite_number, "a finite number")
 
     def _value(self, column: str, parse: Callable[[str], Number | None], expected: str) -> Number | None:
-        if (cell := self.cells.get(column)) is None:
+        if is_missing(cell := self.cells.get(column, "")):
             return None
         if (value := parse(cell)) is None:
-            raise VfoaError(f"{self.where}: {column}: expected {expected}, found {cell!r}")
+            raise VfoaError(f"{self.where}: {column}: expected {expected}, found {cell!r}{number_hint(cell)}")
         return value
 
     def numbers(self, columns: Sequence[str]) -> Float | None:
@@ -74,7 +83,8 @@ class TableRow:
             return None
         if None in values:
             blank = columns[values.index(None)]
-            raise VfoaError(f"{self.where}: {blank}: found nothing; expected all of {', '.join(columns)}, or none")
+            found = _found(self.cells.get(blank, ""))
+            raise VfoaError(f"{self.where}: {blank}: {found}; expected all of {', '.join(columns)}, or none")
         vector = np.array(values, dtype=np.float64)
         if not (np.abs(vector) <= LARGEST).all():
             raise VfoaError(f"{self.where}: {', '.join(columns)}: found {vector}; expected at most {LARGEST:g}")
@@ -101,7 +111,7 @@ class TableColumns:
         VfoaError
             For the first cell that is blank, or no whole number of 64 bits.
         """
-        values = [whole_number(cell) for cell in self.cells[column]]
+        values = [_whole_number_or_float(cell) for cell in self.cells[column]]
         self._refuse_none(column, values, "a whole number of 64 bits")
         return np.array(values, dtype=np.int64)
 
@@ -116,7 +126,7 @@ class TableColumns:
         cells = self.cells.get(column, ())
         if not any(cells):
             return np.broadcast_to(np.float64(np.nan), len(self.lines))
-        values = [_finite_number(cell) if cell else math.nan for cell in cells]
+        values = [math.nan if is_missing(cell) else _finite_number(cell) for cell in cells]
         self._refuse_none(column, values, "a finite number")
         return np.array(values, dtype=np.float64)
 
@@ -124,8 +134,8 @@ class TableColumns:
         """Reject the first cell without a value."""
         if None in values:
             row = values.index(None)
-            found = repr(self.cells[column][row]) if self.cells[column][row] else "nothing"
-            raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, found {found}")
+            cell = self.cells[column][row]
+            raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, {_found(cell)}{number_hint(cell)}")
 
     def group(self, columns: Sequence[str]) -> Float:
         """The numbers (n, columns) of columns that belong together, NaN in rows where all of them are blank.
@@ -140,8 +150,13 @@ class TableColumns:
         for row in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1))[:1]:
             missing = columns[int(blank[row].argmax())]
             expected = f"expected all of {', '.join(columns)}, or none"
-            raise VfoaError(f"{self.where(int(row))}: {missing}: found nothing; {expected}")
+            found = _found(self.cells[missing][row]) if missing in self.cells else _found("")
+            raise VfoaError(f"{self.where(int(row))}: {missing}: {found}; {expected}")
         return values
+
+
+def _found(cell: str) -> str:
+    return f"found {cell!r}" if cell else "found nothing"
 
 
 def read_rows(
@@ -185,10 +200,10 @@ def read_columns(path: Path, columns: Sequence[str], required: Sequence[str]) ->
 
 
 def read_header(path: Path) -> tuple[str, ...]:
-    """The first row of a table; empty if the file cannot be read as one."""
+    """The names in the header of a table; empty if the file cannot be read as one."""
     try:
-        return tuple(cell.strip() for cell in next(csv_rows(path))[1])
-    except (VfoaError, StopIteration):
+        return tuple(next((header for _, header in table_rows(path)), ()))
+    except VfoaError:
         return ()
 
 
@@ -210,20 +225,62 @@ def _checked_rows(
     path: Path, columns: Sequence[str], required: Sequence[str], version: str | None = None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
-    rows = ((line, [cell.strip() for cell in cells]) for line, cells in csv_rows(path, version))
-    line, header = next(rows, (1, None))
-    if header is None:
+    rows = table_rows(path) if version is None else _strict_rows(path, version)
+    if not rows:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
+    (line, header), *rows = rows
+    header = _known_names(header, columns)
+    _check_flags(header, columns, rows, f"{path}:{line}")
     yield line, _checked_header(header, columns, required, f"{path}:{line}")
     for line, cells in rows:
         if len(cells) != len(header):
-            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
+            commas = (
+                "; decimal commas need semicolons between cells, and row names (of R) a name in the header"
+                if len(cells) > len(header)
+                else ""
+            )
+            raise VfoaError(
+                f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header{commas}"
+            )
         yield line, cells
+
+
+def _strict_rows(path: Path, version: str) -> list[Row]:
+    return [(line, [cell.strip() for cell in cells]) for line, cells in csv_rows(path, version)]
+
+
+def _known_names(header: Sequence[str], columns: Sequence[str]) -> list[str]:
+    """The names of a header as ``columns`` have them: in capitals they are the same columns."""
+    lower = {column.lower(): column for column in columns}
+    return [name if name in columns else lower.get(name.lower(), name) for name in header]
+
+
+def _check_flags(header: Sequence[str], columns: Sequence[str], rows: Sequence[Row], where: str) -> None:
+    """Reject a column of True and False, which may say that a row is not to be used."""
+    for place, name in enumerate(header):
+        if name not in columns and are_booleans(cells[place] for _, cells in rows if place < len(cells)):
+            raise VfoaError(
+                f"{where}: the column {name!r} holds True and False, which is not read; expected blank cells in place "
+                "of values that are not valid, and no such column"
+            )
 
 
 def whole_number(cell: str) -> int | None:
     """The whole number in a cell, as a frame number is; None if the cell is not one of 64 bits."""
     return int(cell) if _INTEGER.fullmatch(cell) and abs(int(cell)) < 2**63 else None
+
+
+def _whole_number_or_float(cell: str) -> int | None:
+    """As :func:`whole_number`, also of ``12.0`` or ``1.2e+01``, if all digits before the point are written."""
+    if (value := whole_number(cell)) is not None or not _NUMBER.fullmatch(cell):
+        return value
+    exact = Decimal(cell)
+    if exact.is_zero():
+        return 0
+    _, _, exponent = exact.as_tuple()
+    if not isinstance(exponent, int) or exponent > 0 or not 0 <= exact.adjusted() < _DIGITS:
+        return None
+    return int(exact) if exact == exact.to_integral_value() and abs(exact) < 2**63 else None
 
 
 def _finite_number(cell: str) -> float | None:

@@ -151,8 +151,20 @@ PARSERS: Sequence[Parser] = (
     Parser("signal table", "gaze.csv", whole.SIGNALS, _signals),
     Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),
     Parser("COCO panoptic", "panoptic.json", states.write_coco, states.read_coco),
-    Parser("measured people", "people.csv", whole.measured, states.open_tables, names_file=False),
-    Parser("measured objects", "objects.csv", whole.measured, states.open_tables, names_file=False),
+    Parser(
+        "measured people",
+        "people.csv",
+        (whole.measured, whole.measured_by_a_spreadsheet),
+        states.open_tables,
+        names_file=False,
+    ),
+    Parser(
+        "measured objects",
+        "objects.csv",
+        (whole.measured, whole.measured_by_a_spreadsheet),
+        states.open_tables,
+        names_file=False,
+    ),
     Parser("Idiap tracker", "tracker.csv", lambda path: idiap_file(path.parent, 4), states.open_idiap),
     Parser("list of stamps", "rgb.txt", whole.STAMPS, read_stamped_list),
     # Calibrations

@@ -104,6 +104,13 @@ def measured(path: Path) -> None:
     measured_tables(path.parent, range(1, 5))
 
 
+def measured_by_a_spreadsheet(path: Path) -> None:
+    """The same in UTF-16, with semicolons and decimal commas."""
+    measured(path)
+    text = path.read_text().replace(",", ";").replace(".", ",")
+    path.write_text(f"sep=;\n{text}", encoding="utf-16")
+
+
 # Calibrations
 
 _NODES = calibrations.opencv_nodes(RIG)

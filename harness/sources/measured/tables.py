@@ -15,7 +15,7 @@ point between the eyes, of an object its middle. ``size_*_m`` is the whole exten
 unit quaternion rotates into the camera's; without a size the object is a point. An object with a person's name is the
 box of that person; a person without one gets a box around the head, and none if the object's place is blank. ``sigma``
 is the claimed error per tangent direction (``*_sigma_rad`` keeps the exact value). ``time_s`` may replace ``time_ns``.
-A blank cell is an unknown value.
+A blank cell is an unknown value. The dialects of other programs are read (:mod:`harness.files.dialects`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from harness.files.dialects import is_missing
 from harness.files.digests import digest_files
 from harness.files.tables import TableRow, read_header, read_rows, write_rows
 from harness.sources import Recognised
@@ -52,6 +53,9 @@ PEOPLE_COLUMNS = (
     *(f"{cue}_{column}" for cue in CUES for column in ("x", "y", "z", "sigma_deg", "sigma_rad")),
 )
 OBJECT_COLUMNS = ("frame", "object", *POSITION, "category", *SIZE, *QUATERNION)
+_PEOPLE_REQUIRED = ("frame", "person", *POSITION)
+_SUFFIXES = (".csv", ".tsv", ".txt")
+_WORKBOOKS = (".xlsx", ".xls", ".ods")
 _UNIT_TOLERANCE = 0.01
 
 
@@ -94,16 +98,31 @@ class MeasuredTables(FramesOfMeasurements):
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
-        """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
+        """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself.
+
+        Raises
+        ------
+        VfoaError
+            If a table that is named ``people`` cannot be read, or lacks the columns of one.
+        """
         folder = path if path.is_dir() else path.parent
-        people = path if path.is_file() else folder / "people.csv"
-        # reading names the other columns that are missing
-        if people.suffix != ".csv" or not people.is_file() or not {"frame", "person"} <= {*read_header(people)}:
+        people = path if path.is_file() else _table_in(folder, "people")
+        if people is None or (people.suffix.lower() not in _SUFFIXES and people.stem != "people"):
+            return ()
+        if not {"frame", "person"} <= {name.lower() for name in read_header(people)}:
+            if people.stem == "people":  # reading names what is wrong with it
+                read_rows(people, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
             return ()
         source, layout = {"people_file": people.name}, f"measurements of people in {people.name}"
-        if (folder / "objects.csv").is_file():
-            source, layout = source | {"objects_file": "objects.csv"}, f"{layout}, objects in objects.csv"
+        if objects := _table_in(folder, "objects"):
+            source, layout = source | {"objects_file": objects.name}, f"{layout}, objects in {objects.name}"
         return (Recognised(root=folder, source=source, layout=layout, name=folder.name, calibration="not needed"),)
+
+
+def _table_in(folder: Path, name: str) -> Path | None:
+    """The table of that name in a folder, whatever program wrote it; CSV before others."""
+    paths = (folder / f"{name}{suffix}" for suffix in (*_SUFFIXES, *_WORKBOOKS))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _times_and_people(
@@ -112,8 +131,8 @@ def _times_and_people(
     """The time of each frame, ns, and its people by name, both by frame number."""
     times: dict[int, int] = {}
     people: dict[int, dict[str, MeasuredPerson]] = {}
-    for row in read_rows(path, PEOPLE_COLUMNS, ("frame", "person", *POSITION)):
-        frame, time_ns, name = row.integer("frame"), _time_ns(row), row.cells.get("person")
+    for row in read_rows(path, PEOPLE_COLUMNS, _PEOPLE_REQUIRED):
+        frame, time_ns, name = row.integer("frame"), _time_ns(row), _name(row, "person")
         if frame is None:
             raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
         if times.setdefault(frame, time_ns) != time_ns:
@@ -131,6 +150,23 @@ def _time_ns(row: TableRow) -> int:
     if (stamp is None) == (seconds is None):
         raise VfoaError(f"{row.where}: found {'both' if stamp is not None else 'no time'}; expected time_ns or time_s")
     return round(1e9 * seconds) if seconds is not None else stamp or 0
+
+
+def _name(row: TableRow, column: str) -> str | None:
+    """The name in a row; None in a row that measures nothing.
+
+    Raises
+    ------
+    VfoaError
+        For a word such as ``nan`` beside measurements: it may be a name, or a name that is missing.
+    """
+    name = row.cells.get(column)
+    if name is None or not is_missing(name):
+        return name
+    others = (cell for key, cell in row.cells.items() if key not in {column, "frame", *TIMES})
+    if all(map(is_missing, others)):
+        return None
+    raise VfoaError(f"{row.where}: {column}: found {name!r}, a missing value of other programs; expected a name")
 
 
 def _person(row: TableRow, name: str, settings: MeasuredTablesSettings) -> MeasuredPerson:
@@ -184,7 +220,7 @@ def _objects(
 
 
 def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[str]) -> MeasuredObject:
-    name, center = row.cells.get("object"), row.numbers(POSITION)
+    name, center = _name(row, "object"), row.numbers(POSITION)
     if name and center is None and name in people:
         return MeasuredObject(name=name, category=PERSON, box=None)
     if not name or center is None:
@@ -199,7 +235,8 @@ def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[
         rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
     with located(row.where):
         box = settings.box(center, size, rotation)
-    return MeasuredObject(name=name, category=row.cells.get("category", name), box=box)
+    category = row.cells.get("category", "")
+    return MeasuredObject(name=name, category=name if is_missing(category) else category, box=box)
 
 
 _CUE = ("head_x", "head_y", "head_z", "head_sigma_rad", "gaze_x", "gaze_y", "gaze_z", "gaze_sigma_rad")

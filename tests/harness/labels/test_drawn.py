@@ -96,7 +96,7 @@ def test_a_frame_has_all_that_is_there(tmp_path: Path) -> None:
         (HEAD + "1,bird,box,0,0,1,,\n", ":3: v1_px: found nothing; expected all of"),
         (HEAD + "1,bird,point,0,0,1,1,\n", ":3: u1_px: found '1'; expected nothing for a point"),
         (HEAD + "1,bird,box,0,0,1,1,yes\n", ":3: outside: found 'yes'; expected 1, or nothing"),
-        (HEAD + "1,bird,box,0,0,1,nan,\n", ":3: v1_px: expected a finite number, found 'nan'"),
+        (HEAD + "1,bird,box,0,0,1,nan,\n", ":3: v1_px: found 'nan'; expected all of"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, text: str, message: str) -> None:

@@ -117,7 +117,7 @@ def test_what_is_written_as_tables_reads_the_same(tmp_path: Path) -> None:
             "trackers/VR_move_T001.csv",
             ",1.5,",
             ",nan,",
-            r"VR_move_T001.csv:2: head_\w+: expected a finite number, found 'nan'",
+            r"VR_move_T001.csv:2: head_\w+: found 'nan'; expected all of",
         ),
         ("trial_results.csv", ",cup,", ",cup,,", r"trial_results.csv:2: found \d+ cells"),
         ("trial_results.csv", "0.2,0.3,0.2", "0.2,0,0.2", r"trial_results.csv: .*positive half sizes"),
