@@ -7,6 +7,11 @@ from collections.abc import Iterable, Mapping
 REMOVED: Mapping[str, str] = {
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
+    "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
+    "stereo.region=needed",
+    "stereo.guided_uniqueness_percent": "a limit of the guided search, gone since 0.1.0; use stereo.uniqueness_percent",
+    "stereo.search": "every search is full, 'guided' is gone since 0.1.0; use stereo.resolution = 'half' or "
+    "stereo.region = 'needed' to save time",
 }
 """A sentence by ``table.key``, or by ``table.key=value`` where only that value is gone."""
 

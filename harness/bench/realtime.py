@@ -43,13 +43,9 @@ class Row:
 BASELINE = "SGBM"
 """The row whose frames per second divide those of the others."""
 
-_GUIDED = ("stereo.search=guided",)
 ROWS = (
     Row(what="BM", matcher="bm", preset="none"),
     Row(what=BASELINE, matcher="sgbm", preset="none"),
-    Row(what="SGBM, guided", matcher="sgbm", preset="none", changes=_GUIDED),
-    Row(what="SGBM, guided, needed region", matcher="sgbm", preset="guided"),
-    Row(what="SGBM, guided, needed region, with models", matcher="sgbm", preset="guided", has_models=True),
     Row(what="BM, realtime", matcher="bm", preset="realtime"),
     Row(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
     Row(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),

@@ -52,6 +52,7 @@ from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.logit import LogitSettings, shipped_fit, shipped_weights
+from vfoa.removed import removed
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -141,8 +142,6 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
         "heads": {"max_size_px": 416},
         "reconstruction": {"max_points": 400, "max_eye_points": 1000},
     },
-    # all pixels where objects and heads are, each in a bounded range of disparities
-    "guided": {"stereo": {"search": "guided", "region": "needed"}},
 }
 
 
@@ -159,7 +158,8 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     if isinstance(name, str) and name.endswith(".toml"):
         return {"attention": {"method": "logit", "weights": read_fitted(Path(name)).attention.model_dump()["weights"]}}
     if not isinstance(name, str) or name not in PRESETS:
-        raise VfoaError(f"{where}: preset: no {name!r}; {did_you_mean(str(name), PRESETS)}")
+        problem = removed(("preset",), name) or did_you_mean(str(name), PRESETS)
+        raise VfoaError(f"{where}: preset: no {name!r}; {problem}")
     return PRESETS[name]
 
 

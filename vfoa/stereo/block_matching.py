@@ -23,8 +23,7 @@ import numpy as np
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
-from vfoa.stereo.guided import COARSE_UNIQUENESS_PERCENT, FACTOR, REMAINDER, GuidedSearch, pays
-from vfoa.stereo.opencv_pair import SIXTEENTHS, Gray, PairMatcher, Sixteenths
+from vfoa.stereo.opencv_pair import SIXTEENTHS, PairMatcher
 from vfoa.stereo.region import Region, whole
 from vfoa.stereo.search import DisparityRange, disparity_range
 from vfoa.stereo.views import both_views
@@ -91,9 +90,9 @@ class _Matcher(ABC):
         reached = self._pair.reached(matched)  # the WLS filter compares both views in this region
         if self._common.wls:
             guide = cut(frame.left, reached.times(self._factor))
-            sixteenths, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)
+            sixteenths, confidence = self._wls.filter(*self._pair.both(left, right, matched, reached), guide)
         else:
-            sixteenths, confidence = enlarged(self._match_left(left, right, matched, reached), self._factor), None
+            sixteenths, confidence = enlarged(self._pair.left(left, right, matched, reached), self._factor), None
         origin = reached.times(self._factor)
         disparity: Map = np.divide(cropped(sixteenths, origin, region), SIXTEENTHS, dtype=np.float32)
         known = disparity > self._range.first_px
@@ -107,7 +106,14 @@ class _Matcher(ABC):
     def _prepare(self, rig: StereoRig) -> None:
         settings = self._common
         self._range = disparity_range(rig, settings.min_depth_m)
-        self._pair = self._pair_matcher(self._range.shrunk(self._factor))
+        searched = self._range.shrunk(self._factor)
+        left = self._create(searched)
+        self._pair = PairMatcher(
+            left_matcher=left,
+            right_matcher=cv2.ximgproc.createRightMatcher(left),
+            searched=searched,
+            block_size_px=settings.block_size_px,
+        )
         if settings.wls:
             self._wls = WlsFilter(
                 smoothness=settings.wls_lambda,
@@ -115,23 +121,6 @@ class _Matcher(ABC):
                 discontinuity_radius_px=math.ceil(self.discontinuity_blocks * settings.block_size_px),
             )
         self._rig = rig
-
-    def _pair_matcher(self, searched: DisparityRange) -> PairMatcher:
-        left = self._create(searched)
-        return PairMatcher(
-            left_matcher=left,
-            right_matcher=cv2.ximgproc.createRightMatcher(left),
-            searched=searched,
-            block_size_px=self._common.block_size_px,
-        )
-
-    def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
-        """The left view's disparities."""
-        return self._pair.left(left, right, matched, reached)
-
-    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
-        """Both views' disparities, for the filter."""
-        return self._pair.both(left, right, matched, reached)
 
 
 class BlockMatcher(_Matcher):
@@ -170,36 +159,6 @@ class SemiGlobalMatcher(_Matcher):
     def __init__(self, settings: SemiGlobalMatcherSettings) -> None:
         super().__init__(settings)
         self._settings = settings
-        self._guided: GuidedSearch | None = None
-
-    def _prepare(self, rig: StereoRig) -> None:
-        super()._prepare(rig)
-        settings = self._settings
-        self._guided = None
-        if settings.search == "full" or not pays(self._pair.searched, filtered=settings.wls):
-            return
-        remainder = SemiGlobalMatcher(settings.model_copy(update={"wls": True}))._create(REMAINDER)  # unchecked
-        remainder.setUniquenessRatio(_guided_uniqueness_percent(settings))
-        coarse = SemiGlobalMatcher(settings.model_copy(update={"speckle_size_px": 0}))
-        coarse_pair = coarse._pair_matcher(self._pair.searched.shrunk(FACTOR))
-        if settings.wls:
-            coarse_pair.left_matcher.setUniquenessRatio(COARSE_UNIQUENESS_PERCENT)
-        self._guided = GuidedSearch(
-            full=self._pair,
-            coarse=coarse_pair,
-            remainder=remainder,
-            left_right_px=settings.left_right_px,
-            speckle_size_px=settings.speckle_size_px,
-            speckle_range_px=settings.speckle_range_px,
-        )
-
-    def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
-        if self._guided is None:
-            return super()._match_left(left, right, matched, reached)
-        return self._guided.left(left, right, matched, reached)
-
-    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
-        return (self._guided or self._pair).both(left, right, matched, reached)
 
     def _create(self, disparities: DisparityRange) -> Any:
         settings = self._settings
@@ -221,9 +180,3 @@ class SemiGlobalMatcher(_Matcher):
             matcher.setSpeckleWindowSize(settings.speckle_size_px)
             matcher.setSpeckleRange(settings.speckle_range_px)
         return matcher
-
-
-def _guided_uniqueness_percent(settings: SemiGlobalMatcherSettings) -> int:
-    """Without the WLS filter's confidence, more must be asked of a match among few disparities."""
-    chosen = settings.guided_uniqueness_percent
-    return chosen if chosen is not None else (25 if settings.wls else 40)

@@ -27,7 +27,7 @@ class BlockMatchingSettings(Settings):
     uniqueness_percent: int = Field(default=10, ge=0, le=100)
     """Without ``wls``: how much more the next best match must cost for a pixel to be known."""
     left_right_px: int = Field(default=1, ge=0)
-    """Without ``wls`` and in a guided search: greatest difference of the two views' matches."""
+    """Without ``wls``: greatest difference of the two views' matches."""
     speckle_size_px: int = Field(default=100, ge=0)
     """Without ``wls``: regions of fewer pixels count as noise and are unknown."""
     speckle_range_px: int = Field(default=2, ge=1)
@@ -60,11 +60,7 @@ class BlockMatcherSettings(BlockMatchingSettings):
 
 
 class SemiGlobalMatcherSettings(BlockMatchingSettings):
-    """Settings of :class:`vfoa.stereo.block_matching.SemiGlobalMatcher`.
-
-    A guided search (:mod:`vfoa.stereo.guided`) needs ``resolution = "full"``: at half resolution, its coarse match
-    would use images of a quarter of the size, which show too little.
-    """
+    """Settings of :class:`vfoa.stereo.block_matching.SemiGlobalMatcher`."""
 
     mode: Literal["sgbm", "3way", "hh"] = "3way"
     """Number of image paths along which costs are summed: ``3way`` three, ``sgbm`` five, ``hh`` eight."""
@@ -76,20 +72,9 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     """Penalty of a disparity step of one between neighbours, per pixel of the block."""
     p2: int = Field(default=32, ge=1)
     """Penalty of a larger step, per pixel of the block; above ``p1``."""
-    search: Literal["full", "guided"] = "full"
-    """``guided``: bound each pixel's search by a match at half the resolution. A short range, in which this would take
-    longer (up to 64 disparities, 16 with ``wls``), is searched in full."""
-    guided_uniqueness_percent: int | None = Field(default=None, ge=0, le=100)
-    """With a guided search: how much more the next best match must cost. None is 25, and 40 without ``wls``."""
 
     @model_validator(mode="after")
     def _penalties(self) -> Self:
         if self.p2 <= self.p1:
             raise ValueError(f"p2: expected more than p1 = {self.p1}, found {self.p2}")
-        return self
-
-    @model_validator(mode="after")
-    def _guided_at_full_resolution(self) -> Self:
-        if self.search == "guided" and self.resolution != "full":
-            raise ValueError(f'search: "guided" needs resolution = "full", found {self.resolution!r}')
         return self

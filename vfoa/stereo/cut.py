@@ -13,19 +13,15 @@ from vfoa.types import Disparity, Image, Map, StereoRig
 
 
 def gray(image: Image, factor: int) -> NDArray[np.uint8]:
-    """Convert an image (H, W, 3) to gray; each pixel is the mean of ``factor`` x ``factor`` pixels."""
-    return averaged(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8), factor)
-
-
-def averaged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Reduce the rows and columns of an image (H, W) by ``factor``; each pixel is the mean of those that it covers.
+    """Convert an image (H, W, 3) to gray; each pixel is the mean of ``factor`` x ``factor`` pixels.
 
     If the size is no multiple of the factor, the last pixels are repeated.
     """
+    full = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     if factor == 1:
-        return image
-    height, width = image.shape
-    covered = cut(image, Region(u0=0, v0=0, u1=width, v1=height).shrunk(factor).times(factor))
+        return full
+    height, width = full.shape
+    covered = cut(full, Region(u0=0, v0=0, u1=width, v1=height).shrunk(factor).times(factor))
     size = (covered.shape[1] // factor, covered.shape[0] // factor)
     return np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 

@@ -150,14 +150,23 @@ def test_the_method_of_attention_decides_which_settings_are_known():
     ("text", "message"),
     [
         (
-            '[[configuration]]\nname = "one"\nattention = { method = "bayes", smoothing = "viterbi" }\n',
+            HEAD + '[[configuration]]\nname = "one"\nattention = { method = "bayes", smoothing = "viterbi" }\n',
             r"mine\.toml: .*attention\.smoothing: found 'viterbi': .*gone since 0\.1\.0; use 'both'",
         ),
+        (
+            HEAD.replace("min_depth_m = 0.8", 'search = "full"'),
+            r"mine\.toml: defaults\.stereo\.search: .*gone since 0\.1\.0; use stereo\.resolution = 'half'",
+        ),
+        (
+            HEAD + "[grid]\n'stereo.guided_uniqueness_percent' = [10]\n",
+            r"mine\.toml: .*stereo\.guided_uniqueness_percent: found 10: .*gone since 0\.1\.0; use stereo\.uniq",
+        ),
+        ('preset = "guided"\n' + HEAD, r"mine\.toml: preset: no 'guided'; .*gone since 0\.1\.0; use 'realtime'"),
     ],
 )
 def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(VfoaError, match=message):
-        load_experiment(_write(tmp_path, HEAD + text))
+        load_experiment(_write(tmp_path, text))
 
 
 def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
@@ -203,12 +212,12 @@ def test_a_preset_that_is_not_there_or_does_not_fit_is_refused(tmp_path: Path, t
 
 
 def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_others() -> None:
-    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.search=guided",))
+    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.mode=hh",))
     found = _by_name(experiment.configurations)
-    assert [found[name]["stereo"].get("search") for name in ("bm-one", "sgbm-one")] == [None, "guided"]  # type: ignore[attr-defined]
-    assert "stereo.search is not set in bm-one, bm-two: no such setting there." in experiment.notes
-    with pytest.raises(VfoaError, match=r"unknown key 'stereo\.serach'"):
-        load_experiment("demo", overrides=("stereo.serach=guided",))
+    assert [found[name]["stereo"].get("mode") for name in ("bm-one", "sgbm-one")] == [None, "hh"]  # type: ignore[attr-defined]
+    assert "stereo.mode is not set in bm-one, bm-two: no such setting there." in experiment.notes
+    with pytest.raises(VfoaError, match=r"unknown key 'stereo\.moed'"):
+        load_experiment("demo", overrides=("stereo.moed=hh",))
 
 
 def test_an_experiment_says_the_kind_of_its_recordings(tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ CONFIGURATIONS = [
     ("bm", {}),
     ("bm", {"wls": False}),
     *[("sgbm", {"mode": mode, "wls": wls}) for mode in SGBM_MODES for wls in (True, False)],
-    *[("sgbm", {"search": "guided", "wls": wls}) for wls in (True, False)],
 ]
 
 
