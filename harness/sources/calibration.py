@@ -39,6 +39,10 @@ def _listed(numbers: tuple[float, ...]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 
 
+class ProjectionError(VfoaError):
+    """Two projection matrices are not those of a rectified pair; a baseline from elsewhere can replace theirs."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
     """A rectified pair: intrinsics in pixels, baseline in metres.
@@ -90,21 +94,23 @@ def from_projections(
 
     Raises
     ------
-    VfoaError
+    ProjectionError
         If the two do not share focal lengths and rows, or the right camera is not to the right of the left one.
     """
     left, right = np.asarray(p_left, dtype=np.float64), np.asarray(p_right, dtype=np.float64)
     if not (np.isfinite(left).all() and np.isfinite(right).all() and left[0, 0] > 0 and left[1, 1] > 0):
-        raise VfoaError(f"{where}: expected finite matrices with positive focal lengths")
+        raise ProjectionError(f"{where}: expected finite matrices with positive focal lengths")
     for name, row, column in (("fx", 0, 0), ("fy", 1, 1), ("cy", 1, 2)):
         if not np.isclose(left[row, column], right[row, column], rtol=1e-6, atol=1e-3):
-            raise VfoaError(
+            raise ProjectionError(
                 f"{where}: {name} is {left[row, column]:g} left and {right[row, column]:g} right; "
                 "expected the same in a rectified pair"
             )
     baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
     if not baseline > 0:
-        raise VfoaError(f"{where}: the baseline is {baseline:g} m; expected a positive one (left and right swapped?)")
+        raise ProjectionError(
+            f"{where}: the baseline is {baseline:g} m; expected a positive one, (P_left[0, 3] - P_right[0, 3]) / fx"
+        )
     return Calibration(
         fx_px=float(left[0, 0]),
         fy_px=float(left[1, 1]),

@@ -54,8 +54,7 @@ def pinhole(k: Float, size_px: tuple[int, int]) -> RawCamera:
 
 def without_distortion(camera: RawCamera) -> RawCamera:
     """Return the camera of images that were rectified already: the left part of P, or K if P is empty."""
-    has_p = camera.p[0, 0] > 0 and camera.p[1, 1] > 0
-    return pinhole(camera.p[:, :3] if has_p else camera.k, camera.size_px)
+    return camera.of_rectified_images().unrotated()
 
 
 class DepthOptics(Undistorter):

@@ -61,6 +61,16 @@ class RawCamera:
         """Whether rectification would change no pixel."""
         return bool(not self.d.any() and np.array_equal(self.r, np.eye(3)) and np.array_equal(self.k, self.p[:, :3]))
 
+    @property
+    def has_p(self) -> bool:
+        """Whether P is set: drivers send zeros for a camera that belongs to no calibrated pair."""
+        return bool(self.p[0, 0] > 0 and self.p[1, 1] > 0)
+
+    def of_rectified_images(self) -> RawCamera:
+        """The camera of images that were rectified already: the left part of P, or K if P is not set; same P."""
+        k = self.p[:, :3] if self.has_p else self.k
+        return replace(self, k=k, d=np.zeros(0), r=np.eye(3))
+
     def unrotated(self) -> RawCamera:
         """The same camera, of which only the lens distortion is to be removed: without a rotation, z stays z."""
         return replace(self, r=np.eye(3), p=np.column_stack([self.k, np.zeros(3)]))
@@ -263,6 +273,34 @@ def _rectification(
     )
     r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in matrices)
     return r1, r2, p1, p2
+
+
+def with_baseline(left: RawCamera, right: RawCamera, baseline_m: float, where: str) -> RawCalibration:
+    """Return the pair with its own K, D and R, and projections of this baseline in metres.
+
+    Both projections get the focal lengths and the rows of the first camera that has a P, else those of the left K. An R
+    of zeros, which drivers send for one that is not set, becomes the identity: the cameras are taken as parallel.
+
+    Raises
+    ------
+    VfoaError
+        If only one of the two has an R, or a matrix is wrong.
+    """
+    unset = [side for side, camera in (("left", left), ("right", right)) if not camera.r.any()]
+    if len(unset) == 1:
+        raise VfoaError(f"{where}: {unset[0]}: R: found zeros; expected the rotation, as of the other camera")
+    shared = next((camera.p[:, :3] for camera in (left, right) if camera.has_p), left.k)
+    projections = [
+        camera.p.copy() if camera.has_p else np.column_stack([shared, np.zeros(3)]) for camera in (left, right)
+    ]
+    for projection, offset in zip(projections, (0.0, -shared[0, 0] * baseline_m), strict=True):
+        projection[0, 0], projection[1, 1], projection[1, 2] = shared[0, 0], shared[1, 1], shared[1, 2]
+        projection[:, 3] = offset, 0, 0
+    cameras = (
+        replace(camera, r=np.eye(3) if unset else camera.r, p=projection)
+        for camera, projection in zip((left, right), projections, strict=True)
+    )
+    return RawCalibration(left=next(cameras), right=next(cameras), where=where)
 
 
 def calibrated_size_px(cameras: Cameras) -> tuple[int, int] | None:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from harness.sources.calibrate.views import View
+from harness.sources.calibration import ProjectionError
 from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
@@ -54,7 +55,10 @@ class StereoCalibration:
         left, right = (
             RawCamera(size_px=self.size_px, k=k, d=d.ravel()) for k, d in ((self.K1, self.D1), (self.K2, self.D2))
         )
-        return rectify_pose(left, right, self.R, self.T.ravel(), "calibration")
+        try:
+            return rectify_pose(left, right, self.R, self.T.ravel(), "calibration")
+        except ProjectionError as error:  # the corners of the board say that the views are exchanged
+            raise VfoaError(f"{error} (left and right swapped?)") from None
 
     @property
     def epipolar_px(self) -> float:

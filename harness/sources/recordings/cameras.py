@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from harness.sources.calibration import ProjectionError
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.recordings.containers import Container
@@ -26,7 +27,7 @@ from harness.sources.recordings.topics import (
     has_no_frames,
     is_aligned,
 )
-from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, Rectifier
+from harness.sources.rectification import Cameras, ImageSize, RawCalibration, RawCamera, Rectifier, with_baseline
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map, StereoFrame, StereoRig
 
@@ -62,8 +63,6 @@ class PairCameras:
         If there is no calibration, or it cannot be read.
     """
 
-    notes: tuple[str, ...] = ()
-
     def __init__(self, topics: Collection[Topic], recording: Recording, folder: Path, size: ImageSize) -> None:
         streams, _, settings, where = self._recording = recording
         assert streams.right is not None
@@ -71,15 +70,19 @@ class PairCameras:
         # the names of ROS's image_proc
         are_rect = all("image_rect" in topic.name for topic in pair)
         self._rectified = are_rect if settings.rectified is None else settings.rectified
+        self.notes: tuple[str, ...] = ()
         self._for_all_times: Rectifier | None = None
         if settings.camera is not None:
             self._for_all_times = Rectifier(settings.camera.pair(where))
         elif settings.calibration is not None:
             path = folder / settings.calibration
-            self._for_all_times = Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
+            self._for_all_times = Rectifier(
+                read_cameras([path], size, Options(rectified=self._rectified, baseline_m=settings.baseline_m))
+            )
         else:
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
+            self.notes = self._notes()
 
     def frame(
         self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
@@ -116,8 +119,43 @@ class PairCameras:
             for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
         )
         where = f"{self._recording.where}: {' and '.join(topic.name for topic in self._topics)}"
-        raw = RawCalibration(left=left, right=right, where=where)
-        return _rectifier(raw.rectified() if self._rectified else raw)
+        return _rectifier(self._pair(left, right, where))
+
+    def _pair(self, left: RawCamera, right: RawCamera, where: str) -> Cameras:
+        """The pair of two recorded cameras, with the settings' baseline if they have one."""
+        baseline_m = self._recording.settings.baseline_m
+        if self._rectified:
+            left, right = left.of_rectified_images(), right.of_rectified_images()
+        if baseline_m is not None:
+            return with_baseline(left, right, baseline_m, where)
+        try:
+            if unset := _unset(left, right):
+                raise ProjectionError(f"{where}: {unset}: found zeros (not set); expected the pair's")
+            raw = RawCalibration(left=left, right=right, where=where)
+        except ProjectionError as error:
+            raise VfoaError(
+                f"{error}, or --baseline METRES (baseline_m of [source]), which keeps the recording's K, D and R, or "
+                "--calibration FILE"
+            ) from None
+        return raw.rectified() if self._rectified else raw
+
+    def _notes(self) -> tuple[str, ...]:
+        """What the settings' baseline replaces in the first calibrations."""
+        settings = self._recording.settings
+        if settings.baseline_m is None or not all(topic.places for topic in self._topics):
+            return ()
+        cameras = [camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics]
+        if not (unset := _unset(*cameras)):
+            return ()
+        names = " and ".join(topic.name for topic in self._topics)
+        parallel = "; the cameras are taken as parallel" if "R" in unset else ""
+        return (f"{names}: {unset}: zeros (not set), baseline_m = {settings.baseline_m:g} replaces them{parallel}",)
+
+
+def _unset(left: RawCamera, right: RawCamera) -> str:
+    """The matrices of zeros, which drivers send for those that are not set: "P", "R", "P and R" or ""."""
+    matrices = {"P": (left.p, right.p), "R": (left.r, right.r)}
+    return " and ".join(name for name, both in matrices.items() if not all(matrix.any() for matrix in both))
 
 
 # the maps are computed again only if a calibration has changed
@@ -210,6 +248,10 @@ class DepthCamera:
         streams, _, settings, where = self._recording = recording
         assert streams.depth is not None
         self._settings, self._where = settings, where
+        if settings.baseline_m is not None:
+            raise VfoaError(
+                f"{where}: source.baseline_m: found {settings.baseline_m:g}; expected none without a right image"
+            )
         self._colour, self._depth = streams.left, streams.depth
         if settings.calibration is not None:
             raise VfoaError(

@@ -155,12 +155,13 @@ class RecordingSettings(Settings):
     ``left`` and ``right`` are image topics, ``depth`` is a topic of measured depth, ``left_info``, ``right_info`` and
     ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera. Instead
     of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a camera
-    without distortion, with a baseline for a pair. ``depth_scale`` is the number of the sensor's counts per metre (if
-    not given, integers are millimetres). Stamps of a frame are at most ``tolerance_ms`` apart (2 for a pair, 20 for
-    depth). ``rectified`` says whether the images are rectified already; if not given, those whose topics are called
-    ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds after the recording's first message.
-    ``stamps`` are those of the headers (when an image was taken), or of the log (when it was recorded), for headers
-    that were not set.
+    without distortion, with a baseline for a pair. ``baseline_m`` is the distance of a pair's cameras, which replaces
+    that of the recording's calibrations or of the file, and keeps their K, D and R. ``depth_scale`` is the number of
+    the sensor's counts per metre (if not given, integers are millimetres). Stamps of a frame are at most
+    ``tolerance_ms`` apart (2 for a pair, 20 for depth). ``rectified`` says whether the images are rectified already; if
+    not given, those whose topics are called ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds
+    after the recording's first message. ``stamps`` are those of the headers (when an image was taken), or of the log
+    (when it was recorded), for headers that were not set.
     """
 
     recording: str = "."
@@ -172,6 +173,7 @@ class RecordingSettings(Settings):
     depth_info: str | None = None
     calibration: str | None = None
     camera: Intrinsics | None = None
+    baseline_m: float | None = Field(default=None, gt=0)
     depth_scale: float | None = Field(default=None, gt=0)
     rectified: bool | None = None
     tolerance_ms: float | None = Field(default=None, ge=0)
@@ -185,6 +187,8 @@ class RecordingSettings(Settings):
             raise ValueError(f"found end_s {self.end_s:g}; expected more than start_s, {self.start_s or 0:g}")
         if self.calibration is not None and self.camera is not None:
             raise ValueError("found calibration and camera; expected one of them")
+        if self.baseline_m is not None and self.camera is not None:
+            raise ValueError("baseline_m: found beside camera; expected camera.baseline_m alone")
         return self
 
     def tolerance_ns(self, *, of_depth: bool) -> int:

@@ -172,7 +172,7 @@ def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
         ({"translation": np.array([-0.1, 0])}, "rig: T: found .* expected three finite numbers"),
         ({"translation": np.array([0.01, -0.1, 0])}, "rig: T: .* above each other"),
         ({"translation": np.array([0.01, 0.1, 0])}, "rig: T: .* above each other"),
-        ({"translation": np.array([0.1, 0.01, 0])}, "left and right swapped"),
+        ({"translation": np.array([0.1, 0.01, 0])}, "expected a positive one"),
     ],
 )
 def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, Any], message: str) -> None:
@@ -282,7 +282,7 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
     assert _raw([path], Options(calibration_cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
     assert _raw([path], Options(calibration_cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
-    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; .*left and right swapped"):
+    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; expected a positive one"):
         read_cameras([path], _size)
     with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
         read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
