@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, Self
 
@@ -60,7 +59,7 @@ class Estimator:
     reconstruction, attend
         Settings of the two steps after perception.
     key_frames
-        Which frames of a sequence are segmented, and from when on their masks are used. None: every frame.
+        Which frames of a sequence are segmented. None: every frame.
 
     Examples
     --------
@@ -139,48 +138,25 @@ class Estimator:
         VfoaError
             If an image does not match the rig, or a model fails.
         """
-        with self.follow(rig) as follower:
-            return follower.step(left, right)
+        return self.follow(rig).step(left, right)
 
     def follow(self, rig: StereoRig) -> Follower:
-        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze.
-
-        With ``segmentation.delay``, key frames are segmented in a thread: close the follower, or use it in a ``with``
-        block, to end it.
-        """
+        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze."""
         return Follower(self, rig)
 
 
 class Follower:
-    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`.
-
-    It is a context manager; after :meth:`close`, no frame can follow.
-    """
+    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`."""
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._memory, self._frames = Memory(), 0
-        self._stages, settings = estimator.stages, estimator.key_frames
-        self._thread = ThreadPoolExecutor(1) if settings.delay else None
-        if not settings.on_every_frame:
+        self._stages, every = estimator.stages, estimator.key_frames.every
+        if every > 1:
             on_key_frames = KeyFrameSegmenter(
-                self._stages.segmenter,
-                settings,
-                lambda number: path_to(number, range(number + 1), settings),
-                beside=self._thread,
+                self._stages.segmenter, lambda number: path_to(number, range(number + 1), every)
             )
             self._stages = replace(self._stages, segmenter=on_key_frames)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End the thread of the segmenter, after its current frame."""
-        if self._thread:
-            self._thread.shutdown(cancel_futures=True)
 
     def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:
         """Estimate who looks at what in the next pair.

@@ -9,6 +9,8 @@ REMOVED: Mapping[str, str] = {
     "later frames",
     "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
     "stereo.region=needed",
+    "segmentation.delay": "the number of frames after which masks were used, gone since 0.1.0; use segmentation.every "
+    "alone",
     "stereo.guided_uniqueness_percent": "a limit of the guided search, gone since 0.1.0; use stereo.uniqueness_percent",
     "stereo.search": "every search is full, 'guided' is gone since 0.1.0; use stereo.resolution = 'half' or "
     "stereo.region = 'needed' to save time",

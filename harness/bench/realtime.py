@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,16 +27,13 @@ from vfoa.weights import check_located, weights_of
 class Row:
     """The name of a row and its content: a matcher under a preset, with the default models of heads or without any.
 
-    ``changes`` are settings over those of the preset, as of ``vfoa run --set``. ``has_segmenter``: the experiment's
-    segmenter runs on the frames, as in :mod:`harness.bench.segmenter`; otherwise their masks are in memory.
+    Masks are in memory.
     """
 
     what: str
     matcher: str
     preset: str
     has_models: bool = False
-    has_segmenter: bool = False
-    changes: tuple[str, ...] = ()
 
 
 BASELINE = "SGBM"
@@ -122,7 +118,7 @@ def measure_speed(
     """Run the frames through matching, models, reconstruction and attention, with this many threads.
 
     The ``rows`` are those of :func:`rows_at_hand`. Their configuration is the first one of the ``experiment`` with its
-    ``overrides`` (as of ``vfoa run --set``) and the changes of each row. Images and masks are read before; the first
+    ``overrides`` (as of ``vfoa run --set``). Images and masks are read before; the first
     frame is left out. All rows are measured in several rounds; each row's fastest round counts.
     """
     compute_with(threads)
@@ -149,7 +145,7 @@ def configuration_of(experiment: str, clip: str, row: Row, given: tuple[str, ...
 
     Its own may be the ground truth, whose rendering takes longer than any model.
     """
-    overrides = (*given, f"stereo.matcher={row.matcher}", *row.changes)
+    overrides = (*given, f"stereo.matcher={row.matcher}")
     first = load_experiment(experiment, clips=(clip,), overrides=overrides, preset=row.preset).configurations[0]
     heads: dict[str, StageChoice | None]
     if row.has_models:
@@ -173,26 +169,21 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
 
 def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
     clip = manifest.open_images()
-    with ExitStack() as ending:
-        heads_beside, segments_beside = (
-            ending.enter_context(ThreadPoolExecutor(1)) if threads > 1 else None for _ in range(2)
-        )
+    with ThreadPoolExecutor(1) as thread:
         built: dict[str, Any] = {
-            slot: STAGES[slot].build(choice, clip, segments_beside)
-            if choice and (slot != "segmentation" or row.has_segmenter)
-            else None
+            slot: STAGES[slot].build(choice, clip) if choice and slot != "segmentation" else None
             for slot, choice in configuration.choices.items()
         }
         matcher = _TimedMatcher(built["stereo"])
         stages = Stages(
             matcher=matcher,
-            segmenter=built["segmentation"] or held,
+            segmenter=held,
             heads=built["heads"],
             head_pose=built["head_pose"],
             gaze=built["gaze"],
             region_matcher=matcher if configuration.is_in_region else None,
         )
-        perceived = (perceive(frame, stages, beside=heads_beside) for frame in held.frames)
+        perceived = (perceive(frame, stages, beside=thread if threads > 1 else None) for frame in held.frames)
         wall_s, cpu_s = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
     pairs = [(disparity, true) for disparity, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(

@@ -64,19 +64,6 @@ def _realtime(bench: Bench) -> list[Table]:
     return [speed_table(bench.manifest.name, threads, speeds, notes)]
 
 
-def _segmenter(bench: Bench) -> list[Table]:
-    from harness.bench.segmenter import measure_segmenter, segmenter_table
-
-    choice = bench.experiment.configurations[0].choices["segmentation"]
-    if choice is None or choice.name == "truth":  # rendering the truth takes longer than any network
-        return []
-    load, threads = os.getloadavg()[0], os.cpu_count() or 1
-    rows = measure_segmenter(
-        bench.name, bench.manifest, bench.frames, threads, provider=bench.provider, overrides=bench.overrides
-    )
-    return [segmenter_table(bench.manifest.name, threads, rows, load)]
-
-
 def _gpu(bench: Bench) -> list[Table]:
     from harness.bench.gpu import gpu_table, measure_gpu
 
@@ -129,7 +116,6 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
     "realtime": _realtime,
-    "segmenter": _segmenter,
     "gpu": _gpu,
     "attention": _attention,
     "gaze_filter": _gaze_filter,

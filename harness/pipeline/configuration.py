@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -85,14 +84,12 @@ class StageKind:
             return True
         return name != OFF and name in self and key in self.stage_class(str(name)).Settings.model_fields
 
-    def build(self, choice: StageChoice, clip: Clip, beside: Executor | None = None) -> Any:
-        """Build the stage for one clip. ``beside`` segments key frames in another thread, for settings with a delay."""
+    def build(self, choice: StageChoice, clip: Clip) -> Any:
+        """Build the stage for one clip."""
         stage, settings = self._of_every_frame(choice, clip), choice.settings
-        if not isinstance(settings, KeyFrameSettings) or settings.on_every_frame:
+        if not isinstance(settings, KeyFrameSettings) or settings.every == 1:
             return stage
-        return KeyFrameSegmenter(
-            stage, settings, lambda number: path_to(number, clip.frames, settings), clip.frame, beside=beside
-        )
+        return KeyFrameSegmenter(stage, lambda number: path_to(number, clip.frames, settings.every), clip.frame)
 
     def _of_every_frame(self, choice: StageChoice, clip: Clip) -> Any:
         cls = self.stage_class(choice.name)

@@ -85,7 +85,7 @@ class Perception:
     drawn
         The shapes drawn on the clip; None for none.
     parallel
-        Run the models of the heads beside the matchers, in a thread, and segmenters with a delay in another one.
+        Run the models of the heads beside the matchers, in a thread.
     """
 
     def __init__(
@@ -99,7 +99,6 @@ class Perception:
     ) -> None:
         self._configurations, self._clip, self._cache, self._drawn = configurations, clip, cache, drawn
         self._heads_thread = ThreadPoolExecutor(1) if parallel else None
-        self._segmenter_thread = ThreadPoolExecutor(1) if parallel else None  # heads must not wait for it
         self._memo = Memo()
         self._failed: dict[str, VfoaError] = {}
         self._stages: dict[str, StageRunner] = {}
@@ -116,9 +115,8 @@ class Perception:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for thread in (self._heads_thread, self._segmenter_thread):
-            if thread:
-                thread.shutdown(cancel_futures=True)
+        if self._heads_thread:
+            self._heads_thread.shutdown(cancel_futures=True)
 
     def frames(self, numbers: Iterable[int], read_ahead: int = 0) -> Generator[SharedFrame]:
         """Read and perceive frames in ascending order, and place what they show in space.
@@ -243,7 +241,7 @@ class Perception:
         slot = STAGES[choice.slot]
         name = f'{slot.name}.{slot.key} = "{choice.name}"'
         stored = self._cache.outputs_of(choice) if self._cache else None
-        stage = guarded(name, slot.build, choice, self._clip, self._segmenter_thread)
+        stage = guarded(name, slot.build, choice, self._clip)
         return StageRunner(stage, slot=slot.name, name=name, memo=self._memo, stored=stored)
 
     def _drawing(self, configuration: Configuration) -> StageRunner | None:

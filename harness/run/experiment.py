@@ -134,11 +134,11 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
     # for clips of recorded 3D poses, which have no images
     "measured": {slot.name: {slot.key: OFF} for slot in STAGES.values()},
-    # half the disparities of a quarter of the pixels, where objects and heads are; masks carried by optical flow, while
-    # the next ones are found; in an image 1024 px wide, faces are found from 25 px on; clouds and heads of fewer points
+    # half the disparities of a quarter of the pixels, where objects and heads are; masks carried by optical flow;
+    # in an image 1024 px wide, faces are found from 25 px on; clouds and heads of fewer points
     "realtime": {
         "stereo": {"resolution": "half", "region": "needed"},
-        "segmentation": {"every": 5, "delay": 3},
+        "segmentation": {"every": 5},
         "heads": {"max_size_px": 416},
         "reconstruction": {"max_points": 400, "max_eye_points": 1000},
     },

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,10 @@ from harness.bench.attention import SIZES, time_methods
 from harness.bench.gpu import measure_gpu
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
-from harness.bench.segmenter import ROWS as SEGMENTER_ROWS
-from harness.bench.segmenter import measure_segmenter
 from harness.cli import main
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from tests import graphs
-from vfoa.segmentation.yolo_seg import YoloSeg
 
 CLIP = "studio_table"
 FRAMES = (1, 2, 3)
@@ -33,27 +29,6 @@ def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
         assert speed.fps > 0
         assert speed.stereo is not None
         assert speed.stereo.frames == len(FRAMES)
-
-
-def test_a_segmenter_beside_the_loop_is_measured_against_one_in_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    weights = Path(graphs.yolo_seg(tmp_path / "yolo.onnx", np.zeros((1, 116, 1)))).as_posix()
-    changes = ("segmentation.model=yolo_seg", f'segmentation.weights="{weights}"')
-    segmented: list[int] = []
-    segment = YoloSeg.segment
-    monkeypatch.setattr(YoloSeg, "segment", lambda self, frame: segmented.append(frame.index) or segment(self, frame))
-    rows = [replace(row, has_models=False) for row in SEGMENTER_ROWS]
-    frames = tuple(range(1, 10))
-    found = measure_segmenter("demo", load_manifest(CLIP), frames, 2, rows=rows, overrides=changes, rounds=1)
-    every, in_loop, beside, none = found
-    assert all(row.speed.fps > 0 and row.speed.frame_ms[1] >= row.speed.frame_ms[0] > 0 for row in found)
-    assert none.masks is None
-    ages = [row.masks.ages_s for row in (every, in_loop, beside) if row.masks]
-    assert [max(age) for age in ages] == [0.0, pytest.approx(4 / 20), pytest.approx(7 / 20)]
-    # once to hold the masks, in each row that segments, and in the scored run
-    held, keys = list(frames), [1, 6]
-    assert sorted(segmented) == sorted([*held, *held, *keys, *keys, *held, *keys, *keys])
 
 
 def test_rows_whose_models_are_not_here_are_left_out_with_a_note(

@@ -87,7 +87,7 @@ def test_an_override_holds_in_every_configuration(tmp_path: Path) -> None:
 def test_a_default_of_a_stage_that_an_override_exchanges_is_no_error(tmp_path: Path) -> None:
     path = _write(tmp_path, HEAD.replace('model = "truth"', 'model = "coco_panoptic"\nroot = "masks"', 1))
     (found,) = load_experiment(path, overrides=("segmentation.model=truth",)).configurations
-    assert found.plain()["segmentation"] == {"model": "truth", "every": 1, "delay": 0}
+    assert found.plain()["segmentation"] == {"model": "truth", "every": 1}
 
 
 def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
@@ -160,6 +160,10 @@ def test_the_method_of_attention_decides_which_settings_are_known():
         (
             HEAD + "[grid]\n'stereo.guided_uniqueness_percent' = [10]\n",
             r"mine\.toml: .*stereo\.guided_uniqueness_percent: found 10: .*gone since 0\.1\.0; use stereo\.uniq",
+        ),
+        (
+            HEAD + '[[configuration]]\nname = "one"\nsegmentation.delay = 3\n',
+            r"mine\.toml: .*segmentation\.delay: found 3: .*gone since 0\.1\.0; .*segmentation\.every",
         ),
         ('preset = "guided"\n' + HEAD, r"mine\.toml: preset: no 'guided'; .*gone since 0\.1\.0; use 'realtime'"),
     ],

@@ -25,7 +25,6 @@ from vfoa.types import Instances, StereoFrame
 
 FRAMES = 8
 KEYS = [None, 1, 1, None, 4, 4, None, 7]
-LATE_KEYS = [None, 1, 1, 1, 1, 4, 4, 4]
 EXPERIMENT = """
 clips = ["studio_table"]
 defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
@@ -35,9 +34,6 @@ defaults.gaze.model = "none"
 [[configuration]]
 name = "network"
 segmentation = {{ model = "yolo_seg", weights = "{yolo}", every = 3 }}
-[[configuration]]
-name = "late"
-segmentation = {{ model = "yolo_seg", weights = "{yolo}", every = 3, delay = 2 }}
 [[configuration]]
 name = "truth"
 segmentation = {{ model = "truth", every = 3 }}
@@ -96,18 +92,16 @@ def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[R
 def test_records_and_tables_say_which_masks_were_carried(alone: tuple[RunDirectory, list[int]]) -> None:
     directory, asked = alone
     assert masks_from(directory, "network") == masks_from(directory, "truth") == KEYS
-    assert masks_from(directory, "late") == LATE_KEYS
     assert masks_from(directory, "all") == [None] * FRAMES
-    assert sorted(asked) == [1, 1, 4, 4, 7]
+    assert sorted(asked) == [1, 4, 7]
     notes = rescore(directory).notes
     assert any("network, truth" in note and "every = 3" in note and "up to 2 frames" in note for note in notes)
-    assert any("late" in note and "delay = 2" in note and "up to 4 frames" in note for note in notes)
 
 
 def test_records_say_how_old_the_masks_are(alone: tuple[RunDirectory, list[int]]) -> None:
-    records = [each for each in read_results(alone[0].results) if each.configuration == "late"]
+    records = [each for each in read_results(alone[0].results) if each.configuration == "network"]
     times_ns = {each.frame: each.time_ns for each in records}
-    for record, key in zip(records, LATE_KEYS, strict=True):
+    for record, key in zip(records, KEYS, strict=True):
         expected = None if key is None else 1e-9 * (record.time_ns - times_ns[key])
         assert record.masks_age_s == (None if expected is None else pytest.approx(expected))
 
@@ -130,4 +124,4 @@ def test_workers_change_nothing_and_carried_masks_are_cached_as_found_ones_are(
     assert asked == []
     assert unmeasured(second) == unmeasured(alone[0])
     rows = [each for each in second.read_manifest()["cache"] if each["slot"] == "segmentation"]
-    assert [(row["reused"], row["computed"]) for row in rows] == [(FRAMES, 0)] * 2
+    assert [(row["reused"], row["computed"]) for row in rows] == [(FRAMES, 0)]

@@ -47,7 +47,6 @@ defaults.head_pose.model = "simulated"
 name = "filtered"
 stereo.matcher = "bm"
 segmentation.every = 3
-segmentation.delay = 2
 gaze.model = "simulated"
 
 [[configuration]]
