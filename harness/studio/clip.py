@@ -32,13 +32,14 @@ class StudioSettings(Settings):
 
     ``mean_fixation_s`` is the mean time of a look at one target: about 0.3 s in a search, seconds in a talk. For a
     ``gathering`` the seed also decides seats, objects and looks. A longer clip begins with the same frames as a shorter
-    one.
+    one. With ``step`` it has every Nth frame of the scenario, so that few frames show many looks.
     """
 
     scenario: ScenarioName | Literal["gathering"]
     frames: int = Field(default=60, ge=1, le=100_000)
     seed: int = Field(default=7, ge=0)
     mean_fixation_s: float = Field(default=MEAN_FIXATION_S, ge=0.2, le=30)
+    step: int = Field(default=1, ge=1, le=1000)
 
 
 class StudioClip:
@@ -66,8 +67,8 @@ class StudioClip:
 
     @property
     def rate_hz(self) -> float:
-        """The scenario's frame rate."""
-        return _scenario(self._settings).rate_hz
+        """Frames per second of the clip: the scenario's, or a part of them."""
+        return _scenario(self._settings).rate_hz / self._settings.step
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -75,8 +76,8 @@ class StudioClip:
         return ("Rendered scene: geometry, heads and gaze are exact; labels say what a gaze is aimed at, seen or not.",)
 
     def time_ns(self, number: int) -> int:
-        """Time since the first frame, at the scenario's rate."""
-        return round(self._index(number) * 1_000_000_000 / self.rate_hz)
+        """Time since the first frame."""
+        return round(self._index(number) * 1_000_000_000 / _scenario(self._settings).rate_hz)
 
     def frame(self, number: int) -> StereoFrame:
         """Render a pair, or read it from the cache."""
@@ -106,11 +107,12 @@ class StudioClip:
         return hashlib.sha256(f"{self._settings.model_dump_json()}\n{_source_digest()}".encode()).hexdigest()
 
     def _index(self, number: int) -> int:
+        """The place of a frame in the scenario, from 0."""
         if number not in self.frames:
             raise VfoaError(
                 f"studio {self._settings.scenario}: no frame {number}; expected 1 to {self._settings.frames}"
             )
-        return number - 1
+        return (number - 1) * self._settings.step
 
     def _pair(self, index: int) -> tuple[Image, Image]:
         from harness.studio.store import load_pair, save_pair
@@ -150,7 +152,7 @@ def _scenario(settings: StudioSettings) -> Scenario:
 
 @lru_cache(maxsize=4)
 def _stage(settings: StudioSettings) -> Stage:
-    return Stage(_scenario(settings), settings.frames, settings.seed)
+    return Stage(_scenario(settings), (settings.frames - 1) * settings.step + 1, settings.seed)
 
 
 @lru_cache(maxsize=1)
