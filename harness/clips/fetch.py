@@ -76,7 +76,7 @@ def fetch_files(
     def fetch(file: RemoteFile) -> int:
         path = root / file.name
         if not path.is_file() or file_digest(path) != file.sha256:
-            download(home + file.name, path, sha256=file.sha256)
+            download(home + file.name, path, checksum=file.sha256)
         return path.stat().st_size
 
     done = 0
@@ -120,7 +120,7 @@ def fetch_sintel(
     for part in parts:
         archive = root / ARCHIVES[part]
         if not archive.is_file():
-            download(home + archive.name, archive, sha256=None, resume=True, progress=progress)
+            download(home + archive.name, archive, checksum=None, resume=True, progress=progress)
         unpack(archive, root)
         archive.unlink()
 

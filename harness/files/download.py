@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from hashlib import file_digest
 from http import HTTPStatus
 from pathlib import Path
+from typing import Literal
 
 import httpx
 
-from harness.files.digests import file_digest
-from harness.files.io import take_lock
+from harness.files.io import opened, take_lock
 from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 
@@ -25,11 +26,14 @@ def download(
     url: str,
     target: Path,
     *,
-    sha256: str | None,
+    checksum: str | None,
+    algorithm: Literal["sha256", "sha384"] = "sha256",
     resume: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
     """Download a file to ``target``. Received data is kept beside it as ``<name>.partial`` until it is complete.
+
+    ``checksum`` is that of the file in hexadecimal digits, by ``algorithm``; None if it is not known.
 
     An interrupted download continues where it stopped if the checksum is known: otherwise nothing would show that the
     two parts belong together. ``resume``: continue without a checksum, since the caller checks the content.
@@ -47,10 +51,10 @@ def download(
         if partial.is_symlink():  # its target is not a part of this file
             partial.unlink()
         with _alone(partial):
-            if sha256 is None and not resume:
+            if checksum is None and not resume:
                 os.truncate(partial, 0)
             _receive(url, partial, progress or (lambda done, total: None))
-            _verify(url, partial, sha256)
+            _verify(url, partial, checksum, algorithm)
             partial.replace(target)
     except OSError as error:
         raise VfoaError(f"{partial}: cannot be written: {error.strerror or error}") from None
@@ -113,13 +117,18 @@ def _append(response: httpx.Response, partial: Path, first: int, progress: Calla
         os.fsync(file.fileno())
 
 
-def _verify(url: str, partial: Path, sha256: str | None) -> None:
+def _verify(url: str, partial: Path, checksum: str | None, algorithm: str) -> None:
     """Remove data that is not the file, so that the next attempt begins anew."""
     if is_lfs_pointer(partial):
         problem = "answered with a Git LFS pointer; expected the file itself"
-    elif sha256 is not None and (digest := file_digest(partial)) != sha256:
-        problem = f"wrong checksum, removed: found sha256 {digest}, expected {sha256}"
+    elif checksum is not None and (digest := _digest(partial, algorithm)) != checksum:
+        problem = f"wrong checksum, removed: found {algorithm} {digest}, expected {checksum}"
     else:
         return
     partial.unlink()
     raise VfoaError(f"{url}: {problem}")
+
+
+def _digest(path: Path, algorithm: str) -> str:
+    with opened(path) as file:
+        return file_digest(file, algorithm).hexdigest()

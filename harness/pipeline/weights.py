@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -14,6 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from harness.files.digests import file_digest
+from harness.files.io import atomic_write
 from harness.files.parsing import read_toml
 from harness.pipeline.configuration import STAGES, StageChoice, StageKind
 from vfoa.errors import VfoaError, check_known
@@ -28,6 +30,21 @@ Progress = Callable[[int, int | None], None]
 """Called with the bytes received, and the bytes of the whole file if known."""
 
 
+class PublishedFile(Settings):
+    """A published file: address, size and SHA-384."""
+
+    address: str
+    bytes: int = Field(gt=0)
+    sha384: str = Field(pattern=r"^[0-9a-f]{96}$")
+
+
+class OpenVinoFiles(Settings):
+    """The two files of a network in OpenVINO's own format: its layers, and their constants."""
+
+    xml: PublishedFile
+    bin: PublishedFile
+
+
 class CatalogueEntry(Settings):
     """One model of ``harness/pipeline/weights.toml``, whose head explains the keys. None: not known."""
 
@@ -38,8 +55,10 @@ class CatalogueEntry(Settings):
     non_commercial: bool = False
     home: str
     address: str | None = None
+    openvino: OpenVinoFiles | None = None
     note: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+    other_sha256: tuple[str, ...] = ()
     bytes: int | None = Field(default=None, gt=0)
     megabytes: float | None = Field(default=None, gt=0)
     inputs: Mapping[str, tuple[int | str, ...]] = Field(default_factory=dict)
@@ -52,7 +71,18 @@ class CatalogueEntry(Settings):
     def _check_what_is_fetched(self) -> Self:
         if self.address is not None and self.sha256 is None:
             raise ValueError("address: expected sha256 beside it: without one, a login page would pass for the model")
+        if self.openvino is not None and (self.address is not None or self.sha256 is None):
+            raise ValueError("openvino: expected sha256 of the conversion beside it, and no address")
         return self
+
+    @property
+    def can_be_fetched(self) -> bool:
+        """Whether ``vfoa models fetch`` brings it."""
+        return self.address is not None or self.openvino is not None
+
+    def is_file_of(self, path: Path) -> bool:
+        """Whether a file is this model by its checksum; True if none is known."""
+        return self.sha256 is None or file_digest(path) in (self.sha256, *self.other_sha256)
 
     @property
     def is_onnx(self) -> bool:
@@ -99,6 +129,8 @@ def find_model(name: str) -> CatalogueEntry:
 def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
     """Download a model's file, if it is not on this machine yet, and return its path.
 
+    A network that is published in OpenVINO's format is converted to ONNX.
+
     Raises
     ------
     VfoaError
@@ -108,7 +140,7 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
     from harness.files.download import download
 
     here = entry.find()
-    if here and (entry.sha256 is None or file_digest(here) == entry.sha256):
+    if here and entry.is_file_of(here):
         return here
     target = cache_directory() / entry.file
     if here and here != target:
@@ -118,13 +150,41 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
         )
     if entry.non_commercial and not accept_licence:
         raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
-    if entry.address is None:
+    if entry.openvino is not None:
+        _fetch_openvino(entry.openvino, target, sha256=entry.sha256, progress=progress)
+    elif entry.address is not None:
+        download(entry.address, target, checksum=entry.sha256, progress=progress)
+    else:
         note = f" ({entry.note})" if entry.note else ""
         raise VfoaError(
             f"{name}: no address with a checksum is known{note}; expected you to get it from {entry.home} as {target}"
         )
-    download(entry.address, target, sha256=entry.sha256, progress=progress)
     return target
+
+
+def _fetch_openvino(files: OpenVinoFiles, target: Path, *, sha256: str | None, progress: Progress | None) -> None:
+    """Download a network in OpenVINO's format, convert it to ``target``, and remove what was downloaded."""
+    from harness.files.download import download
+    from harness.pipeline.openvino_ir import convert
+
+    parts = {target.with_suffix(".xml"): files.xml, target.with_suffix(".bin"): files.bin}
+    done = 0
+
+    def report(of_file: int, _: int | None) -> None:
+        if progress is not None:
+            progress(done + of_file, files.xml.bytes + files.bin.bytes)
+
+    for path, file in parts.items():
+        download(file.address, path, checksum=file.sha384, algorithm="sha384", progress=report)
+        done += file.bytes
+    try:
+        content = convert(*parts)
+        if (found := hashlib.sha256(content).hexdigest()) != sha256:
+            raise VfoaError(f"{target}: wrong checksum of the conversion: found sha256 {found}, expected {sha256}")
+        atomic_write(target, content)
+    finally:
+        for path in parts:
+            path.unlink(missing_ok=True)
 
 
 Verdict = Literal["ok", "fails", "absent"]
@@ -150,17 +210,19 @@ def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> 
     """Load a model, check its signature, run it once on zeros, compare its checksum; a failure is a verdict."""
     path = entry.find()
     if path is None:
-        source = f"vfoa models fetch {name}" if entry.address else f"its home: {entry.home}"
+        source = f"vfoa models fetch {name}" if entry.can_be_fetched else f"its home: {entry.home}"
         return ModelCheck(name=name, verdict="absent", message=f"no file {entry.file} here ({source})")
     try:
         if is_lfs_pointer(path):
             raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
-        if entry.bytes is not None and (size := path.stat().st_size) < entry.bytes:
+        same = entry.is_file_of(path)
+        if entry.bytes is not None and (size := path.stat().st_size) < entry.bytes and not same:
             raise VfoaError(f"{path}: truncated: found {size} bytes, expected {entry.bytes}")
         provider, inference_ms = _run_once(path, entry, settings) if entry.is_onnx else (None, None)
-        if entry.sha256 is not None and (sha256 := file_digest(path)) != entry.sha256:
+        if entry.sha256 is not None and not same:
             raise VfoaError(
-                f"{path}: corrupt, or another version: found sha256 {sha256[:16]}..., expected {entry.sha256[:16]}..."
+                f"{path}: corrupt, or another version: found sha256 {file_digest(path)[:16]}..., expected "
+                f"{entry.sha256[:16]}..."
             )
     except VfoaError as error:
         return ModelCheck(name=name, verdict="fails", message=str(error))

@@ -19,6 +19,7 @@ from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import Identity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
+from harness.pipeline.openvino_ir import convert
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
@@ -41,6 +42,7 @@ from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, show
 from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured
+from tests.openvino import affine
 from tests.records import labels
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Head, Instance, Instances
@@ -277,3 +279,26 @@ def read_message(kind: str) -> Read:
         return messages.stamp_ns(type_, data, where), read_depth(type_, data, None, where)
 
     return read
+
+
+# Networks
+
+
+def write_network(path: Path) -> None:
+    """Write the layers of a small network in OpenVINO's format."""
+    affine().write(path)
+
+
+def write_network_constants(path: Path) -> None:
+    """Write the constants of a small network in OpenVINO's format."""
+    affine().write(path.with_suffix(".xml"))
+
+
+def convert_layers(path: Path) -> Any:
+    """Convert a network of these layers, and whole constants."""
+    return convert(path, once(path, lambda folder: write_network(folder / "small.xml")) / "small.bin")
+
+
+def convert_constants(path: Path) -> Any:
+    """Convert a network of whole layers, and these constants."""
+    return convert(once(path, lambda folder: write_network(folder / "small.xml")) / "small.xml", path)
