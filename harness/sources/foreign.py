@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,16 @@ from typing import Any
 from harness.files.io import check_fetched, read_bytes
 from harness.files.parsing import parse_json
 from harness.sources.media.video import container_tags
+from harness.sources.recordings.containers import is_zstd
 from vfoa.errors import VfoaError
 
+_ZSTD_SUFFIXES = (".zst", ".zstd")
 _MOST_JSON_BYTES = 2**24
 
 
 def refuse_foreign(path: Path) -> None:
     """Raise a :class:`VfoaError` that names what a file is, if it is one of these; folders and other files pass."""
+    _refuse_packed(path)
     if not path.is_file():
         return
     check_fetched(path)
@@ -26,6 +30,18 @@ def refuse_foreign(path: Path) -> None:
         )
     if path.suffix.lower() == ".json" and (what := _foxglove(path)):
         raise VfoaError(f"{path}: {what} of Foxglove in JSON, no recording; expected the MCAP file or bag itself")
+
+
+def _refuse_packed(path: Path) -> None:
+    """Refuse a recording that rosbag2 compressed as a whole, without the ``metadata.yaml`` by which it is read."""
+    if (path / "metadata.yaml").exists():
+        return
+    for file in filter(is_zstd, sorted(path.glob("*.zstd")) if path.is_dir() else [path]):
+        plain = file.with_suffix("") if file.suffix.lower() in _ZSTD_SUFFIXES else file.with_name(f"plain_{file.name}")
+        raise VfoaError(
+            f"{file}: compressed as a whole (zstd; rosbag2's --compression-mode file); expected the folder with its "
+            f"metadata.yaml, or the file unpacked: zstd -d {shlex.quote(str(file))} -o {shlex.quote(str(plain))}"
+        )
 
 
 def _foxglove(path: Path) -> str | None:

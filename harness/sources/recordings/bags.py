@@ -20,12 +20,14 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_yaml
 from harness.sources.recordings.containers import (
     MOST_BYTES,
+    TooLargeError,
     TopicIndex,
     starts_with,
     unpack,
+    unpack_message,
     zstd_size,
 )
-from harness.sources.recordings.messages import BY_NAME, MessageType, ros_name
+from harness.sources.recordings.messages import BY_NAME, MessageType, message_type
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
@@ -97,18 +99,17 @@ def _check_packed_files(part: Path) -> None:
 
 
 def _bound_messages(reader: Any) -> None:
-    """Decompress messages of a ROS 2 bag to the size in their heads; the library would decompress them to any."""
-    if reader.compression_mode != "message":
-        return
+    """Decompress messages of a ROS 2 bag to the size in their heads; the library would decompress them to any.
+
+    Messages tell themselves whether they are compressed, since a file may be without its ``metadata.yaml``.
+    """
     packed = reader.messages
-    reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+    if reader.compression_mode == "message":
+        reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
 
     def messages(*which: Any) -> Iterator[tuple[Any, int, bytes]]:
         for connection, time_ns, data in packed(*which):
-            size = zstd_size(data)
-            if size is None:
-                raise ValueError("a compressed message does not state its size")
-            yield connection, time_ns, unpack(data, "zstd", size)
+            yield connection, time_ns, unpack_message(data)
 
     reader.messages = messages
 
@@ -237,7 +238,8 @@ class BagContainer:
                 return
             except Exception as error:  # as above
                 after = "at its start" if log_ns is None else f"after {log_ns} ns"
-                yield f"{self._parts[number].name}: damaged {after} ({first_line(error)}): everything after it is lost"
+                what = "not read" if isinstance(error, TooLargeError) else "damaged"
+                yield f"{self._parts[number].name}: {what} {after} ({first_line(error)}): everything after it is lost"
                 return
             log_ns = time_ns
             before_ns, before = last.get(connection.topic, (None, 0))
@@ -253,9 +255,6 @@ def _close(readers: dict[Path, Any]) -> None:
 
 def _message_type(connection: Connection) -> MessageType:
     is_ros1 = not hasattr(connection.ext, "serialization_format")
-    return MessageType(
-        message_encoding="ros1" if is_ros1 else "cdr",
-        schema_encoding="ros1msg" if is_ros1 else _SCHEMAS.get(connection.msgdef.format, "ros2msg"),
-        name=ros_name(connection.msgtype),
-        schema=connection.msgdef.data.encode(),
-    )
+    schema_encoding = "ros1msg" if is_ros1 else _SCHEMAS.get(connection.msgdef.format, "ros2msg")
+    definition = connection.msgdef.data.encode()
+    return message_type("ros1" if is_ros1 else "cdr", schema_encoding, connection.msgtype, definition)

@@ -17,7 +17,20 @@ from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
 
 MOST_BYTES = 2**28
-"""Most bytes of a decompressed chunk or message; writers begin a new chunk after 1 to 4 MB, or a larger message."""
+"""Bytes that a decompressed chunk or message may always have; writers begin a new chunk after 1 to 4 MB, or a larger
+message."""
+
+_MOST_COMPRESSION = 100
+_MOST_CHUNK_BYTES = 2**31
+"""Some recorders write one chunk for seconds or minutes of images: these may have so many times their compressed bytes,
+up to this size."""
+
+_ZSTD = b"\x28\xb5\x2f\xfd"
+"""The first bytes of data in Zstandard; plain CDR begins with 0."""
+
+
+class TooLargeError(ValueError):
+    """A chunk or message is larger than what is read; it is not damaged."""
 
 
 def unpack(data: bytes, compression: str, size: int) -> bytes:
@@ -25,16 +38,19 @@ def unpack(data: bytes, compression: str, size: int) -> bytes:
 
     Raises
     ------
+    TooLargeError
+        If the size is too large.
     ValueError
-        If the size is too large or wrong, or the compression is not lz4, zstd, bz2, none or "".
+        If the size is wrong, or the compression is not lz4, zstd, bz2, none or "".
     Exception
         If the data are damaged: the libraries have errors of their own.
     """
-    if size > MOST_BYTES:
-        raise ValueError(f"it claims {size} bytes; expected at most {MOST_BYTES}")
+    most = max(MOST_BYTES, min(_MOST_COMPRESSION * len(data), _MOST_CHUNK_BYTES))
+    if size > most:
+        raise TooLargeError(f"it claims {size} bytes; expected at most {most}")
     match compression:
         case "zstd":
-            data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+            data = zstandard.ZstdDecompressor(max_window_size=2**31).stream_reader(data).read(size + 1)
         case "lz4":
             data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         case "bz2":
@@ -46,6 +62,27 @@ def unpack(data: bytes, compression: str, size: int) -> bytes:
     if len(data) != size:
         raise ValueError(f"it does not unpack to the {size} bytes that it claims")
     return data
+
+
+def unpack_message(data: bytes) -> bytes:
+    """Return a message in CDR, decompressed if ``ros2 bag record --compression-mode message`` compressed it.
+
+    Raises
+    ------
+    ValueError
+        If its size is too large, wrong, or not stated; the library has errors of its own for damaged data.
+    """
+    if not data.startswith(_ZSTD):
+        return data
+    size = zstd_size(data)
+    if size is None:
+        raise ValueError("a message compressed by rosbag2 (zstd) does not state its size")
+    return unpack(data, "zstd", size)
+
+
+def is_zstd(path: Path) -> bool:
+    """Whether a file is compressed as a whole, as ``ros2 bag record --compression-mode file`` leaves it."""
+    return starts_with(path, _ZSTD)
 
 
 def starts_with(path: Path, magic: bytes) -> bool:

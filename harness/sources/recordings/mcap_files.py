@@ -20,8 +20,8 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import opened
-from harness.sources.recordings.containers import TopicIndex, unpack
-from harness.sources.recordings.messages import MessageType, ros_name
+from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
+from harness.sources.recordings.messages import MessageType, message_type
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
@@ -79,6 +79,9 @@ def walk_messages(
         for offset in _offsets(path, file, losses) if offsets is None else offsets:
             try:
                 parts = parts_of(_record_at(file, offset))
+            except TooLargeError as error:
+                losses.append(f"the chunk at byte {offset} is not read: {error}; expected smaller chunks (chunk_size)")
+                continue
             except Exception as error:  # of struct, text decoding, the library or a decompressor; or a wrong index
                 losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue
@@ -140,15 +143,11 @@ def log_span_ns(path: Path) -> tuple[int, int] | None:
     return (min(times_ns), max(times_ns)) if times_ns else None
 
 
-def message_type(channel: Channel, schema: Schema | None) -> MessageType:
+def channel_type(channel: Channel, schema: Schema | None) -> MessageType:
     """Return the type of a channel's messages; a channel may have no schema."""
-    name = "no schema" if schema is None else schema.name
-    return MessageType(
-        message_encoding=channel.message_encoding,
-        schema_encoding="" if schema is None else schema.encoding,
-        name=ros_name(name) if channel.message_encoding == "ros1" else name,
-        schema=b"" if schema is None else schema.data,
-    )
+    if schema is None:
+        return message_type(channel.message_encoding, "", "no schema", b"")
+    return message_type(channel.message_encoding, schema.encoding, schema.name, schema.data)
 
 
 class McapContainer:
@@ -174,8 +173,10 @@ class McapContainer:
             for offset, place, message in walk_messages(path, summary, losses, chunks):
                 channel = summary.channels.get(message.channel_id)
                 if channel is not None:  # else it was in a chunk that is lost
-                    topic = topics.meet(channel.topic, message_type(channel, summary.schemas.get(channel.schema_id)))
-                    topics.add(topic, message.log_time, message.data, (number, offset, place))
+                    topic = topics.meet(channel.topic, channel_type(channel, summary.schemas.get(channel.schema_id)))
+                    with reported_as(f"{path}: {channel.topic}"):
+                        data = _content(message, channel.message_encoding)
+                    topics.add(topic, message.log_time, data, (number, offset, place))
             topics.losses += [f"{path.name}: {loss}" for loss in losses]
         return topics.sorted()
 
@@ -184,7 +185,12 @@ class McapContainer:
         path = self.files[place.file]
         with reported_as(f"{path}: the record at byte {place.offset} can no longer be read"):
             status = path.stat()
-            return _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place].data
+            message = _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place]
+            return _content(message, topic.type.message_encoding)
+
+
+def _content(message: Message, encoding: str) -> bytes:
+    return unpack_message(message.data) if encoding == "cdr" else message.data
 
 
 def files_in(folder: Path) -> tuple[Path, ...]:
@@ -201,7 +207,7 @@ def _chunks(summary: Summary, window: range) -> list[int] | None:
     """
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     channels = summary.channels.values()
-    kinds = {channel.id: message_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
+    kinds = {channel.id: channel_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
     if not chunks or "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
         return None
     wanted = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,6 +10,8 @@ from typing import Any, Literal
 
 import mcap_protobuf.decoder
 from mcap.records import Schema
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
@@ -42,7 +44,8 @@ _KINDS: dict[str, dict[str, Kind]] = {
 BY_NAME = "by name"
 """Schema encoding of a ROS 2 message without a definition in the recording: the standard definition is used."""
 
-_SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg",)}
+_SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg", BY_NAME)}
+_STANDARD = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}
 
 
 READ = "messages of ROS 1, of ROS 2 (cdr), or of Foxglove in protobuf"
@@ -91,6 +94,27 @@ def ros_name(name: str) -> str:
     return f"{package}/msg/{rest}" if rest and "/" not in rest else name
 
 
+def message_type(message_encoding: str, schema_encoding: str, name: str, schema: bytes) -> MessageType:
+    """Return the type of a topic's messages.
+
+    A definition of ROS without a field (it is empty, or the type's name alone) counts as one that is not there; a
+    language that is not stated is that of ROS's definitions.
+    """
+    if message_encoding in _SCHEMAS:
+        name = ros_name(name)
+        if not _has_field(schema):
+            schema_encoding, schema = BY_NAME, b""
+        elif not schema_encoding:
+            schema_encoding = _SCHEMAS[message_encoding][0]
+    return MessageType(message_encoding=message_encoding, schema_encoding=schema_encoding, name=name, schema=schema)
+
+
+def _has_field(definition: bytes) -> bool:
+    """Whether a line of a definition has a type and a name."""
+    lines = (line.partition(b"#")[0].split() for line in definition.splitlines())
+    return any(len(words) > 1 and words[0] != b"MSG:" for words in lines)
+
+
 _PLAIN_CDR = (b"\0\0", b"\0\1")
 """First bytes of a message in XCDR1: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
 
@@ -131,22 +155,42 @@ def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
 
 
 def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
-    if kind.schema_encoding == BY_NAME:
-        store = get_typestore(Stores.LATEST)
-        if kind.name not in store.types:
-            raise ValueError(f"the recording has no definition of {kind.name}")
-    else:
-        store = get_typestore(Stores.EMPTY)
-        text = kind.schema.decode()
+    definitions: Typesdict = {}
+    text = kind.schema.decode()
+    if kind.schema_encoding != BY_NAME:
         is_idl = kind.schema_encoding == "ros2idl"
         definitions = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
-        store.register({name: fields for name, fields in definitions.items() if name not in store.types})
+    store = get_typestore(Stores.EMPTY)
+    _complete(definitions, kind)
+    store.register({name: fields for name, fields in definitions.items() if name not in store.types})
     deserialize = store.deserialize_ros1 if kind.message_encoding == "ros1" else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:
         return deserialize(data, kind.name)
 
     return decode
+
+
+def _complete(definitions: Typesdict, kind: MessageType) -> None:
+    """Add ROS's standard definitions of the types that a type needs and a recording does not define."""
+    standard = get_typestore(_STANDARD[kind.message_encoding]).fielddefs
+    waiting = [kind.name]
+    for name in waiting:
+        if name not in definitions:
+            if name not in standard:
+                raise ValueError(f"the recording has no definition of {name}; expected it in the schema of the topic")
+            definitions[name] = standard[name]
+        _, fields = definitions[name]
+        waiting += [other for _, description in fields for other in _named_types(description) if other not in waiting]
+
+
+def _named_types(description: Any) -> Iterator[str]:
+    """The names of the types in the description of a field: its own, or that of its elements."""
+    node, content = description
+    if node == Nodetype.NAME:
+        yield content
+    elif node in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        yield from _named_types(content[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -85,9 +85,17 @@ def test_a_recording_is_not_unpacked_beyond_what_one_can_have(
     assert open_clip(path).frame(2).time_ns == shot(2).stamp_ns
     for module in (containers, bags):
         monkeypatch.setattr(module, "MOST_BYTES", 5000)
-    monkeypatch.setattr(bags, "_MOST_COMPRESSION", 0)
+        monkeypatch.setattr(module, "_MOST_COMPRESSION", 0)
     with pytest.raises(VfoaError, match=r"(claims|unpacks to) \d+ bytes; expected at most 5000"):
         open_clip(path)
+
+
+def test_a_file_of_compressed_messages_is_read_without_metadata(tmp_path: Path) -> None:
+    folder = write_take(tmp_path, "db3 zstd message", map(shot, (1, 2)))
+    (file,) = folder.glob("*.db3")
+    clip = open_clip(file.rename(tmp_path / "alone.db3"))
+    assert [clip.frame(number).time_ns for number in clip.frames] == [shot(number).stamp_ns for number in (1, 2)]
+    np.testing.assert_allclose(clip.frame(2).depth_m, in_metres(depth_mm(2)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])
