@@ -160,7 +160,7 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
     for packing in PACKINGS:
         with suppress(VfoaError):  # an odd width, or names without a number
             layout = _open(root, ViewFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
-            likeness[layout] = _likeness(*layout.views.read(layout.views.frames[0]))
+            likeness[layout] = _likeness_of(layout.views)
     alike = [layout for layout in likeness if likeness[layout] >= ALIKE]
     yield from sorted(alike, key=lambda layout: -likeness[layout])
 
@@ -176,6 +176,19 @@ def _open(root: Path, files: ViewFiles) -> FoundLayout:
     left, _ = views.read(views.frames[0])
     source = {"layout": files.layout, **files.model_dump(mode="json", exclude_defaults=True, exclude={"swap"})}
     return FoundLayout(root=root, source=source, views=views, size_px=(left.shape[1], left.shape[0]))
+
+
+_SAMPLES = 5
+
+
+def _likeness_of(views: Views) -> float:
+    """Likeness of the first of some frames that has contrast: many films begin black."""
+    frames = views.frames
+    for place in dict.fromkeys(len(frames) * sample // _SAMPLES for sample in range(_SAMPLES)):
+        left, right = views.read(frames[place])
+        if _small(right).std() > _LEAST_CONTRAST:
+            return _likeness(left, right)
+    return 0.0
 
 
 def _likeness(left: Image, right: Image) -> float:
@@ -200,7 +213,8 @@ _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
 def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
     """Return every layout at a path, once for each file there that calibrates it, or without a calibration.
 
-    Files that ``given`` names (``left`` and ``right``, or ``both`` and ``layout``) are the only layout.
+    Files that ``given`` names (``left`` and ``right``, or ``both`` and ``layout``) are the only layout. A ``layout`` of
+    both views in one picture is that of the file at the path, or of each film or folder of images below it.
 
     Raises
     ------
@@ -210,7 +224,14 @@ def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, 
     if path.is_file() and path.suffix.lower() not in IMAGE_SUFFIXES | VIDEO_SUFFIXES:
         return ()
     named = _named_files(given)
-    layouts = find_layouts(path) if named is None else (read_layout(path if path.is_dir() else path.parent, named),)
+    root = path if path.is_dir() else path.parent
+    if named is not None:
+        layouts: tuple[FoundLayout, ...] = (read_layout(root, named),)
+    elif str(given.get("layout")).endswith(PACKINGS):
+        files = _packed_files(path, str(given["layout"]).startswith("video"))
+        layouts = tuple(read_layout(root, _view_files({**given, "both": both})) for both in files)
+    else:
+        layouts = find_layouts(path)
     if not layouts:
         _refuse_unpaired(path)
     return tuple(reading for layout in layouts for reading in _calibrated(layout, path, given))
@@ -218,21 +239,42 @@ def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, 
 
 def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
     """The user's settings of the views, if they are sufficient to read them."""
-    files = {key: given[key] for key in ("layout", "left", "right", "both", "stamps", "tolerance_ms") if key in given}
-    if not ({"left", "right"} <= files.keys() or {"layout", "both"} <= files.keys()):
+    if not ({"left", "right"} <= given.keys() or {"layout", "both"} <= given.keys()):
         return None
-    if "layout" not in files and Path(str(files["left"])).suffix.lower() in VIDEO_SUFFIXES:
-        files["layout"] = "videos"
-    return parse(ViewFiles, files, "--set")
+    is_video = "layout" not in given and Path(str(given["left"])).suffix.lower() in VIDEO_SUFFIXES
+    return _view_files({**given, "layout": "videos"} if is_video else given)
+
+
+def _view_files(given: Mapping[str, Any]) -> ViewFiles:
+    keys = ("layout", "left", "right", "both", "stamps", "tolerance_ms")
+    return parse(ViewFiles, {key: given[key] for key in keys if key in given}, "--set")
+
+
+def _packed_files(path: Path, is_video: bool) -> list[str]:
+    """The files that may hold both views, as a manifest names them: films, or folders of images."""
+    if path.is_file():
+        return [path.name]
+    if is_video:
+        return [film for films in _files_by_folder(path, VIDEO_SUFFIXES).values() for film in films]
+    return list(_files_by_folder(path, IMAGE_SUFFIXES))
 
 
 def _refuse_unpaired(path: Path) -> None:
+    """Say how to name the views of images, or of films if there are no images."""
     files = _files_by_folder(path, IMAGE_SUFFIXES).values() if path.is_dir() else [[path.name]]
+    is_film = path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES
+    if films := [] if any(files) and not is_film else _packed_files(path, is_video=True):
+        raise VfoaError(
+            f"{path}: no two views are seen in {films[0]}; expected --set layout=video_side_by_side (or "
+            "video_top_bottom) where one film has both, or two films: --set left=LEFT.mp4 --set right=RIGHT.mp4 of "
+            "their folder"
+        )
     if images := [name for names in files for name in names]:
         raise VfoaError(
             f"{path}: no two views are seen in the names of {len(images)} images ({images[0]} ...); expected --set "
             "left=FILES --set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; in the "
-            "manifest: left = and right = in [source]), or --set layout=images_side_by_side --set both=FILES"
+            "manifest: left = and right = in [source]), or --set layout=images_side_by_side (or "
+            "images_top_bottom) where one image has both"
         )
 
 

@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
 from harness.sources.media.images import read_rgb
-from harness.sources.media.video import Video, first_picture_s
+from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Image
@@ -166,6 +166,9 @@ class ViewFiles(Settings):
                 f"found {' and '.join(sorted(given)) or 'no files'}; "
                 f"expected {' and '.join(sorted(keys))} for the layout {self.layout!r}"
             )
+        if self.both is not None and "image" in self.layout and Path(self.both).suffix.lower() in VIDEO_SUFFIXES:
+            of_films = self.layout.replace("images", "video")
+            raise ValueError(f"layout: found {self.layout!r} for the film {self.both!r}; expected {of_films!r}")
         if self.stamps is not None and "video" in self.layout:
             raise ValueError(f"stamps: found {self.stamps!r}; expected none for the layout {self.layout!r}")
         if self.times is not None and (self.stamps is not None or self.layout != "images"):

@@ -7,7 +7,7 @@ import os
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -70,9 +70,9 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     """Return the files under ``root`` by frame number, ascending.
 
     ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
-    (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single file
-    without digits is frame 0. Hidden files, such as macOS's ``._left_01.png``, are left out. ``where`` (file and key)
-    starts the messages.
+    (``left/%06d.png``, ``left/%06d_*.png``). Without a field, the number is the run of digits that differs between the
+    names, or the index beside a time stamp; a single file without digits is frame 0. Hidden files, such as macOS's
+    ``._left_01.png``, are left out. ``where`` (file and key) starts the messages.
 
     Raises
     ------
@@ -98,24 +98,58 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
 
 
 def number_names(names: Iterable[str], where: str) -> dict[int, str]:
-    """File names by frame number, ascending: the number is the one run of digits that differs between them."""
+    """File names by frame number, ascending: the number is the one run of digits that differs between them.
+
+    Of an index and a time stamp that both differ, it is the index.
+    """
     names = sorted(names)
-    runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
+    runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
     if len(names) == 1:
-        return _unique([((runs[names[0]] or [0])[-1], names[0])], where)
+        return _unique([(int((runs[names[0]] or [0])[-1]), names[0])], where)
     first = names[0]
     if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
         raise VfoaError(
             f"{where}: {first!r} and {odd!r} do not share one numbering; "
             "expected names that differ in a frame number, or a pattern with %d for it"
         )
-    varying = [column for column in range(len(runs[first])) if len({runs[name][column] for name in names}) > 1]
-    if len(varying) != 1:
+    columns = list(zip(*runs.values(), strict=True))
+    varying = [place for place, column in enumerate(columns) if len(set(map(int, column))) > 1]
+    place = _index_of([columns[place] for place in varying])
+    if place is None:
+        example = _pattern(first, varying)
         raise VfoaError(
-            f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; "
-            "expected one, or a pattern with %d for the frame number"
+            f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; expected one, or a pattern "
+            f"with %d for the frame number and * for the others{example}"
         )
-    return _unique(((runs[name][varying[0]], name) for name in names), where)
+    return _unique(zip(map(int, columns[varying[place]]), names, strict=True), where)
+
+
+_STAMP_DIGITS = 9
+"""Least digits of a time stamp; today's have 10 in seconds."""
+_FEWER_DIGITS = 3
+"""By how many digits an index is shorter than a stamp beside it."""
+
+
+def _index_of(columns: Sequence[Sequence[str]]) -> int | None:
+    """Which of the numbers that differ between names is the frame's; None if it is not known."""
+    if len(columns) < 2:
+        return 0 if columns else None
+    place = min(range(len(columns)), key=lambda place: max(map(len, columns[place])))
+    index, others = columns[place], [column for column in columns if column is not columns[place]]
+    least = max(_STAMP_DIGITS, max(map(len, index)) + _FEWER_DIGITS)
+    are_stamps = all(len(digits) >= least for column in others for digits in column)
+    return place if are_stamps and len(set(map(int, index))) == len(index) else None
+
+
+def _pattern(name: str, varying: Sequence[int]) -> str:
+    """A pattern for names such as this one: the first of the numbers that differ is the frame's."""
+    if not varying:
+        return ""
+    matches = list(_DIGITS.finditer(os.path.splitext(name)[0]))
+    for place in reversed(varying):
+        field = "%d" if place == varying[0] else "*"
+        name = name[: matches[place].start()] + field + name[matches[place].end() :]
+    return f", such as {name}"
 
 
 def printf_name(pattern: str, number: int) -> str:
@@ -139,13 +173,19 @@ def _folder_frames(folder: Path, pattern: str, where: str) -> FolderFiles:
 def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
     check_printf(pattern, where)
     before, _, after = _PRINTF.split(pattern)
-    named = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
-    files = _glob(root, f"{glob.escape(before)}*{glob.escape(after)}")
+    named = re.compile(_wildcards(re.escape, before) + r"(\d+)" + _wildcards(re.escape, after))
+    anywhere = f"{_wildcards(glob.escape, before, '*')}*{_wildcards(glob.escape, after, '*')}"
+    files = _glob(root, re.sub(r"\*+", "*", anywhere))  # ** would be folders of any depth
     matches = [(named.fullmatch(path.relative_to(root).as_posix()), path) for path in files]
     numbered = [(int(match[1]), path) for match, path in matches if match]
     if not numbered:
         raise VfoaError(f"{where}: {pattern!r} matches no file under {root}")
     return _unique(numbered, where)
+
+
+def _wildcards(escape: Callable[[str], str], text: str, anything: str = "[^/]*?") -> str:
+    """The text in another pattern language, each ``*`` as ``anything``."""
+    return anything.join(map(escape, text.split("*")))
 
 
 def _glob(root: Path, pattern: str) -> list[Path]:

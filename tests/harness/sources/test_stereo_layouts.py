@@ -12,7 +12,7 @@ import pytest
 
 from harness.sources.media.frame_files import pair_names
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.sources.stereo_layouts import FoundLayout, find_layouts
+from harness.sources.stereo_layouts import FoundLayout, find_layouts, recognise_stereo
 from tests.disk import write_bytes, write_image, write_text, write_video
 from vfoa.errors import VfoaError
 from vfoa.types import Image
@@ -244,3 +244,55 @@ def test_what_cannot_be_halved_or_joined_is_one_line(tmp_path: Path) -> None:
     settings = {"layout": "videos", "left": "l.mkv", "right": "r.mkv", "camera": CAMERA}
     with pytest.raises(VfoaError, match=r"r\.mkv: 25 frames per second, .*l\.mkv has 30; expected the same rate"):
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+
+
+def _packed(name: str, folder: Path, black: int, stack: Any = np.hstack) -> Path:
+    """A film that holds both views, after black frames, or a folder of such images."""
+    pairs = [0 * stack(_pair(2))] * black + [stack(_pair(number)) for number in FRAMES]
+    if name.endswith(".avi"):
+        write_video(folder / name, pairs)
+    else:
+        for number, image in enumerate(pairs):
+            write_image(folder / name / f"{number}.png", image)
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    ("name", "layout", "stack"),
+    [
+        ("v.avi", "video_side_by_side", np.hstack),
+        ("v.avi", "video_top_bottom", np.vstack),
+        ("frames", "images_side_by_side", np.hstack),
+    ],
+)
+@pytest.mark.parametrize("given", ["nothing", "the layout", "the layout, its folder"])
+def test_two_views_are_found_after_black_frames(tmp_path: Path, name: str, layout: str, stack: Any, given: str) -> None:
+    path = _packed(name, tmp_path / "a", 3, stack)
+    settings = {} if given == "nothing" else {"layout": layout}
+    readings = recognise_stereo(path.parent if given.endswith("folder") else path, settings)
+    assert [reading.source["layout"] for reading in readings] == [layout]
+    (reading,) = readings
+    clip = StereoFolderClip(StereoFolderSettings.model_validate({**reading.source, "camera": CAMERA}), reading.root)
+    assert len(clip.frames) == 6
+    left, _ = _pair(FRAMES[0])
+    assert np.abs(clip.frame(clip.frames[3]).left.astype(int) - left).mean() < 8
+
+
+def test_the_layout_is_enough_where_the_halves_are_not_alike(tmp_path: Path) -> None:
+    write_video(tmp_path / "v.avi", [np.zeros((HEIGHT, 2 * WIDTH, 3), np.uint8)] * 4)
+    with pytest.raises(VfoaError, match=r"v\.avi: no two views .*--set layout=video_side_by_side"):
+        recognise_stereo(tmp_path / "v.avi", {})
+    (reading,) = recognise_stereo(tmp_path / "v.avi", {"layout": "video_side_by_side"})
+    assert reading.source == {"layout": "video_side_by_side", "both": "v.avi"}
+    with pytest.raises(VfoaError, match=r"images_side_by_side' for the film 'v\.avi'; expected 'video_side"):
+        recognise_stereo(tmp_path / "v.avi", {"layout": "images_side_by_side"})
+
+
+def test_images_with_an_index_and_a_stamp_are_pairs_by_their_index(tmp_path: Path) -> None:
+    for number in FRAMES:
+        for side, image, late_us in zip(("left", "right"), _pair(number), (0, 130), strict=True):
+            write_image(
+                tmp_path / side / f"{number:06d}_{1_718_000_000_000_000 + number * 40_000 + late_us}.png", image
+            )
+    (found,) = find_layouts(tmp_path)
+    _assert_same_frames(_open(found), FRAMES)

@@ -87,3 +87,42 @@ def test_a_number_that_nothing_can_count_to_is_refused(tmp_path: Path) -> None:
     _touch(tmp_path, "f1.png", f"f{2**63}.png")
     with pytest.raises(VfoaError, match=rf"left: .*the frame number {2**63} is too large; expected at most"):
         find_frames(tmp_path, "f*.png", "left")
+
+
+STAMPS_US = (1_718_000_000_123_456, 1_718_000_000_163_456)
+
+
+@pytest.mark.parametrize(
+    "pattern", ["{index:06d}_{us}", "{us}_{index}", "f{index:010d}-{us}000", "{index}_{s}.{us:09.0f}"]
+)
+def test_the_index_beside_a_stamp_is_the_frame_number(pattern: str) -> None:
+    names = [
+        pattern.format(index=number, us=us, s=us // 10**6) + ".png"
+        for number, us in zip((9, 10), STAMPS_US, strict=True)
+    ]
+    assert number_names(names, "left") == {9: names[0], 10: names[1]}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "numbers"),
+    [
+        ("%06d_*.png", (9, 10)),
+        ("%d*.png", (9, 10)),
+        ("*_%d.png", STAMPS_US),
+        ("*%d.png", STAMPS_US),
+        ("%06d_17*456.png", (9, 10)),
+    ],
+)
+def test_a_pattern_may_have_wildcards_beside_the_number(tmp_path: Path, pattern: str, numbers: tuple[int, ...]) -> None:
+    for number, stamp in zip((9, 10), STAMPS_US, strict=True):
+        write_text(tmp_path / "left" / f"{number:06d}_{stamp}.png", "")
+    assert tuple(find_frames(tmp_path, f"left/{pattern}", "left")) == numbers
+
+
+def test_the_pattern_that_is_advised_matches(tmp_path: Path) -> None:
+    for name in ("a1_20_x.png", "a2_30_x.png"):
+        write_text(tmp_path / name, "")
+    with pytest.raises(VfoaError, match="2 numbers differ") as error:
+        find_frames(tmp_path, "*.png", "left")
+    advised = str(error.value).rpartition("such as ")[2]
+    assert list(find_frames(tmp_path, advised, "left")) == [1, 2]
