@@ -13,9 +13,8 @@ from onnx import checker, load_from_string
 
 from harness.pipeline.openvino_ir import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
-from harness.sources.media.images import read_rgb
+from tests.mirror import frame_of, read_rgb
 from tests.openvino import Ir, affine
-from tests.scenes import make_rig
 from tests.web import Site, serve
 from vfoa.crops import center, crop, square
 from vfoa.errors import VfoaError
@@ -23,7 +22,7 @@ from vfoa.gaze.adas import HEAD_POSE, Adas0002
 from vfoa.geometry import angle_between
 from vfoa.heads.yunet import YuNet
 from vfoa.onnx import Model, RuntimeSettings, blob
-from vfoa.types import Gaze, StereoFrame
+from vfoa.types import Gaze
 
 ADAS = ("adas-0002", "adas-head-pose")
 
@@ -105,8 +104,8 @@ def test_the_fetched_networks_answer_as_the_other_conversion_on_real_faces(
     yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx"), fallback="none"))
     compared = 0
     for photograph in photographs:
-        frame = frame_of(photograph)
-        (head, *_) = yunet.detect(frame, ())
+        frame = frame_of(read_rgb(photograph))
+        head = yunet.faces(frame)[0]
         face = blob(crop(frame.left, square(center(head.face_box_px), 200), 60), bgr=True)
         own, reference = (network.run(data=face) for network in poses)
         for name in own:
@@ -117,13 +116,6 @@ def test_the_fetched_networks_answer_as_the_other_conversion_on_real_faces(
             assert np.degrees(angle_between(gazes[0].direction, gazes[1].direction)) < 0.05
             compared += 1
     assert compared >= len(photographs) // 2
-
-
-def frame_of(photograph: Path) -> StereoFrame:
-    image = read_rgb(photograph)
-    height, width = image.shape[:2]
-    rig = make_rig(width_px=width, height_px=height)
-    return StereoFrame(index=1, time_ns=0, left=image, right=image, rig=rig)
 
 
 @pytest.mark.parametrize("suffix", ["xml", "bin"])

@@ -185,6 +185,18 @@ def test_another_file_of_that_name_is_not_hidden_behind(tmp_path: Path, site: Si
         fetch_model("small", entry, accept_licence=False)
 
 
+@pytest.mark.parametrize("network", ["mobileone_s0", "mobilenetv2", "resnet18", "resnet34", "resnet50"])
+def test_each_mobilegaze_network_is_fetched_from_its_home_once_its_terms_are_accepted(network: str, site: Site) -> None:
+    (name,) = (name for name, entry in catalogue().items() if entry.file == f"{network}_gaze.onnx")
+    entry = find_model(name)
+    assert entry.address == f"{entry.home}/releases/download/weights/{entry.file}"
+    served = entry.model_copy(update={"address": site.url("/model.onnx"), "sha256": WEIGHTS})
+    site.files["/model.onnx"] = b"weights"
+    with pytest.raises(VfoaError, match="expected --accept-licence"):
+        fetch_model(name, served, accept_licence=False)
+    assert fetch_model(name, served, accept_licence=True).name == entry.file
+
+
 # Checking
 
 

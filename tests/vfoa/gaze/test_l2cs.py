@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import pickle
 from pathlib import Path
 
@@ -8,10 +9,11 @@ import pytest
 from onnx import helper
 
 from tests import graphs
-from tests.mirror import frame_of
+from tests.mirror import frame_of, mirrored, mirrored_direction, mirrored_head, read_rgb
 from vfoa.gaze import MODELS
 from vfoa.gaze.l2cs import L2cs
-from vfoa.geometry import pixel_ray
+from vfoa.geometry import angle_between, pixel_ray
+from vfoa.heads.yunet import YuNet
 from vfoa.types import Float, Head
 
 FRAME = frame_of(np.zeros((200, 300, 3), np.uint8))
@@ -106,3 +108,29 @@ def test_the_input_is_the_face_in_rgb_by_imagenets_statistics(tmp_path: Path) ->
     phi = np.degrees(np.arcsin(-gaze.direction[1]))
     assert theta == pytest.approx(40 * (182 - 123.675) / 58.395, abs=0.5)
     assert phi == pytest.approx(40 * (75 - 103.53) / 57.375, abs=0.5)
+
+
+def test_mobilegaze_looks_where_real_heads_point_and_the_other_way_in_a_mirror(
+    shared_models: Path, shared_data: Path
+) -> None:
+    weights = shared_models / "mobilegaze" / "mobileone_s0_gaze.onnx"
+    photographs = sorted((shared_data / "faces").glob("*.jpg"))
+    if not weights.is_file() or not photographs:
+        pytest.skip(f"needs {weights} and photographs of faces in {shared_data / 'faces'}")
+    poses = json.loads((shared_data / "faces" / "pose.json").read_text())
+    yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx"), fallback="none"))
+    model = L2cs(L2cs.Settings(weights=str(weights)))
+    from_head_deg, from_mirrored_deg = [], []
+    for photograph in photographs:
+        frame = frame_of(read_rgb(photograph))
+        head = yunet.faces(frame)[0]
+        gaze = model.estimate(frame, head, None)
+        in_mirror = model.estimate(mirrored(frame), mirrored_head(head, frame.rig.width_px), None)
+        assert gaze is not None
+        assert in_mirror is not None
+        yaw, pitch = (np.radians(poses[photograph.stem][f"{angle}_deg"]) for angle in ("yaw", "pitch"))
+        head_direction = [-np.sin(yaw), -np.sin(pitch) * np.cos(yaw), -np.cos(pitch) * np.cos(yaw)]
+        from_head_deg.append(np.degrees(angle_between(gaze.direction, head_direction)))
+        from_mirrored_deg.append(np.degrees(angle_between(gaze.direction, mirrored_direction(in_mirror.direction))))
+    assert np.median(from_head_deg) < 22  # measured: 19; with the two outputs exchanged, more than 40
+    assert np.median(from_mirrored_deg) < 15  # measured: 10
