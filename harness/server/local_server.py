@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
 HOST = "127.0.0.1"
+MOST_CONNECTIONS = 64
+"""Requests beyond this number of open connections get 503. A browser opens six to a host."""
 
 
 class LocalServer:
@@ -31,14 +33,13 @@ class LocalServer:
     def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1, token: str | None = None) -> None:
         import uvicorn
 
-        from harness.server.guard import MOST_CONNECTIONS, Connections, Guard
+        from harness.server.guard import Guard
 
         self._token = token or secrets.token_urlsafe(24)
-        connections = Connections(app)
         config = uvicorn.Config(
-            Guard(connections, self._token),
+            Guard(app, self._token),
             http="h11",
-            backlog=MOST_CONNECTIONS,  # asyncio accepts as many at once, before any of them can be closed again
+            limit_concurrency=MOST_CONNECTIONS,
             log_level="error",
             access_log=False,
             lifespan="off",
@@ -46,9 +47,6 @@ class LocalServer:
             proxy_headers=False,
             timeout_graceful_shutdown=patience_s,
         )
-        config.load()
-        protocol = config.http_protocol_class
-        config.http_protocol_class = lambda **given: connections.bounded(protocol(**given))  # type: ignore[assignment]
         self._server = uvicorn.Server(config)
         self._listener = _listen(port)
         self.port: int = self._listener.getsockname()[1]

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
-import os
 import socket
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from subprocess import PIPE
 
 import httpx
 import psutil
 import pytest
+from starlette.requests import Request
+from starlette.types import Message, Receive, Scope, Send
 
 from harness.record.composed import Composed
 from harness.record.web_app import open_path, site
 from harness.record.web_viewer import page_files
 from harness.server import guard
+from harness.server.local_server import MOST_CONNECTIONS
 from tests import annotating
-from tests.repository import REPOSITORY
 from tests.web import running
 
 CHANGE = {"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}
@@ -157,100 +155,35 @@ def test_a_body_that_says_it_is_huge_is_refused_unread(server: Server, size: str
     assert _answered(server)
 
 
-def test_a_chunked_body_obeys_the_same_limit(server: Server) -> None:
-    head = (
-        f"POST {server.takes or '/'} HTTP/1.1\r\nHost: 127.0.0.1:{{port}}\r\nX-Vfoa-Token: {{token}}\r\n"
-        "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
-    )
+@pytest.mark.parametrize("length", ["Transfer-Encoding: chunked", "Content-Length: 2\r\nTransfer-Encoding: chunked"])
+def test_a_body_without_its_length_is_refused_unread(server: Server, length: str) -> None:
+    head = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{{port}}\r\nX-Vfoa-Token: {{token}}\r\n{length}\r\n\r\n"
     with server.connect(head) as connection:
-        connection.sendall(b"%x\r\n" % (guard.LARGEST_BODY + 1) + b" " * (guard.LARGEST_BODY + 1))
-        assert connection.recv(1000).split()[1] == b"413"
+        assert connection.recv(1000).split()[1] == b"411"
     assert _answered(server)
 
 
-def test_a_slow_body_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    head = "POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nX-Vfoa-Token: {token}\r\nContent-Length: 50\r\n\r\nhalf"
-    with monkeypatch.context() as patch, server.connect(head) as connection:
-        patch.setattr(guard, "REQUEST_S", 0.2)
-        try:
-            answer = connection.recv(1000)
-        except ConnectionResetError:
-            answer = b""
-        assert answer == b""
-    assert _answered(server)
+def test_a_body_that_is_cut_is_no_error() -> None:
+    async def reads_the_body(scope: Scope, receive: Receive, send: Send) -> None:
+        await Request(scope, receive, send).body()
+
+    async def receive() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        pytest.fail(f"an answer to nobody: {message}")
+
+    headers = [(b"host", b"127.0.0.1:1"), (b"x-vfoa-token", b"known"), (b"content-length", b"5")]
+    scope = {"type": "http", "method": "POST", "path": "/", "query_string": b"", "headers": headers}
+    asyncio.run(guard.Guard(reads_the_body, "known")(scope, receive, send))
 
 
-@pytest.mark.parametrize("said", ["", "GET / HTTP/1.1\r\nHost: ", "POST / HTTP/1.1\r\nContent-Length: 9\r\n\r\n"])
-def test_many_connections_that_say_nothing_leave_it_reachable(
-    server: Server, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guard, "REQUEST_S", 600.0)  # it is the number that is bounded here
+def test_more_connections_than_the_limit_are_told_so(server: Server) -> None:
     with ExitStack() as stack:
-        for _ in range(3 * guard.MOST_CONNECTIONS):
-            stack.enter_context(server.connect(said))
-        assert _answered(server)
-        annotating.wait_for(lambda: _connections(server) <= guard.MOST_CONNECTIONS)
-        assert _answered(server)
-
-
-FLOODED = """
-import resource, sys
-from pathlib import Path
-from harness.server.local_server import LocalServer
-from harness.record.web_app import site
-
-resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))
-server = LocalServer(site({}, {}, page=lambda: "here"))
-print(server.address, flush=True)
-server.run()
-"""
-
-
-def test_a_burst_of_connections_says_nothing_and_leaves_it_reachable() -> None:
-    """A burst beyond its file descriptors, while they are accepted."""
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, "-c", FLOODED]
-    with (
-        subprocess.Popen(command, env=environment, stdout=PIPE, stderr=PIPE, text=True) as process,
-        ExitStack() as stack,
-    ):
-        stack.callback(process.terminate)
-        assert process.stdout
-        server = Server(process.stdout.readline().strip(), (), None)
-        for _ in range(900):
-            connection = stack.enter_context(socket.socket())
-            connection.setblocking(False)
-            connection.connect_ex(("127.0.0.1", server.port))
-        assert _answer_after_a_while(server) == "here"
-        process.terminate()
-        said = process.communicate()[1]
-    assert said == ""
-
-
-def _answer_after_a_while(server: Server, patience_s: float = 20.0) -> str:
-    """What the server answers when it has worked off a burst; it may close what comes meanwhile."""
-    until = time.monotonic() + patience_s
-    while True:
-        try:
-            return server.ask("/", **server.known()).text
-        except OSError:
-            assert time.monotonic() < until
-            time.sleep(0.2)
-
-
-def _connections(server: Server) -> int:
-    ours = [each for each in psutil.Process().net_connections() if each.laddr and each.laddr.port == server.port]
-    return len([each for each in ours if each.status == "ESTABLISHED"])
-
-
-def test_a_connection_that_says_nothing_is_closed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "REQUEST_S", 0.2)
-    for said in ("", "GET / HTTP/1.1\r\nHost: "):
-        with server.connect(said) as connection:
-            answer = b""
-            with suppress(ConnectionResetError):  # closed as well
-                answer = connection.recv(1000)
-            assert answer == b""
+        for _ in range(MOST_CONNECTIONS):
+            stack.enter_context(server.connect())
+        annotating.wait_for(lambda: server.ask("/", **server.known()).status_code == 503)
+    annotating.wait_for(lambda: _answered(server))
 
 
 def test_malformed_requests_are_refused_in_one_line(server: Server) -> None:
