@@ -189,10 +189,13 @@ def baselines_table(scores: Scores) -> Table:
         " | ".join(["Clip | Configuration | FRR", *cells, "Best | Beaten"]),
         scores.by_clip(),
         (
-            "Commonest: always the subject's commonest label in the clip. Nearest: the box nearest to the eyes. "
+            "Commonest: always the commonest label of the other clips (one clip: none). Nearest: the box nearest to "
+            "the eyes. "
             "Largest: in the image. Central: the box nearest to the camera's axis. Nearest in angle: the box nearest "
             "in angle to the measured gaze, or nothing beyond a limit that is best on the other clips (one clip: no "
-            "limit). All but the first choose among what the configuration segmented. Beaten: see the first table.",
+            "limit). Constant: always the subject's commonest label in the clip itself; it has seen the labels, so it "
+            "is never the best one here. The others choose among what the configuration segmented. Beaten: see the "
+            "first table.",
         ),
         more=cells,
     )

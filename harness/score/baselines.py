@@ -4,13 +4,16 @@ A clip on which a baseline does as well as the pipeline does not show that the p
 target of the frame's record, never the subject's own body. If it cannot pick (no such subject, no eye origin, nothing
 with a box), it makes no prediction, which counts as wrong, as it does for the pipeline.
 
-``commonest``  the subject's commonest target in the clip's own labels: the best that any constant answer can do
+``commonest``  the commonest label of the other clips of the run, of the targets that this clip has; with one clip it
+               cannot pick
 ``nearest``    the box whose centre is nearest to the eye origin
 ``largest``    the largest extent in the image; without images it cannot pick
 ``central``    the box whose centre is nearest to the camera's axis, by angle
 ``nearest_in_angle``  the box whose centre is nearest in angle to the measured gaze (to the head's direction without a
                gaze), or nothing if that angle is above a limit. The limit is the one that is best on the other
                clips of the run under the same configuration; with one clip there is none.
+``constant``   the subject's commonest label in the clip's own labels: the best that any constant answer can do. It has
+               seen the labels that it is scored on, so no method is judged by it; it says what a clip can show.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
 from harness.score.statistics import Flags
 from vfoa.types import Float
 
-BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
+BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle", "constant")
+SEES_LABELS = frozenset({"constant"})
+"""Those that have seen the labels that they are scored on."""
 
 
 NO_PICK = (math.nan, None)

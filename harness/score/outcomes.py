@@ -128,6 +128,7 @@ class JudgedPart:
 
     ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
     other, each with the vector from the eyes to what the label says: six numbers. ``head_widths_m`` are some widths.
+    ``targets`` are the names of all targets that were found.
     """
 
     by_subject: dict[str, Judged] = field(default_factory=dict)
@@ -135,10 +136,12 @@ class JudgedPart:
     fits: list[DirectionFit] = field(default_factory=list)
     aims: list[float] = field(default_factory=list)
     head_widths_m: list[float] = field(default_factory=list)
+    targets: dict[str, bool] = field(default_factory=dict)
 
     def take(self, record: FrameRecord, reference: Reference) -> None:
         """Judge every labelled or named subject of a record."""
         self.times_ns[record.frame] = record.time_ns
+        self.targets.update((target.name, True) for target in record.targets)
         named = [subject for subject in record.subjects if subject.name is not None]
         self.fits += [subject.fit for subject in named if subject.fit is not None]
         is_compared = len(self.times_ns) % COMPARED_EVERY == 1
@@ -221,7 +224,7 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference) -> list
             for subject, of_subject in sorted(part.by_subject.items()):
                 key = name, configuration, subject
                 outcomes.append(_outcomes(key, of_subject, places, _rate_hz(times_ns), codes))
-    return _with_limits(_with_longer_looks(outcomes))
+    return _with_limits(_with_commonest(_with_longer_looks(outcomes), judged, codes))
 
 
 def _wanted(clip: str, reference: Reference) -> list[int]:
@@ -271,7 +274,7 @@ def _outcomes(
     worths = np.array([judgement.worth for judgement in scored], dtype=np.float64)
     confidence, on_truth, brier, set_size, is_covered = worths.reshape(-1, len(UNKNOWN_WORTH)).T
     always = commonest(truths)
-    baselines = [(truth == always, *judgement.hits) for truth, judgement in zip(truths, scored, strict=True)]
+    baselines = [(False, *judgement.hits, truth == always) for truth, judgement in zip(truths, scored, strict=True)]
     return Outcomes(
         clip=clip,
         configuration=configuration,
@@ -297,6 +300,29 @@ def _outcomes(
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
         rate_hz=rate,
     )
+
+
+def _with_commonest(
+    outcomes: list[Outcomes], judged: Mapping[Pair, JudgedPart], codes: Mapping[str, int]
+) -> list[Outcomes]:
+    """The outcomes with the hits of the commonest label of the other clips, by configuration."""
+    counts: dict[tuple[str, str], Codes] = {}
+    for outcome in outcomes:
+        key = outcome.configuration, outcome.clip
+        counts[key] = counts.get(key, 0) + np.bincount(outcome.truth, minlength=len(codes))
+    totals: dict[str, Codes] = {}
+    for (configuration, _), of_clip in counts.items():
+        totals[configuration] = totals.get(configuration, 0) + of_clip
+    place, found = BASELINES.index("commonest"), []
+    for outcome in outcomes:
+        others = totals[outcome.configuration] - counts[outcome.configuration, outcome.clip]
+        targets = {*judged[outcome.clip, outcome.configuration].targets, NOWHERE} - {outcome.subject}
+        can_be = {name: int(others[code]) for name, code in codes.items() if name in targets and others[code]}
+        baselines = outcome.baselines.copy()
+        if can_be:
+            baselines[:, place] = outcome.truth == codes[min(can_be, key=lambda name: (-can_be[name], name))]
+        found.append(replace(outcome, baselines=baselines))
+    return found
 
 
 def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:

@@ -19,7 +19,7 @@ from harness.run.directory import Pair, Published
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
 from harness.run.results import MeasuredPart
-from harness.score.baselines import BASELINES
+from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.looks import MatchCounts, count_events
@@ -93,8 +93,8 @@ class ScoreRow:
 
     @property
     def best_baseline(self) -> str:
-        """The name of the best baseline on these frames; the first of equally good ones."""
-        return max(self.baselines, key=lambda name: self.baselines[name])
+        """The best baseline on these frames that has not seen their labels; the first of equally good ones."""
+        return max((name for name in BASELINES if name not in SEES_LABELS), key=lambda name: self.baselines[name])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,7 +287,9 @@ def _matches(true: Flags, said: Flags) -> MatchCounts:
 
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
-    best = int(np.argmax(baselines.sum(axis=0)))
+    best = int(
+        np.argmax([0 if name in SEES_LABELS else hits.sum() for name, hits in zip(BASELINES, baselines.T, strict=True)])
+    )
     gains = _units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
     if gains.values.sum() <= 0:
         return "no"

@@ -100,7 +100,7 @@ def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
     assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration"
     assert lines[2] == "- bandage_2: the right view is re-projected"
     assert lines[3] == (
-        "- bandage_2: the baseline 'commonest' is right in 100.0 % of the frames, the best configuration in 76.0 %."
+        "- bandage_2: the baseline 'constant' is right in 100.0 % of the frames, the best configuration in 76.0 %."
     )
 
 

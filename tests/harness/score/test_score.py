@@ -9,6 +9,7 @@ from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import FrameRecord
+from harness.score.baselines import SEES_LABELS
 from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.outcomes import Reference
 from harness.score.score import ScoreRow, Scores, score
@@ -131,14 +132,48 @@ def test_events_run_over_scored_frames_of_a_subject() -> None:
 
 def test_a_clip_that_a_baseline_solves_shows_it() -> None:
     row = _row(score(answers(["cup", "can", None]), Reference(labels={"clip": labels("can", "can", "can")})))
-    assert row.baselines["commonest"] == 1.0
+    assert row.baselines["constant"] == 1.0
     # both things lie at the same place, so every baseline takes the first, the can, wherever there is a girl to ask
     assert (row.baselines["nearest"], row.baselines["largest"], row.baselines["central"]) == (2 / 3, 2 / 3, 2 / 3)
 
 
-def test_the_commonest_label_is_each_subjects_own() -> None:
+def test_the_best_constant_answer_is_each_subjects_own() -> None:
     both = Labels([*labels("cup", "cup").ranges, *labels("can", "can", subject="boy").ranges])
-    assert _row(score(answers(["cup", "cup"]), Reference(labels={"clip": both}))).baselines["commonest"] == 1.0
+    assert _row(score(answers(["cup", "cup"]), Reference(labels={"clip": both}))).baselines["constant"] == 1.0
+
+
+def test_the_commonest_label_is_that_of_the_other_clips_and_never_that_of_the_clip_itself() -> None:
+    said = {"one": "cup", "two": "can", "three": "can"}
+    truth = {
+        "one": labels("cup", "cup", "cup", "cup"),
+        "two": labels("can", "none", "none", "cup"),
+        "three": labels("can", "can", "none", "none"),
+    }
+    records = [record for clip, name in said.items() for record in answers([name] * 4, clip=clip)]
+    scores = score(records, Reference(labels=truth))
+    rates = {clip: _row(scores, clip=clip).baselines for clip in said}
+    # "one" has a cup, and its others say none 4 times; "two" and "three" have a can: 2 (before none) and 1 (none 2)
+    assert {clip: row["commonest"] for clip, row in rates.items()} == {"one": 0.0, "two": 0.25, "three": 0.5}
+    assert {clip: row["constant"] for clip, row in rates.items()} == {"one": 1.0, "two": 0.5, "three": 0.5}
+    assert _row(score(records[:4], Reference(labels={"one": truth["one"]})), clip="one").baselines["commonest"] == 0.0
+
+
+def test_the_commonest_label_is_one_that_the_clip_has() -> None:
+    records = [*answers(["cup", "cup"], clip="one"), *answers(["boy"] * 3, clip="two")]
+    truth = {"one": labels("cup", "none"), "two": labels("boy", "boy", "boy")}
+    rate = _row(score(records, Reference(labels=truth)), clip="one").baselines["commonest"]
+    assert rate == 0.0  # "boy", whom this clip does not have, is no answer, and nothing else was looked at
+
+
+@pytest.mark.parametrize("count", [2, 40])
+def test_no_method_is_judged_by_a_rule_that_has_seen_the_labels(count: int) -> None:
+    truth = labels(*["can"] * count)
+    row = _row(score(answers(["cup", *["can"] * (count - 1)]), Reference(labels={"clip": truth})))
+    assert row.baselines["constant"] == 1.0 > row.frr
+    assert row.best_baseline != "constant"
+    assert row.baselines[row.best_baseline] == max(
+        rate for name, rate in row.baselines.items() if name not in SEES_LABELS
+    )
 
 
 def test_what_was_never_predicted_has_no_rate_given_a_prediction() -> None:
@@ -230,7 +265,7 @@ def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
     records = [r for name, each in said.items() for r in answers(each, configuration=name)]
     scores = score(records, Reference(labels={"clip": labels(*looks)}))
     good, poor = (_row(scores, configuration=name) for name in said)
-    assert good.baselines["commonest"] == 0.5
+    assert good.baselines["constant"] == 0.5
     assert (good.beats, poor.beats) == ("yes", "no")
 
 
@@ -245,7 +280,7 @@ def test_the_papers_own_table(correct: int, frr: float) -> None:
     assert (row.n, row.correct, row.frr) == (50, correct, frr)
     assert row.coverage == correct / 50
     assert row.no_hit == 44 - correct
-    assert row.baselines["commonest"] == 1.0
+    assert row.baselines["constant"] == 1.0
 
 
 def test_events_run_over_the_frames_that_a_source_has_whatever_their_numbers() -> None:
@@ -274,7 +309,8 @@ def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> No
 
 def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
     row = _row(score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup")})))
-    assert row.baselines == {"commonest": 1.0, "nearest": 0.5, "largest": 0.5, "central": 0.5, "nearest_in_angle": 0.5}
+    picked = dict.fromkeys(("nearest", "largest", "central", "nearest_in_angle"), 0.5)
+    assert row.baselines == {"commonest": 0.0, **picked, "constant": 1.0}
 
 
 def test_always_none_has_the_frr_of_nowhere_and_half_the_balanced_one() -> None:
