@@ -140,18 +140,23 @@ def _next_steps(added: Added) -> Iterator[str]:
 
 
 def _run_options(added: Added) -> tuple[str, str | None]:
-    """Options that a run of this clip needs on this machine, and the command that fetches missing weights."""
+    """Options that a run of this clip needs on this machine, and the command that fetches its models.
+
+    If other networks can stand in for all that are missing, options choose them, and there is nothing to fetch.
+    """
     from harness.pipeline.weights import missing_weights
-    from harness.run.experiment import load_experiment
+    from harness.run.plan import default_stages, fetch_command
 
     if added.rig is None:
         return " --preset measured", None
     sensor = "" if added.has_right else " --set stereo.matcher=sensor"
-    (default,) = load_experiment("default", clips=(added.name,)).configurations
-    missing = [weights for choice in default.choices.values() if choice and (weights := missing_weights([choice]))]
-    options = [weights.instead[0].partition(" (")[0] for weights in missing if weights.instead]
-    models = [name for weights in missing if not weights.instead for name in weights.models]
-    return " ".join([sensor, *options]), f"vfoa models fetch {' '.join(models)}" if models else None
+    missing = missing_weights(default_stages(added.name))
+    if missing is None:
+        return sensor, None
+    networks = [stage.options for stage in missing.instead if stage and stage.licences]
+    if len(networks) < len(missing.instead):
+        return sensor, fetch_command(added.name)
+    return " ".join([sensor, *networks]), None
 
 
 def _print_rig(added: Added) -> None:

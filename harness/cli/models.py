@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.cli.options import ProviderName, Replace
+from harness.cli.options import ProviderName, Replace, clip_names
 from harness.cli.terminal import print_table, say
 
 if TYPE_CHECKING:
@@ -39,22 +39,38 @@ def list_models() -> None:
 
 @app.command(name="fetch", short_help="Fetch models from their own sites.")
 def fetch(
-    names: Annotated[list[str], typer.Argument(metavar="NAME", help="Names of the catalogue.")],
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue.")] = None,
+    clip: Annotated[
+        str | None,
+        typer.Option(
+            "--for", metavar="CLIP", help="Fetch what the default run of this clip needs.", autocompletion=clip_names
+        ),
+    ] = None,
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="Accept terms that allow no commercial use.")
     ] = False,
 ) -> None:
     """Fetch models from their own sites into the cache directory; an interrupted download resumes.
 
-    A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
+    Licences and sizes are printed first. A network in OpenVINO's format is converted to ONNX. A model that cannot be
+    fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.terminal import bytes_bar
-    from harness.pipeline.weights import fetch_model, find_model
+    from harness.pipeline.weights import fetch_model, find_model, models_of
+    from harness.run.plan import default_stages
     from vfoa.errors import VfoaError
 
+    if not names and clip is None:
+        raise VfoaError("models fetch: found no NAME; expected names of `vfoa models list`, or --for CLIP")
+    models = {name: find_model(name) for name in names or ()}
+    if clip is not None:
+        models |= models_of(default_stages(clip))
+        if not models:
+            say(f"{clip}: its default run needs no models")
+    for name, entry in models.items():
+        say(f"{name}: licence: {entry.licence}; {entry.size or 'size not known'}; {entry.home}")
     failed = False
-    for name, entry in [(name, find_model(name)) for name in names]:
-        say(f"{name}: licence: {entry.licence}; {entry.home}")
+    for name, entry in models.items():
         try:
             with bytes_bar(name) as progress:
                 path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)

@@ -117,7 +117,7 @@ def _weights() -> Iterator[Finding]:
     (default,) = load_experiment("default", clips=("any",)).configurations
     for slot, choice in default.choices.items():
         missing = missing_weights([choice] if choice else [])
-        fix = " or ".join((missing.fetch, *missing.instead)) if missing else None
+        fix = " or ".join((missing.fetch, *missing.alternatives)) if missing else None
         ready = ", ".join(stage.name for stage in ready_stages(STAGES[slot]))
         what = f"{slot} (default {choice.name if choice else 'none'})"
         yield Finding(what=what, state=f"ready: {ready or 'none'}", fix=fix, required=not ready)

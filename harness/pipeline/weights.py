@@ -279,9 +279,13 @@ class ReadyStage:
 
     @property
     def options(self) -> str:
-        """Options of ``vfoa run`` that choose it, with the licences of its weights."""
-        options = " ".join(f"--set {setting}" for setting in self.settings)
-        return f"{options} ({', '.join(self.licences)})" if self.licences else options
+        """Options of ``vfoa run`` that choose it."""
+        return " ".join(f"--set {setting}" for setting in self.settings)
+
+    @property
+    def described(self) -> str:
+        """Its options, with the licences of its weights."""
+        return f"{self.options} ({', '.join(self.licences)})" if self.licences else self.options
 
 
 def ready_stages(slot: StageKind) -> list[ReadyStage]:
@@ -306,40 +310,54 @@ def ready_stages(slot: StageKind) -> list[ReadyStage]:
     return ready
 
 
+def models_of(choices: Iterable[StageChoice]) -> dict[str, CatalogueEntry]:
+    """Return the models of the catalogue whose files the stages name, by name."""
+    files = {file for choice in choices for file in weights_of(choice.settings)}
+    return {name: entry for name, entry in catalogue().items() if entry.file in files}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingWeights:
-    """Models of the catalogue that stages name and that are not here, and options of stages that can run instead."""
+    """Models of the catalogue that stages name and that are not here.
+
+    ``instead`` are the stages that can run in place of those without weights: None for one that nothing can replace.
+    """
 
     models: Mapping[str, CatalogueEntry]
-    instead: tuple[str, ...]
+    instead: tuple[ReadyStage | None, ...]
 
     @property
     def fetch(self) -> str:
         """The command that fetches them, or says where to get them."""
         return f"vfoa models fetch {' '.join(self.models)}"
 
+    @property
+    def alternatives(self) -> list[str]:
+        """Options that choose the stages that can run instead, with the licences of their weights."""
+        return [stage.described for stage in self.instead if stage]
+
 
 def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
     """Return what is missing of the weights that the stages name; None if all are here."""
-    entries = {entry.file: (name, entry) for name, entry in catalogue().items()}
-    absent = {
-        file: choice
-        for choice in choices
-        for file in weights_of(choice.settings)
-        if file in entries and not _find(file)
-    }
-    if not absent:
+    without = [(choice, models) for choice in choices for models in [_absent([choice])] if models]
+    if not without:
         return None
     instead = []
-    for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in absent.values()):
+    for slot, name in dict.fromkeys((choice.slot, choice.name) for choice, _ in without):
         # the same stage with other weights, else another network, else any
         ready = sorted(ready_stages(STAGES[slot]), key=lambda stage: (stage.name != name, not stage.licences))
-        instead += [stage.options for stage in ready[:1]]
-    return MissingWeights(models=dict(entries[file] for file in sorted(absent)), instead=tuple(instead))
+        instead.append(ready[0] if ready else None)
+    return MissingWeights(models=_absent(choice for choice, _ in without), instead=tuple(instead))
 
 
-def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
+def _absent(choices: Iterable[StageChoice]) -> dict[str, CatalogueEntry]:
+    return {name: entry for name, entry in models_of(choices).items() if not entry.find()}
+
+
+def locate_weights(choices: Iterable[StageChoice], fetch: str | None = None) -> dict[str, Path]:
     """Return the path of each weights file that the stages name.
+
+    ``fetch`` is a command that fetches just what is missing; by default one that names every model.
 
     Raises
     ------
@@ -352,9 +370,9 @@ def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
         models = (
             f"{name} ({entry.licence}, {entry.size or 'size not known'})" for name, entry in missing.models.items()
         )
-        here = f"; or what is here already: {' '.join(missing.instead)}" if missing.instead else ""
+        here = f"; or what is here already: {' '.join(missing.alternatives)}" if missing.alternatives else ""
         folders = " and ".join(map(str, directories()))
-        raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {missing.fetch}{here}")
+        raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {fetch or missing.fetch}{here}")
     return {file: locate(file) for file in sorted({name for choice in choices for name in weights_of(choice.settings)})}
 
 

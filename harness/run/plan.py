@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -19,9 +20,9 @@ from harness.files.digests import code_digest, file_digest
 from harness.labels.labels import Labels, timeline_of
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip, check_drawn
-from harness.pipeline.weights import locate_weights
+from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
-from harness.run.experiment import Experiment
+from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
@@ -96,9 +97,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
     """
     limit = experiment.limit if limit is None else limit
     clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
-    if all(isinstance(prepared.clip, MeasuredClip) for prepared in clips):
-        without_images = tuple(configuration.without_images() for configuration in experiment.configurations)
-        experiment = replace(experiment, configurations=without_images)
+    experiment = _for_clips(experiment, (prepared.clip for prepared in clips))
     notes = (
         *_notes_on_names(clips, experiment.configurations),
         *(f"{prepared.manifest.name}: {prepared.drawn.summary}" for prepared in clips if prepared.drawn),
@@ -106,6 +105,32 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
     )
     noted = replace(experiment, notes=(*experiment.notes, *notes))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks))
+
+
+def _for_clips(experiment: Experiment, clips: Iterable[Clip | MeasuredClip]) -> Experiment:
+    """The experiment with the stages that these clips have input for."""
+    if not all(isinstance(clip, MeasuredClip) for clip in clips):
+        return experiment
+    without_images = tuple(configuration.without_images() for configuration in experiment.configurations)
+    return replace(experiment, configurations=without_images)
+
+
+def default_stages(clip: str) -> list[StageChoice]:
+    """The stages of the default run of a clip, or of a family of clips.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such clip, or it cannot be opened.
+    """
+    experiment = load_experiment("default", clips=(clip,))
+    experiment = _for_clips(experiment, [load_manifest(name).open() for name in experiment.clips])
+    return [choice for configuration in experiment.configurations for choice in configuration.stages]
+
+
+def fetch_command(clip: str) -> str:
+    """The command that fetches the models of the default run of a clip, or of a family of clips."""
+    return shlex.join(["vfoa", "models", "fetch", "--for", clip])
 
 
 def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
@@ -183,10 +208,22 @@ def describe(plan: Plan) -> dict[str, Any]:
         "clips": [_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
         "configurations": {configuration.name: configuration.plain() for configuration in configurations},
         "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
-        "weights_sha256": {name: file_digest(path) for name, path in locate_weights(plan.stages).items()},
+        "weights_sha256": {
+            name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
+        },
         "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
+
+
+def _default_fetch(plan: Plan) -> str | None:
+    """The command that fetches the models of a default run, if it fetches just what is missing for this one."""
+    missing = missing_weights(plan.stages)
+    if missing is None:
+        return None
+    of_default = missing_weights(default_stages(plan.experiment.clips[0]))
+    same = of_default is not None and of_default.models == missing.models
+    return fetch_command(plan.experiment.clips[0]) if same else None
 
 
 def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def test_every_entry_names_a_stage_that_exists_and_what_it_needs_to_be_run() -> 
         assert entry.home.startswith("https://"), name
         assert entry.address is None or entry.address.startswith("https://"), name
         assert entry.address is None or entry.sha256 is not None, name
-        assert entry.address or entry.note or entry.sha256, name
+        assert entry.can_be_fetched or entry.note, name
         if entry.is_onnx:
             assert entry.stage is not None, name
             slot, stage = entry.stage.split(".")

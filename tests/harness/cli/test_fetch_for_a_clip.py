@@ -1,0 +1,133 @@
+"""From a recording and no models to a table: `vfoa clips add`, `vfoa models fetch --for CLIP`, `vfoa run CLIP`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.pipeline import weights
+from harness.pipeline.weights import CatalogueEntry, catalogue
+from tests import graphs
+from tests.command import vfoa
+from tests.harness.clips.adding import NUMBERS, images
+from tests.measured import measured_tables
+from tests.web import Site, serve
+
+Run = Callable[..., tuple[int, str, str]]
+NEEDED = ("yunet", "fsanet-1x1", "fsanet-var", "adas-0002", "adas-head-pose", "rf-detr-seg-medium")
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    with serve() as found:
+        yield found
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The only folder of weights; it does not exist yet. The working directory is another empty folder."""
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.delenv("VFOA_MODELS", raising=False)
+    monkeypatch.setattr("vfoa.weights.cache_directory", lambda: tmp_path / "models")
+    monkeypatch.setattr(weights, "cache_directory", lambda: tmp_path / "models")
+    for name in ("HTTP_PROXY", "ALL_PROXY", "http_proxy", "all_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path / "models"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    return lambda *words: vfoa(monkeypatch, capsys, *words)
+
+
+def served(site: Site, name: str, entry: CatalogueEntry, files: dict[str, Path]) -> CatalogueEntry:
+    """A model whose home is this site, if its files are here."""
+
+    def address(file: str) -> str:
+        site.files[f"/{file}"] = files[file].read_bytes()
+        return site.url(f"/{file}")
+
+    if entry.openvino is not None:
+        stem = Path(entry.file).stem
+        parts = {
+            suffix: getattr(entry.openvino, suffix).model_copy(update={"address": address(f"{stem}.{suffix}")})
+            for suffix in ("xml", "bin")
+        }
+        return entry.model_copy(update={"openvino": entry.openvino.model_copy(update=parts)})
+    if name == "rf-detr-seg-medium":  # its file is not at hand: a graph in its place
+        sha256 = hashlib.sha256(files[entry.file].read_bytes()).hexdigest()
+        return entry.model_copy(update={"address": address(entry.file), "sha256": sha256})
+    return entry.model_copy(update={"address": address(entry.file)})
+
+
+@pytest.fixture
+def _homes(site: Site, shared_models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Serve the genuine files of the networks that a default run needs; all others keep their addresses."""
+    if not (shared_models / "openvino_ir").is_dir():
+        pytest.skip(f"needs the networks in OpenVINO's format: no folder {shared_models / 'openvino_ir'}")
+    entries = dict(catalogue())
+    segmenter = entries["rf-detr-seg-medium"]
+    nothing = {key: np.full(shape, -9.0) for key, shape in segmenter.outputs.items()}
+    graph = Path(graphs.constant(tmp_path / segmenter.file, segmenter.inputs, nothing))
+    files = {path.name: path for path in (*shared_models.glob("*.onnx"), *shared_models.glob("openvino_ir/*"), graph)}
+    for name in NEEDED:
+        entries[name] = served(site, name, entries[name], files)
+    monkeypatch.setattr(weights, "catalogue", lambda: entries)
+
+
+def add(run: Run, source: Path) -> list[str]:
+    code, out, err = run(
+        "clips", "add", str(source), "--name", "mine", *NUMBERS, "--subject", "ann", "--target", "mug=cup"
+    )
+    assert (code, err) == (0, "")
+    return out.splitlines()
+
+
+@pytest.mark.usefixtures("_homes")
+def test_one_command_brings_what_the_default_run_of_a_new_clip_needs(
+    site: Site, cache: Path, tmp_path: Path, run: Run
+) -> None:
+    said = add(run, images(tmp_path / "source", "left/{}.png", "right/{}.png"))
+    assert said[-2:] == ["next: vfoa models fetch --for mine", "next: vfoa run mine"]
+    code, _, err = run("run", "mine")
+    assert code == 2
+    assert "expected: vfoa models fetch --for mine" in err
+    assert not cache.exists()
+
+    code, out, err = run("models", "fetch", "--for", "mine")
+    assert (code, err) == (0, "")
+    first, rest = out.splitlines()[: len(NEEDED)], out.splitlines()[len(NEEDED) :]
+    assert {line.partition(":")[0] for line in first} == {*NEEDED}
+    assert all("licence: " in line and (" MB; " in line or "size not known" in line) for line in first)
+    files = {catalogue()[name].file for name in NEEDED}
+    assert {line.partition(": ")[2] for line in rest} == {str(cache / file) for file in files}
+    assert {path.name for path in cache.iterdir()} == files
+    assert {path for path, _ in site.asked} == site.files.keys()
+
+    code, _, err = run("run", "mine", "--recording", "none", "--workers", "1")
+    assert (code, err) == (0, "")
+    assert (Path("runs") / "mine" / "frr.csv").is_file()
+
+
+def test_a_run_that_lacks_other_models_than_the_default_one_names_them(cache: Path, tmp_path: Path, run: Run) -> None:
+    add(run, images(tmp_path / "source", "left/{}.png", "right/{}.png"))
+    code, _, err = run("run", "mine", "--set", "heads.detector=person_mask", "--set", "head_pose.model=none")
+    assert code == 2
+    assert "expected: vfoa models fetch adas-0002 adas-head-pose rf-detr-seg-medium" in err
+
+
+def test_a_clip_without_images_needs_no_models(cache: Path, tmp_path: Path, run: Run) -> None:
+    code, _, err = run("clips", "add", str(measured_tables(tmp_path)), "--name", "mine")
+    assert (code, err) == (0, "")
+    assert run("models", "fetch", "--for", "mine") == (0, "mine: its default run needs no models\n", "")
+
+
+@pytest.mark.parametrize("words", [(), ("--for", "no-such-clip")])
+def test_what_to_fetch_must_be_named(words: tuple[str, ...], cache: Path, run: Run) -> None:
+    code, _, err = run("models", "fetch", *words)
+    assert (code, err.count("\n")) == (2, 1)
