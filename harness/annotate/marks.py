@@ -68,16 +68,13 @@ def plain_stretches(parts: Iterable[Stretch]) -> list[list[Any]]:
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:
-    """First and last position around ``at`` with the same mark or, if requested, with the same target.
-
-    An undecided stretch reaches as far as the annotators differ in the same way.
-    """
+    """First and last position around ``at`` with the same mark or, if requested, with the same target."""
 
     def key(position: int) -> object:
         mark = track[position]
         if not same_target or mark is None:
             return mark
-        return mark.target, mark.is_suggested, mark.note if mark.is_undecided else None
+        return mark.target, mark.is_suggested
 
     first = last = at
     while first > 0 and key(first - 1) == key(at):
@@ -95,7 +92,7 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
 def labelled(part: Stretch, seen: int) -> int:
     """Number of frames of a stretch that a person has labelled."""
     mark = part.mark
-    if mark is None or mark.is_suggested or mark.is_undecided:
+    if mark is None or mark.is_suggested:
         return 0
     last = min(part.last, seen) if mark.carried else part.last
     return max(last - part.first + 1, 0)

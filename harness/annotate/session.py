@@ -19,7 +19,7 @@ from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, looks
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
-from harness.labels.labels import TO_DECIDE, timeline_of
+from harness.labels.labels import timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 
@@ -133,7 +133,6 @@ class Session:
             "uncertain_first": self._uncertain_first,
             "label_first": [asdict(block) for block in self._label_first()],
             "blind": self._blind,
-            "to_decide": TO_DECIDE,
         }
 
     def state(self) -> dict[str, Any]:

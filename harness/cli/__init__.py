@@ -87,7 +87,7 @@ app.command(short_help="Calibrate two cameras from pictures of a board.")(calibr
 app.command(short_help="Check what running needs on this machine.")(setup.doctor)
 app.command(short_help="Make a working directory with the data folders.")(setup.init)
 app.command(short_help="Print every setting: type, unit, default, meaning.")(setup.settings)
-app.add_typer(labels.app, name="labels", short_help="Check, import, export, compare and merge labels.")
+app.add_typer(labels.app, name="labels", short_help="Check, import, export and compare labels.")
 app.add_typer(setup.cache_app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")

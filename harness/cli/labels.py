@@ -1,4 +1,4 @@
-"""``vfoa labels``: check, import, export, compare and merge labels; undo changes; export predictions."""
+"""``vfoa labels``: check, import, export and compare labels; undo changes; export predictions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from harness.sources import AnyClip
 
 app = typer.Typer(
-    help="Check, import, export, compare and merge labels; undo changes; export a run's predictions.",
+    help="Check, import, export and compare labels; undo changes; export a run's predictions.",
     no_args_is_help=True,
 )
 
@@ -199,46 +199,13 @@ def agreement(
         write_together(texts)
 
 
-@app.command(name="merge", short_help="Merge the labels of several annotators into one file.")
-def merge(
-    clip: Clip,
-    annotators: Annotators = None,
-    rule: Annotated[
-        Literal["agree", "first", "adjudicate"], typer.Option(help="Rule for frames on which annotators differ.")
-    ] = "adjudicate",
-    to: Annotated[str | None, typer.Option(metavar="ANNOTATOR", help="Write CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
-    replace: Replace = False,
-) -> None:
-    """Merge the labels of several annotators by a rule: agree (else ignore), first (in the order given), adjudicate."""
-    from harness.annotate.clip_stores import open_store, undo_command
-    from harness.clips.manifest import load_manifest
-    from harness.files.io import check_new
-    from harness.labels.labels import merge_labels, timeline_of, to_decide
-
-    manifest = load_manifest(clip)
-    opened = manifest.open()
-    labels = _labels_by_annotator(manifest, opened, annotators or [], but=to)
-    files = manifest.annotations
-    place = files.place(to)
-    inputs = [files.find(None if label == manifest.name else label) for label in labels]
-    check_new(place, replace=replace, hint=", or another --to", inputs=filter(None, inputs))
-    merged, replaced = merge_labels(labels, opened.frames, rule), place.exists()
-    with closing(open_store(manifest, to, timeline_of(opened))) as store:
-        store.put_labels(merged, store.subjects)
-    if replaced:
-        say(f"- {place}: replaced all labels; {undo_command(manifest, to)} brings them back.", err=True)
-    say(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
-    if left := to_decide(merged):
-        say(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
-
-
 @app.command(name="undo", short_help="Take back the last change of a clip's labels.")
 def undo(
     clip: Clip,
     annotator: Annotator = None,
     redo: Annotated[bool, typer.Option("--redo", help="Make the change that was undone last again.")] = False,
 ) -> None:
-    """Take back the last change of labels, targets or drawing, as z in vfoa annotate does, or an import or a merge."""
+    """Take back the last change of labels, targets or drawing, as z in vfoa annotate does, or an import."""
     from harness.annotate.history import History
     from harness.clips.manifest import load_manifest
     from harness.labels.labels import timeline_of
@@ -254,17 +221,12 @@ def undo(
     say(f"{done} {'redone' if redo else 'undone'}")
 
 
-def _labels_by_annotator(
-    manifest: ClipManifest, clip: AnyClip, annotators: list[str], *, but: str | None = None
-) -> dict[str, Labels]:
-    """The labels of the named annotators (the clip's own name means CLIP.csv), or of all annotators of the clip.
-
-    ``but`` is left out of all: the annotator written by an earlier merge.
-    """
+def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list[str]) -> dict[str, Labels]:
+    """The labels of the named annotators (the clip's own name means CLIP.csv), or of all annotators of the clip."""
     from harness.labels.labels import timeline_of
     from vfoa.errors import VfoaError
 
-    names = annotators or [name for name in manifest.annotations.annotators() if name != but]
+    names = annotators or list(manifest.annotations.annotators())
     if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
         names = [manifest.name, *names]
     if len(set(names)) < 2:

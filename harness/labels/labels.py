@@ -1,17 +1,13 @@
-"""Labels: the target of each subject in each frame, as judged by people; the times of a clip's frames.
-
-Labels of several annotators can be merged.
-"""
+"""Labels: the target of each subject in each frame, as judged by people; the times of a clip's frames."""
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from operator import itemgetter
-from typing import Literal
 
 import numpy as np
 
@@ -26,13 +22,6 @@ UNLABELLED = "not labelled yet"
 """The note of an ``ignore`` for frames that nobody has labelled yet."""
 BLOCKED = "blocked"
 """First word of a label's note if an object is between the eyes and the target."""
-TO_DECIDE = "to decide: "
-"""Beginning of the note of an ``ignore`` on which annotators differ, for a person to decide; their answers follow."""
-
-DIFFER = "annotators differ"
-"""The note of an ``ignore`` on which annotators differ, merged by the rule ``agree``."""
-
-MergeRule = Literal["agree", "first", "adjudicate"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,11 +40,6 @@ class Label:
     def is_placeholder(self) -> bool:
         """Whether it says that nobody has labelled the frame yet."""
         return self.target == IGNORED and self.note == UNLABELLED
-
-    @property
-    def is_undecided(self) -> bool:
-        """Whether it marks a disagreement of annotators that is not decided yet."""
-        return self.target == IGNORED and self.note.startswith(TO_DECIDE)
 
     @property
     def is_blocked(self) -> bool:
@@ -161,53 +145,6 @@ def ranges_of(subject: str, labels: Iterable[tuple[int, Label | None]]) -> Itera
         frames = [frame for frame, _ in run]
         if label is not None:
             yield LabelRange(first_frame=frames[0], last_frame=frames[-1], subject=subject, label=label)
-
-
-def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: MergeRule) -> Labels:
-    """Merge labels, annotators in order of precedence.
-
-    Parameters
-    ----------
-    rule
-        ``agree``: a label if all annotators name the same target, else ``ignore``. ``first``: the label of the
-        first annotator who has one. ``adjudicate``: as ``agree``, but the note lists the annotators' answers, for a
-        person to decide. Note and image point are the first annotator's.
-
-    Unconfirmed suggestions and placeholders ("not labelled yet") do not count. Gaps between labels become ``ignore``.
-    """
-    subjects = sorted({subject for label in labels.values() for subject in label.subjects})
-    merged = Labels(
-        row
-        for subject in subjects
-        for row in ranges_of(subject, ((frame, _merged(_answers(labels, frame, subject), rule)) for frame in frames))
-    )
-    return fill_gaps(merged, frames, Label(target=IGNORED, note=UNLABELLED))
-
-
-def to_decide(labels: Labels) -> list[LabelRange]:
-    """Return the ranges that a person must decide."""
-    return [row for row in labels.ranges if row.label.is_undecided]
-
-
-def _answers(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:
-    """Each annotator's label of a frame; None: nothing, an unconfirmed suggestion, or the note of no label yet."""
-    given = {name: of_annotator.at(frame, subject) for name, of_annotator in labels.items()}
-    return {
-        name: None if label is None or label.is_suggested or label.is_placeholder else label
-        for name, label in given.items()
-    }
-
-
-def _merged(answers: Mapping[str, Label | None], rule: MergeRule) -> Label | None:
-    given = [label for label in answers.values() if label is not None]
-    if not given:
-        return None
-    if rule == "first" or (len(given) == len(answers) and len({label.target for label in given}) == 1):
-        return given[0]
-    if rule == "agree":
-        return Label(target=IGNORED, note=DIFFER)
-    listed = ", ".join(f"{name} {label.target if label else '-'}" for name, label in answers.items())
-    return Label(target=IGNORED, note=f"{TO_DECIDE}{listed}")
 
 
 _SECONDS = re.compile(r"(-?)([0-9]{1,10})(?:\.([0-9]{1,9}))?")

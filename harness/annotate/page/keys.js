@@ -12,7 +12,7 @@ const rows = (page) => [
   ["previous-change", ["["], "to the previous change; where annotators differ, to the previous difference", "[", () => page.toChange(-1)],
   ["next-change", ["]"], "to the next change; where annotators differ, to the next difference", "]", () => page.toChange(1)],
   ["unlabelled", ["g"], "to the next frames without a label, of every subject", "", () => page.toOpen("unlabelled")],
-  ["undecided", ["x"], "to the next that is undecided: a difference or a suggestion", "", () => page.toOpen("undecided")],
+  ["undecided", ["x"], "to the next suggestion that is undecided", "", () => page.toOpen("undecided")],
   ["label-first", ["q"], "to the next frames to label first, where configurations differ; they become the range", "label first", () => page.toOpen("label first"), "run"],
   ["first", ["Home"], "to the first frame", "", () => { page.go(0); }],
   ["last", ["End"], "to the last frame", "", () => { page.go(page.total - 1); }],

@@ -10,7 +10,7 @@ import { Said } from "./said.js";
 import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
 import { Strips } from "./strips.js";
-import { at, changes, open, read, runs, undecided } from "./tracks.js";
+import { at, changes, open, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
 
@@ -54,7 +54,7 @@ export class Page {
     panel.makeUnlabelled(() => this.hands.press(() => this.toOpen("unlabelled")));
     this.wanted = this.shown = 0;
     this.take(about);
-    this.state = read(first.state, about.to_decide);
+    this.state = read(first.state);
     panel.makePlenty(this.hasRun);
     addEventListener("resize", () => this.go(this.wanted)); // names are larger on a narrow screen
     addEventListener("pagehide", () => { this.drawing.rest(); this.seen.tell(); this.queue.leave(); });
@@ -175,14 +175,12 @@ export class Page {
   async toChange(direction) {
     this.player.stop();
     await this.saved();
-    const differences = undecided(this.track).map((each) => each.first);
-    const all = differences.length ? differences : changes(this.track, this.suggestions);
+    const all = changes(this.track, this.suggestions);
     const next = direction > 0 ? all.find((each) => each > this.wanted) : all.findLast((each) => each < this.wanted);
-    if (next === undefined && differences.length) this.go(all.at(direction > 0 ? 0 : -1), true);
-    else this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
+    this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
   }
 
-  // Go to the next frames that are unlabelled, undecided (a difference, a suggestion), or to label first: these become
+  // Go to the next frames that are unlabelled, undecided (a suggestion), or to label first: these become
   // the range, so that a label ends with them. After the last, to the first. When the subject has none, to those of the
   // next subject.
   async toOpen(kind) {
@@ -275,11 +273,11 @@ export class Page {
     if (this.player.playing) this.player.jump(this.wanted);
   }
 
-  // The frame at which labelling of a subject continues: the first that is not labelled, confirmed or decided.
+  // The frame at which labelling of a subject continues: the first that is not labelled or confirmed.
   start() {
     if (this.about.uncertain_first) return this.order[this.rank = 0];
     const seen = this.state.seen[this.subject];
-    const isOpen = (each) => each.target === null || each.suggested || each.undecided || (each.carried && each.last > seen);
+    const isOpen = (each) => each.target === null || each.suggested || (each.carried && each.last > seen);
     const first = this.track.find(isOpen);
     if (!first) return 0;
     return first.carried ? Math.max(first.first, seen) : first.first;
@@ -336,7 +334,7 @@ export class Page {
   // Display
 
   update(plain) {
-    this.state = read(plain, this.about.to_decide, this.state);
+    this.state = read(plain, this.state);
     this.seen.keep(this.state.seen);
     this.draw();
   }

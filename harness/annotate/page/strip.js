@@ -14,9 +14,7 @@ function piece(each, look) {
   box.className = `piece ${look(each.target)}`;
   if (each.suggested) box.classList.add("suggested");
   if (each.unseen) box.classList.add("unseen");
-  if (each.undecided) box.classList.add("undecided");
-  const noted = `${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
-  box.textContent = `${each.suggested || each.undecided ? "? " : ""}${each.undecided || noted}`;
+  box.textContent = `${each.suggested ? "? " : ""}${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
   box.title = [each.target, each.suggested && "a suggestion", each.unseen && "not seen yet", each.note]
     .filter(Boolean).join(", ");
   return box;

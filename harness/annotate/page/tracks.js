@@ -1,27 +1,25 @@
 // Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried] by position.
 
-// undecided: the annotators' answers, where they differ and a person must decide.
-const parse = (toDecide) => ([first, last, target, note, , suggested, carried]) => ({
+const parse = ([first, last, target, note, , suggested, carried]) => ({
   first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried,
-  undecided: target === "ignore" && note.startsWith(toDecide) ? note.slice(toDecide.length) : "",
 });
 
 // A track that has not changed since the last state stays the same object.
-export function read(state, toDecide, before = { texts: {} }) {
+export function read(state, before = { texts: {} }) {
   const [tracks, texts] = [{}, {}];
   for (const [name, track] of Object.entries(state.tracks)) {
     texts[name] = JSON.stringify(track);
-    tracks[name] = texts[name] === before.texts[name] ? before.tracks[name] : track.map(parse(toDecide));
+    tracks[name] = texts[name] === before.texts[name] ? before.tracks[name] : track.map(parse);
   }
   return { ...state, tracks, texts };
 }
 
-// Stretches by target only, or by the difference to decide.
+// Stretches by target only.
 export function runs(track) {
   const found = [];
   for (const each of track) {
     const before = found[found.length - 1];
-    if (before && ["target", "suggested", "undecided"].every((key) => before[key] === each[key])) before.last = each.last;
+    if (before && ["target", "suggested"].every((key) => before[key] === each[key])) before.last = each.last;
     else found.push({ ...each });
   }
   return found;
@@ -42,18 +40,15 @@ export function pieces(track, seen) {
   return found;
 }
 
-// Stretches that need work: unlabelled (or not seen yet), undecided or only suggested.
+// Stretches that need work: unlabelled (or not seen yet), or only suggested.
 export function open(track, seen) {
   const found = [];
   for (const each of pieces(track, seen)) {
-    const kind = each.target === null || each.unseen ? "unlabelled" : each.suggested || each.undecided ? "undecided" : null;
+    const kind = each.target === null || each.unseen ? "unlabelled" : each.suggested ? "undecided" : null;
     if (kind) found.push({ first: each.first, last: each.last, kind });
   }
   return found;
 }
-
-// The differences between annotators.
-export const undecided = (track) => runs(track).filter((each) => each.undecided);
 
 // Limit the pieces of a window of frames: of pieces that share a place, the longest is drawn.
 export function coarse(found, first, count, most) {

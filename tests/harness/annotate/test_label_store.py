@@ -16,7 +16,7 @@ from harness.annotate.journal import StaleRevisionError
 from harness.annotate.label_store import LabelStore
 from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations
-from harness.labels.labels import TO_DECIDE, Label, Labels, Timeline
+from harness.labels.labels import Label, Labels, Timeline
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -130,23 +130,6 @@ def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> Non
     store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
     found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
     assert found == [("cup", True), ("book", False), *[("cup", True)] * 6]
-
-
-def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path: Path) -> None:
-    """As `vfoa labels merge --rule adjudicate` writes it: one range after the other, ignored both."""
-    first, second = f"{TO_DECIDE}anna cup, ben book", f"{TO_DECIDE}anna book, ben cup"
-    rows = ((1, 2, first), (3, 5, second), (8, 10, "eyes shut"))
-    text = "".join(f'{start},{end},ann,ignore,"{note}"\n' for start, end, note in rows)
-    write_text(
-        tmp_path / "annotations" / "clip.csv",
-        f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n{text}",
-    )
-    store = _open(tmp_path)
-    assert store.state()["labelled"] == 3  # eyes that are shut are a decision
-    _look(store, 0, "cup")
-    assert _targets(_file(tmp_path)) == ["cup"] * 2 + ["ignore"] * 6
-    assert [each.label.note for each in _file(tmp_path).of("ann")] == ["", second, "eyes shut"]
-    assert store.state()["labelled"] == 5
 
 
 def test_a_note_stays_with_its_label(tmp_path: Path) -> None:

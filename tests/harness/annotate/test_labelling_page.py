@@ -370,27 +370,6 @@ def test_whoever_tabs_to_a_button_presses_it_and_stays_there(browser: Chrome, no
     assert shown(browser) == 1
 
 
-def test_what_annotators_differ_in_is_found_shown_and_decided(browser: Chrome, noise: Start, work: Path) -> None:
-    rows = [
-        "1,3,ann,cup,",
-        '4,5,ann,ignore,"to decide: ann cup, ben book"',
-        '6,9,ann,ignore,"to decide: ann -, ben book"',
-    ]
-    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-    write_text(work / "annotations" / "noise@final.csv", head + "\n".join(rows) + "\n")
-    page = noise(annotator="final")
-    _open(browser, page)
-    assert shown(browser) == 4
-    assert "ann: to decide: ann cup, ben book" in browser.find_element("id", "label").text
-    assert [each.text for each in browser.find_elements("css selector", ".undecided")] == [
-        "? ann cup, ben book",
-        "? ann -, ben book",
-    ]
-    _keys(browser, "2", "]", "n")
-    assert shown(browser) == 6
-    assert "".join(_targets(page)) == "cccbbnnnn..."
-
-
 def test_keys_that_are_pressed_while_the_first_frame_loads_are_done_when_it_is_shown(
     browser: Chrome, noise: Start
 ) -> None:
@@ -426,19 +405,19 @@ def test_keys_lead_to_what_is_unlabelled_and_to_what_is_undecided_and_round_agai
     browser: Chrome, noise: Start, work: Path
 ) -> None:
     rows = [
-        "1,2,ann,cup,",
-        '3,4,ann,ignore,"to decide: a cup, b book"',
-        "7,8,ann,cup,",
-        '9,10,ann,ignore,"to decide: a -, b cup"',
+        "1,2,ann,cup,,",
+        "3,4,ann,book,,suggested",
+        "7,8,ann,cup,,",
+        "9,10,ann,book,,suggested",
     ]
-    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note,state\n"
     write_text(work / "annotations" / "noise.csv", head + "\n".join(rows) + "\n")
     _open(browser, noise())
     seen = []
-    for key in "gggxxx]][[":
+    for key in "gggxxx":
         _keys(browser, key)
         seen.append(shown(browser))
-    assert seen == [5, 11, 5, 9, 3, 9, 3, 9, 3, 9]
+    assert seen == [5, 11, 5, 9, 3, 9]
     assert browser.find_element("id", "unlabelled").text == "ann: 4 without a label, 4 undecided"
     _click(browser, "#unlabelled")
     assert shown(browser) == 11

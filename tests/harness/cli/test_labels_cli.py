@@ -69,7 +69,6 @@ def test_an_input_is_not_replaced(
         ("labels", "export", CLIP, str(labels / f"{CLIP}.csv"), "--format", "csv"),
         ("labels", "export", CLIP, str(other), "--format", "elan"),
         ("labels", "import", str(other), "--clip", CLIP, "--annotator", "anna", "--format", "csv"),
-        ("labels", "merge", CLIP, "anna", "ben", "--to", "anna"),
         ("fit", "experiment.toml", "--out", str(manifest)),
         ("fit", "experiment.toml", "--out", "experiment.toml"),
     ):
@@ -125,24 +124,15 @@ def measured(folder: Path) -> Path:
     return write_text(folder / "annotations" / "talk.csv", true_labels())
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("import", "annotations/talk@eve.csv", "--clip", "datasets/talk.toml", "--format", "csv"),
-        ("merge", "talk", "eve", "bob", "--rule", "first"),
-    ],
-    ids=lambda words: words[0],
-)
 def test_labels_that_are_replaced_come_back_by_the_command_that_is_printed(
-    measured: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_text(measured.with_name("talk@bob.csv"), true_labels())
-
     def rows() -> list[str]:
         return sorted(measured.read_text().splitlines())
 
     before = rows()
-    code, _, said = vfoa(monkeypatch, capsys, "labels", *words, "--replace")
+    words = ("annotations/talk@eve.csv", "--clip", "datasets/talk.toml", "--format", "csv")
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "import", *words, "--replace")
     assert code == 0
     after = rows()
     assert after != before
@@ -221,7 +211,6 @@ def test_a_pipe_is_not_written_over(
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
-        (("merge", CLIP), f"{CLIP}.csv: exists already; expected --replace, or another --to"),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
         (("undo", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
         (("undo", CLIP), f"{CLIP}.csv: its journal has no change to undo"),
@@ -236,7 +225,7 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     assert err.count("\n") == 1
 
 
-def test_annotators_are_compared_and_merged(
+def test_annotators_are_compared(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = vfoa(monkeypatch, capsys, "labels", "agreement", CLIP, "--out", "tables")
@@ -244,8 +233,3 @@ def test_annotators_are_compared_and_merged(
     assert "Kappa" in out
     assert "bear,none" in (folder / "tables" / "differences.csv").read_text()
     assert (folder / "tables" / "agreement.md").read_text().count("## ") == 4
-    code, out, _ = vfoa(monkeypatch, capsys, "labels", "merge", CLIP, "anna", "ben", "--to", "both")
-    assert code == 0
-    assert "are to be decided, the first at frame 1" in out
-    assert "to decide: anna bear, ben none" in (folder / "annotations" / f"{CLIP}@both.csv").read_text()
-    assert vfoa(monkeypatch, capsys, "labels", "check", CLIP)[1].count("@") == 3
