@@ -173,6 +173,8 @@ PARSERS: Sequence[Parser] = (
     # Calibrations
     Parser("OpenCV calibration", "stereo.yml", _OPENCV, _cameras),
     Parser("OpenCV XML calibration", "stereo.xml", _OPENCV, _cameras),
+    Parser("OpenCV JSON calibration", "stereo.json", _OPENCV, _cameras),
+    Parser("NumPy calibration", "stereo.npz", whole.numpy_calibration, _cameras),
     Parser(
         "OpenCV intrinsics",
         "intrinsics.yml",

@@ -121,6 +121,10 @@ def opencv(*names: str, rectified: bool = False) -> Write:
     return lambda path: calibrations.write_opencv(path, {name: nodes[name] for name in names or nodes}, SIZE)
 
 
+def numpy_calibration(path: Path) -> None:
+    np.savez(path, image_size=SIZE, **_NODES)  # type: ignore[arg-type]
+
+
 def ros(side: int) -> Write:
     return lambda path: path.write_bytes(calibrations.write_ros(path.parent / "ros", RIG)[side].read_bytes())
 

@@ -1,4 +1,4 @@
-"""Calibrations in YAML and XML: of ROS, EuRoC, Kalibr and OpenCV.
+"""Calibrations in YAML, XML, JSON and NumPy's archives: of ROS, EuRoC, Kalibr and OpenCV.
 
 OpenCV's own reader is not used: a damaged file makes it end the whole process.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import yaml
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml, parse_yaml
 from harness.sources.calibration import from_projections
+from harness.sources.calibration_files.python_files import read_archive, read_json
 from harness.sources.rectification import (
     MODELS,
     Cameras,
@@ -32,7 +33,7 @@ from harness.sources.rectification import (
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
-SUFFIXES = frozenset({".yml", ".yaml", ".xml"})
+SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz"})
 
 Document = Mapping[str, Any]
 
@@ -48,10 +49,16 @@ def read_document(path: Path) -> dict[str, Any]:
     VfoaError
         If it cannot be read or parsed, or its top level is not a table.
     """
-    if path.suffix.lower() == ".xml":
-        return _read_xml(path)
-    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
-    document = parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
+    match path.suffix.lower():
+        case ".xml":
+            return _read_xml(path)
+        case ".npz":
+            return read_archive(path)
+        case ".json":
+            document = read_json(path)
+        case _:
+            data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
+            document = parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: not a table of names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
@@ -258,7 +265,7 @@ _OF_A_CAMERA = {
     "K": ("k", "m", "mtx", "cm", "cameramatrix", "intrinsic", "intrinsics", "intrinsicmatrix"),
     "D": ("d", "dist", "distcoef", "distcoeff", "distcoeffs", "distortion", "distortioncoefficients"),
     "R": ("r", "rect", "rectification", "rectificationmatrix"),
-    "P": ("p", "proj", "projmat", "projection", "projectionmatrix"),
+    "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
 _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix"),
@@ -331,9 +338,10 @@ def opencv_pair(
 
 
 def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
+    document = dict(_one_level(document))
     names: dict[str, str] = {}
     for name in document:
-        role = _ROLES.get(str(name).lower().replace("_", ""))
+        role = _role(name)
         if role in names:
             raise VfoaError(f"{where}: {names[role]} and {name} both are {role}; expected one of them")
         if role is not None:
@@ -344,6 +352,19 @@ def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
         else numbers(value, f"{where}: {name}")
         for role, name in names.items()
     }
+
+
+def _role(name: object) -> str | None:
+    return _ROLES.get(str(name).lower().replace("_", ""))
+
+
+def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
+    """The values by name, those of a table by both names: ``{"left": {"K": ...}}`` is ``left_K``."""
+    for name, value in document.items():
+        if isinstance(value, Mapping) and "data" not in value and _role(name) is None:
+            yield from ((f"{name}_{inner}", below) for inner, below in value.items())
+        else:
+            yield str(name), value
 
 
 def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +16,7 @@ from harness.files.io import read_text
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files import documents, texts
 from harness.sources.calibration_files.documents import SUFFIXES
+from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.media.frame_files import pair_names
 from harness.sources.rectification import Cameras, ImageSize, RawCalibration, scaled_to
@@ -24,7 +27,10 @@ Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 LARGEST_BYTES = 1_000_000
-"""Longer files are not tried as calibrations."""
+"""Longer texts are not tried as calibrations."""
+_LARGEST_ARCHIVE_BYTES = 256_000_000
+_MOST_ALIKE = 20
+"""Of more files of a kind in a folder (one for each frame), only those that are named as calibrations are tried."""
 
 
 class Options(Settings):
@@ -68,10 +74,12 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     VfoaError
         If a file cannot be read, is of no known kind, lacks something, or describes no pair with a positive baseline.
     """
+    for path in paths:
+        refuse_foreign_calibration(path)
     if any(path.suffix.lower() in SUFFIXES for path in paths):
         program, cameras = _read_documents(paths, size, options)
     elif len(paths) > 1:
-        raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML or XML")
+        raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML, XML or JSON")
     else:
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
@@ -131,37 +139,72 @@ def find_calibrations(
     """Return every file, or pair of files, that calibrates images of this (width, height), scaled if necessary.
 
     Paths are relative to ``root``: all files in the folder and in two levels of folders below it or, if none of them is
-    a calibration, KITTI's for all drives of a day. The second list has a note for every calibration that cannot be used
-    alone. ``options.calibration_cameras`` applies to KITTI's files.
+    a calibration, KITTI's for all drives of a day. If there is none, the second list has a note for every file that
+    seems to be a calibration and cannot be used: it is faulty, incomplete, of other images or of a kind that is not
+    read. ``options.calibration_cameras`` applies to KITTI's files.
     """
-    calibrations, incomplete = list[tuple[str, ...]](), list[str]()
+    calibrations, faults = list[tuple[str, ...]](), dict[tuple[str, ...], str]()
     for names in (*_candidates(root), _OF_THE_DAY):
         if calibrations and names == _OF_THE_DAY:
             break
         # camera numbers of KITTI mean nothing for another file
         its_options = options if names[0].endswith(".txt") else options.model_copy(update={"calibration_cameras": None})
+        paths = [root / name for name in names]
         try:
-            scaled_to(read_cameras([root / name for name in names], size, its_options), size())
+            if any(map(_is_large, paths)):
+                refuse_foreign_calibration(paths[0])
+                continue
+            scaled_to(read_cameras(paths, size, its_options), size())
             calibrations.append(names)
         except IncompleteCalibrationError as error:
-            incomplete.append(str(error))
-        except VfoaError:
-            continue
-    return calibrations, incomplete
+            faults[names] = str(error)
+        except VfoaError as error:
+            if names != _OF_THE_DAY and all(map(_seems_calibration, paths)):
+                faults[names] = f"{'' if str(root) in str(error) else f'{paths[0]}: '}{error}"
+    of_pairs = {name for names in faults if len(names) > 1 for name in names}
+    notes = [fault for names, fault in faults.items() if len(names) > 1 or names[0] not in of_pairs]
+    return calibrations, [] if calibrations else notes
+
+
+_CALIBRATION_NAME = re.compile(
+    r"calib|stereo|camchain|intrinsic|extrinsic|camera_?(?:info|param|matrix)|rectif|^sn[0-9]+\.conf$|^k\.txt$",
+    re.IGNORECASE,
+)
+_CALIBRATION_CONTENT = re.compile(
+    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix)",
+    re.IGNORECASE,
+)
+
+
+def _is_large(path: Path) -> bool:
+    """Whether a file is too long to be tried as a calibration."""
+    most = _LARGEST_ARCHIVE_BYTES if path.suffix.lower() == ".npz" else LARGEST_BYTES
+    return path.is_file() and path.stat().st_size > most
+
+
+def _seems_calibration(path: Path) -> bool:
+    """Whether a file that cannot be read as a calibration is meant as one, by its name or its first bytes."""
+    try:
+        return bool(_CALIBRATION_NAME.search(path.name) or _CALIBRATION_CONTENT.search(head_of(path)))
+    except VfoaError:
+        return False
 
 
 _OF_THE_DAY = ("../calib_cam_to_cam.txt",)
 
 
 def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
-    files = [path for pattern in ("*", "*/*", "*/*/*") for path in sorted(root.glob(pattern))]
+    suffixes = SUFFIXES | FOREIGN_SUFFIXES | {".conf", ".txt"}
+    found = (path for pattern in ("*", "*/*", "*/*/*") for path in sorted(root.glob(pattern)))
+    files = [path for path in found if path.suffix.lower() in suffixes and path.is_file()]
+    counts = Counter((path.parent, path.suffix) for path in files)
     names = [
         path.relative_to(root).as_posix()
         for path in files
-        if path.suffix.lower() in SUFFIXES | {".conf", ".txt"} and path.is_file()
-        if path.stat().st_size <= LARGEST_BYTES
+        if counts[path.parent, path.suffix] <= _MOST_ALIKE or _CALIBRATION_NAME.search(path.name)
     ]
     yield from ((name,) for name in names)
     in_documents = [name for name in names if Path(name).suffix.lower() in SUFFIXES]
     yield from pair_names(in_documents, numbered=False)
-    yield from ((name, other) for name in in_documents if (other := name.replace("intrinsic", "extrinsic")) != name)
+    others = ((name, name.replace("intrinsic", "extrinsic")) for name in in_documents)
+    yield from ((name, other) for name, other in others if other != name and (root / other).is_file())

@@ -308,7 +308,9 @@ def test_a_kalibr_camera_that_is_wrong_is_named(tmp_path: Path, changes: dict[st
 
 def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
     paths = [calibrations.write_zed(tmp_path / f"SN{number}.conf", RIG) for number in (1, 2)]
-    with pytest.raises(VfoaError, match=r"SN2\.conf: a second calibration file; expected one, or two in YAML or XML"):
+    with pytest.raises(
+        VfoaError, match=r"SN2\.conf: a second calibration file; expected one, or two in YAML, XML or JSON"
+    ):
         read_cameras(paths, _size)
 
 
@@ -345,9 +347,11 @@ def test_of_two_files_both_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
-def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) -> None:
-    FORMATS[name](tmp_path)
-    assert find_calibrations(tmp_path, lambda: (64, 48)) == ([], [])
+def test_a_calibration_for_another_size_is_named(tmp_path: Path, name: str) -> None:
+    paths = FORMATS[name](tmp_path)
+    calibrations, (fault,) = find_calibrations(tmp_path, lambda: (64, 48))
+    assert calibrations == []
+    assert str(paths[0]) in fault
 
 
 @pytest.mark.parametrize(
