@@ -14,10 +14,12 @@ import numpy as np
 from harness.clips.axes import other_axes
 from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
+from harness.clips.picture_bits import picture_bits_notes
 from harness.files.folders import folders
 from harness.labels.labels import IGNORED, RESERVED, Label, timeline_of
 from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
+from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, StereoFrame
@@ -266,7 +268,8 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         manifest = load_manifest(name_or_path)
         clip = manifest.open()
         unreadable = _unreadable(clip) if every_frame and not isinstance(clip, MeasuredClip) else ()
-        frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
+        with greatest_values() as greatest:
+            frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
     except VfoaError as error:
         return ClipCheck(name=name, problems=unreadable or (str(error),))
     labels, label_problems = _labels(manifest, clip)
@@ -297,6 +300,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
+            *picture_bits_notes(greatest),
             *depth_notes(frames),
             *near_notes(frames),
             *manifest_notes(manifest, clip),

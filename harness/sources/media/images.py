@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,31 @@ MOST_PIXELS = int(os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"])
 """Most pixels of an image: :mod:`harness` sets OpenCV's limit."""
 
 
+_greatest: ContextVar[list[int] | None] = ContextVar("greatest", default=None)
+
+
+@contextmanager
+def greatest_values() -> Iterator[list[int]]:
+    """Collect the greatest value of each picture of 16 bits that this thread cuts to 8 bits within the block."""
+    found: list[int] = []
+    token = _greatest.set(found)
+    try:
+        yield found
+    finally:
+        _greatest.reset(token)
+
+
+def is_collecting() -> bool:
+    """Whether :func:`greatest_values` collects: only then are pictures decoded with their own bits, too."""
+    return _greatest.get() is not None
+
+
+def collect_greatest(pixels: NDArray[Any]) -> None:
+    """Add a picture with its own bits to those of :func:`greatest_values`."""
+    if (found := _greatest.get()) is not None and pixels.dtype == np.uint16:
+        found.append(int(pixels.max(initial=0)))
+
+
 def read_rgb(path: Path) -> Image:
     """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
 
@@ -42,6 +70,8 @@ def read_rgb(path: Path) -> Image:
 
 def decode_rgb(data: bytes, where: str) -> Image:
     """As :func:`read_rgb`, from a file's bytes; ``where`` names the file in messages."""
+    if is_collecting():
+        collect_greatest(decode(data, where, cv2.IMREAD_UNCHANGED))
     image = decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 

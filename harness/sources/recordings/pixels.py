@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.sources.media.images import decode, decode_rgb
+from harness.sources.media.images import collect_greatest, decode, decode_rgb, is_collecting
 from harness.sources.media.maps import default_counts_per_m, depth_map
 from harness.sources.recordings.messages import MessageType, Picture, picture
 from vfoa.errors import VfoaError, check_known
@@ -64,6 +64,9 @@ def rgb(raw: Picture, where: str) -> Image:
     if samples == 2 and width % 2:  # two pixels share their colour
         raise VfoaError(f"{where}: {width} x {height} pixels of {raw.form}; expected an even width")
     if sample_bytes == 2:
+        if is_collecting():
+            samples_16 = np.ascontiguousarray(rows).view(">u2" if raw.is_bigendian else "<u2")
+            collect_greatest(samples_16.astype(np.uint16))
         rows = rows[:, 0 if raw.is_bigendian else 1 :: 2]
     pixels = np.ascontiguousarray(rows).reshape(height, width, samples)
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)

@@ -186,6 +186,35 @@ def test_images_that_decode_and_cannot_be_right(tmp_path: Path) -> None:
     assert "the brightest value of 3 frames is 15 of 255" in str(_check("wall")[1]["problems"])
 
 
+@pytest.mark.parametrize("bits", [9, 10, 12, 14])
+def test_pictures_of_fewer_bits_than_their_files_are_noted(tmp_path: Path, bits: int) -> None:
+    _clip(tmp_path)
+    pictures = {path: cv2.imread(str(path)) for path in (tmp_path / "datasets" / "wall").rglob("*.png")}
+    deep = {path: np.round(picture / 255 * (2**bits - 1)).astype(np.uint16) for path, picture in pictures.items()}
+    for path, picture in deep.items():
+        write_image(path, picture)
+    most = max(int(picture.max()) for picture in deep.values())
+    (note,) = (note for note in _check("wall")[1]["notes"] if "16-bit" in note)
+    assert f"use {bits} bits (the greatest value of 6 is {most})" in note
+    assert f"keep {bits - 8}" in note
+    advised = note.partition("files: ")[2].rstrip(")") + ")"
+    for path in pictures:
+        exec(advised, {"cv2": cv2, "file": str(path)})
+    code, result = _check("wall")
+    assert code == 0
+    assert not [note for note in result["notes"] if "16-bit" in note]
+    for path, picture in pictures.items():
+        assert np.abs(cv2.imread(str(path)).astype(int) - picture).max() <= 2
+
+
+def test_pictures_of_16_bits_and_of_8_have_no_note(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    assert not [note for note in _check("wall")[1]["notes"] if "16-bit" in note]
+    for path in (tmp_path / "datasets" / "wall").rglob("*.png"):
+        write_image(path, cv2.imread(str(path)).astype(np.uint16) * 257)
+    assert not [note for note in _check("wall")[1]["notes"] if "16-bit" in note]
+
+
 def test_a_misspelt_category_is_said(tmp_path: Path) -> None:
     _clip(tmp_path, manifest=MANIFEST.replace('"person"', '"persn"').replace('"bird"', '"dragon"'))
     notes = _check("wall")[1]["notes"]

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from harness.sources.media.images import greatest_values
 from harness.sources.recordings.messages import Picture
 from harness.sources.recordings.pixels import rgb
 from tests.disk import HEIGHT, WIDTH, picture
@@ -66,6 +67,17 @@ def test_any_size_will_do(encoding: str, pixels: NDArray[np.uint8], size: tuple[
 def test_of_sixteen_bits_the_upper_eight_are_kept(order: str, big: bool) -> None:
     values = (GRAY.astype(np.uint16) << 8 | GRAY[::-1]).astype(order)
     assert np.array_equal(rgb(raw("mono16", values, big=big), "x"), REPEATED)
+
+
+@pytest.mark.parametrize(("order", "big"), [("<u2", False), (">u2", True)])
+def test_the_greatest_value_of_sixteen_bits_is_collected_where_it_is_asked_for(order: str, big: bool) -> None:
+    values = (GRAY.astype(np.uint16) * 16).astype(order)
+    rgb(raw("mono16", values, padding=6, big=big), "x")
+    with greatest_values() as greatest:
+        rgb(raw("mono16", values, padding=6, big=big), "x")
+        rgb(raw("mono8", GRAY), "x")
+    rgb(raw("mono16", values, big=big), "x")
+    assert greatest == [int(GRAY.max()) * 16]
 
 
 @given(colour=st.tuples(*[st.integers(0, 255)] * 3), pattern=st.sampled_from(["rggb", "bggr", "gbrg", "grbg"]))
