@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.cli.options import ProviderName, Replace, clip_names
+from harness.cli.options import ProviderName, Replace, experiment_and_clip_names
 from harness.cli.terminal import print_table, say
 
 if TYPE_CHECKING:
@@ -40,10 +40,13 @@ def list_models() -> None:
 @app.command(name="fetch", short_help="Fetch models from their own sites.")
 def fetch(
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue.")] = None,
-    clip: Annotated[
+    what: Annotated[
         str | None,
         typer.Option(
-            "--for", metavar="CLIP", help="Fetch what the default run of this clip needs.", autocompletion=clip_names
+            "--for",
+            metavar="EXPERIMENT | CLIP",
+            help="Fetch what `vfoa run` needs for this experiment, or for this clip by default.",
+            autocompletion=experiment_and_clip_names,
         ),
     ] = None,
     accept_licence: Annotated[
@@ -55,18 +58,19 @@ def fetch(
     Licences and sizes are printed first. A network in OpenVINO's format is converted to ONNX. A model that cannot be
     fetched is named and does not stop the others; the exit code is 2 then.
     """
+    from harness.cli.run import experiment_of
     from harness.cli.terminal import bytes_bar
     from harness.pipeline.weights import fetch_model, find_model, models_of
-    from harness.run.plan import default_stages
+    from harness.run.plan import needed_stages
     from vfoa.errors import VfoaError
 
-    if not names and clip is None:
+    if not names and what is None:
         raise VfoaError("models fetch: found no NAME; expected names of `vfoa models list`, or --for CLIP")
     models = {name: find_model(name) for name in names or ()}
-    if clip is not None:
-        models |= models_of(default_stages(clip))
+    if what is not None:
+        models |= models_of(needed_stages(experiment_of([what], (), (), None)))
         if not models:
-            say(f"{clip}: its default run needs no models")
+            say(f"{what}: a run of it needs no models")
     for name, entry in models.items():
         say(f"{name}: licence: {entry.licence}; {entry.size or 'size not known'}; {entry.home}")
     failed = False

@@ -115,17 +115,21 @@ def _for_clips(experiment: Experiment, clips: Iterable[Clip | MeasuredClip]) -> 
     return replace(experiment, configurations=without_images)
 
 
-def default_stages(clip: str) -> list[StageChoice]:
-    """The stages of the default run of a clip, or of a family of clips.
+def needed_stages(experiment: Experiment) -> list[StageChoice]:
+    """The stages that a run of an experiment has, without the rest of its plan.
 
     Raises
     ------
     VfoaError
-        If there is no such clip, or it cannot be opened.
+        If a clip cannot be opened.
     """
-    experiment = load_experiment("default", clips=(clip,))
     experiment = _for_clips(experiment, [load_manifest(name).open() for name in experiment.clips])
     return [choice for configuration in experiment.configurations for choice in configuration.stages]
+
+
+def default_stages(clip: str) -> list[StageChoice]:
+    """The stages of the default run of a clip, or of a family of clips; see :func:`needed_stages`."""
+    return needed_stages(load_experiment("default", clips=(clip,)))
 
 
 def fetch_command(clip: str) -> str:

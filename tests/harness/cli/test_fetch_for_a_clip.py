@@ -13,6 +13,7 @@ from harness.pipeline import weights
 from harness.pipeline.weights import CatalogueEntry, catalogue
 from tests import graphs
 from tests.command import vfoa
+from tests.disk import write_text
 from tests.harness.clips.adding import NUMBERS, images
 from tests.measured import measured_tables
 from tests.web import Site, serve
@@ -121,10 +122,26 @@ def test_a_run_that_lacks_other_models_than_the_default_one_names_them(cache: Pa
     assert "expected: vfoa models fetch adas-0002 adas-head-pose rf-detr-seg-medium" in err
 
 
+def test_an_experiment_needs_the_models_of_its_configurations(
+    cache: Path, tmp_path: Path, shared_models: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    add(run, images(tmp_path / "source", "left/{}.png", "right/{}.png"))
+    networks = {"heads.detector": "yunet", "head_pose.model": "fsanet", "gaze.model": "adas_0002"}
+    stages = {"stereo.matcher": "bm", "segmentation.model": "drawn", **networks}
+    lines = [f'{key} = "{name}"' for key, name in stages.items()]
+    text = "\n".join(['clips = ["mine"]', "[[configuration]]", 'name = "one"', *lines])
+    write_text(Path("experiments/heads.toml"), text)
+    code, out, err = run("models", "fetch", "--for", "heads")
+    assert (code, err) == (0, "")
+    named = [line.partition(":")[0] for line in out.splitlines() if ": licence: " in line]
+    assert {*named} == {*NEEDED} - {"rf-detr-seg-medium"}
+
+
 def test_a_clip_without_images_needs_no_models(cache: Path, tmp_path: Path, run: Run) -> None:
     code, _, err = run("clips", "add", str(measured_tables(tmp_path)), "--name", "mine")
     assert (code, err) == (0, "")
-    assert run("models", "fetch", "--for", "mine") == (0, "mine: its default run needs no models\n", "")
+    assert run("models", "fetch", "--for", "mine") == (0, "mine: a run of it needs no models\n", "")
 
 
 @pytest.mark.parametrize("words", [(), ("--for", "no-such-clip")])
