@@ -39,7 +39,7 @@ export-extra: $(DEV)
 
 # How often intervals hold the truth, and tests call equal configurations different: writes reports/coverage.md.
 coverage: $(DEV)
-	$(BIN)/python -m harness.bench.coverage
+	$(BIN)/python -m scripts.measure coverage
 
 # The properties alone, on other examples than the suite's, and twenty times as many.
 explore: $(DEV)

@@ -1,8 +1,8 @@
-"""Drawn scenes (:mod:`vfoa.simulated_scenes`) as clips of measurements, and an experiment of every method on them.
+"""Scenes of :mod:`scripts.measure.simulated_scenes` as clips of measurements, and an experiment of every method.
 
 python -m scripts.drawn_clips FOLDER, then ``vfoa run drawn`` in that folder. Clips are drawn by the generator "table",
 which no setting was chosen on: one for each gaze error, constant bias and seed. The gaze claims an error of 11.1
-degrees whatever the true one is, as in ``vfoa bench --only posterior``.
+degrees whatever the true one is, as in ``python -m scripts.measure posterior``.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from harness.labels.files import write_annotations
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject, MeasuredPerson
 from harness.sources.measured.tables import write_measured
+from scripts.measure.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
 from vfoa.posterior.settings import sigma_rad
-from vfoa.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
 from vfoa.types import Box3D, Gaze, HeadPose
 
 ERRORS_DEG, BIASES_DEG, SEEDS = (5.0, 11.0, 20.0, 36.0), (0.0, 10.0, 25.0), range(2)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import cv2
 
-from harness.bench.stage_outputs import perceive_frames, write_stage_outputs
 from harness.clips.manifest import load_manifest
 from harness.files.io import atomic_write
 from harness.run.experiment import load_experiment
+from scripts.measure.stage_outputs import perceive_frames, write_stage_outputs
 
 FOLDER = Path(__file__).parent.parent / "harness" / "cli" / "example" / "data" / "example"
 FRAMES = (1, 2)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.bench.stage_outputs import perceive_frames, write_stage_outputs
 from harness.clips.manifest import load_manifest
 from harness.pipeline.configuration import Configuration
+from scripts.measure.stage_outputs import perceive_frames, write_stage_outputs
 from tests.disk import write_bytes
 
 

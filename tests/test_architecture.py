@@ -52,7 +52,7 @@ DOORS = {
     "onnxruntime": ("vfoa/onnx.py",),
     "typer": ("harness/cli/",),
     "pympi": ("harness/labels/formats/elan.py",),
-    "distributed": ("harness/run/executors/cluster.py", "harness/bench/many_clips.py"),
+    "distributed": ("harness/run/executors/cluster.py",),
     "torch": ("harness/pipeline/export/",),
     "uvicorn": ("harness/server/local_server.py",),
     "tomlkit": ("harness/annotate/targets.py", "harness/report/fit.py"),
@@ -68,7 +68,7 @@ DOORS = {
     ),
     "jinja2": ("harness/report/page/render.py",),
     "matplotlib": (),
-    "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
+    "rich": ("harness/cli/", "harness/report/formats.py"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
         "harness/files/folders.py",
@@ -140,7 +140,7 @@ def test_what_is_imported_is_declared() -> None:
         *(each for extra in project["optional-dependencies"].values() for each in extra),
     ]
     names = {re.split(r"[^\w.-]", line, maxsplit=1)[0].replace("_", "-").lower() for line in declared}
-    shipped = [path for path in _modules().values() if not _within(path, ("harness/bench/",))]  # which needs a browser
+    shipped = _modules().values()
     imported = {name.split(".")[0] for path in shipped for name in _imports(path)}
     outside = imported - sys.stdlib_module_names - {"vfoa", "harness"}
     providing = packages_distributions()

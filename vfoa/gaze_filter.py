@@ -12,7 +12,7 @@ Positions are angles on the tangent plane of the sphere at the last estimate, in
 treated alike; the unit of time is one frame. Two things differ from the paper: the velocity is measured from the last
 estimate, not from the last measurement, whose noise would count twice; and the velocity is damped (DAMPING), since eyes
 that moved have usually arrived, and an extrapolation over missing frames must not run away.
-``harness.bench.gaze_filter`` measures the effect.
+``python -m scripts.measure gaze_filter`` measures the effect.
 """
 
 from __future__ import annotations

@@ -7,6 +7,12 @@ from collections.abc import Iterable, Mapping
 REMOVED: Mapping[str, str] = {
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
+    "bench=gaze_filter": "gone since 0.1.0; use `python -m scripts.measure gaze_filter` in a clone of the repository",
+    "bench=memory": "gone since 0.1.0; use `python -m scripts.measure hours 1500 3000` in a clone of the repository",
+    "bench=overhead": "gone since 0.1.0; use `python -m scripts.measure overhead` in a clone of the repository",
+    "bench=posterior": "gone since 0.1.0; use `python -m scripts.measure posterior` in a clone of the repository",
+    "bench=recording": "gone since 0.1.0; use `python -m scripts.measure recording_size` in a clone of the repository",
+    "bench=segmenter": "masks of a segmenter beside the loop, gone since 0.1.0; use realtime",
     "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
     "stereo.region=needed",
     "segmentation.delay": "the number of frames after which masks were used, gone since 0.1.0; use segmentation.every "

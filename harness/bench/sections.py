@@ -19,15 +19,13 @@ if TYPE_CHECKING:
 class Bench:
     """An experiment by name, the clip to measure, its frames, and the provider of networks.
 
-    ``limit`` is the requested number of frames, for a section that makes a clip of that length. ``overrides`` are
-    changed settings, for a section that loads the experiment again.
+    ``overrides`` are changed settings, for a section that loads the experiment again.
     """
 
     name: str
     experiment: Experiment
     manifest: ClipManifest
     frames: tuple[int, ...]
-    limit: int
     provider: Provider = "cpu"
     overrides: tuple[str, ...] = ()
 
@@ -79,48 +77,10 @@ def _attention(bench: Bench) -> list[Table]:
     return [attention_table(timings), methods_table(time_methods())]
 
 
-def _gaze_filter(bench: Bench) -> list[Table]:
-    from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
-
-    return [gaze_filter_table(measure_gaze_filter())]
-
-
-def _posterior(bench: Bench) -> list[Table]:
-    from harness.bench.posterior import measure_posterior, measure_true_claims, posterior_table
-
-    return [posterior_table("table", measure_posterior(), measure_true_claims())]
-
-
-def _memory(bench: Bench) -> list[Table]:
-    from harness.bench.memory import measure_memory
-    from harness.bench.tables import memory_table
-
-    return [memory_table([measure_memory(frames) for frames in (1500, max(3000, bench.limit))])]
-
-
-def _recording(bench: Bench) -> list[Table]:
-    from harness.bench.recording_size import clips_table, measure_clips, measure_recordings, recordings_table
-    from harness.run.experiment import load_experiment
-
-    clips = load_experiment(bench.name, overrides=bench.overrides)
-    return [clips_table(measure_clips(clips)), recordings_table(measure_recordings(bench.limit))]
-
-
-def _overhead(bench: Bench) -> list[Table]:
-    from harness.bench.overhead import measure_overhead, overhead_table
-
-    return [overhead_table(measure_overhead(bench.experiment, len(bench.frames)))]
-
-
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
     "realtime": _realtime,
     "gpu": _gpu,
     "attention": _attention,
-    "gaze_filter": _gaze_filter,
-    "posterior": _posterior,
-    "memory": _memory,
-    "recording": _recording,
-    "overhead": _overhead,
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness.bench.attention import AttentionTiming
-from harness.bench.memory import Peak
 from harness.bench.realtime import BASELINE, Speed
 from harness.bench.stages import STAGES, StageCosts
 from harness.bench.stereo import OFF_PX, StereoQuality
@@ -109,17 +108,6 @@ def _quality(quality: StereoQuality | None) -> tuple[str, str, str]:
     if quality is None:
         return UNKNOWN, UNKNOWN, UNKNOWN
     return f"{quality.known_share:.1%}", f"{quality.median_error_px:.3f}", f"{quality.off_share:.1%}"
-
-
-def memory_table(rows: Sequence[Peak]) -> Table:
-    """Peak memory by the length of a run."""
-    first = rows[0]
-    return Table(
-        title="Peak memory of a run on a generated clip under four configurations, MiB",
-        columns=("frames", "peak", "times the first"),
-        rows=tuple((str(row.frames), f"{row.peak_mib:.0f}", f"{row.peak_mib / first.peak_mib:.2f}") for row in rows),
-        words=0,
-    )
 
 
 def _ms(pair: tuple[float, float] | None) -> str:

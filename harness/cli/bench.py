@@ -13,7 +13,7 @@ import typer
 
 from harness.cli.options import Overrides, ProviderName, Replace
 
-ONLY_HELP = "Measure only this: stages, stereo, attention, memory ... (several times for more)."
+ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
 
 def bench(
@@ -30,7 +30,7 @@ def bench(
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
     overwrite: Replace = False,
 ) -> None:
-    """Measure the speed of stages, matchers, attention, recordings and scores, against plain reference code."""
+    """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
     from harness.bench.sections import SECTIONS, Bench
     from harness.cli.terminal import print_report
     from harness.clips.manifest import load_manifest
@@ -38,10 +38,13 @@ def bench(
     from harness.report.formats import to_markdown
     from harness.run.experiment import load_experiment
     from harness.run.plan import host, versions
-    from vfoa.errors import check_known
+    from vfoa.errors import VfoaError, check_known
     from vfoa.onnx import check_provider
+    from vfoa.removed import removed
 
     for name in only or ():
+        if gone := removed(("bench",), name):
+            raise VfoaError(f"bench: --only: no {name!r}; {gone}")
         check_known(name, SECTIONS, "bench: --only: no")
     check_provider(provider)
     changes = tuple(overrides or ())
@@ -58,7 +61,6 @@ def bench(
         experiment=chosen,
         manifest=manifest,
         frames=frames,
-        limit=limit,
         provider=provider,
         overrides=changes,
     )

@@ -13,7 +13,6 @@ import numpy as np
 
 from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
-from harness.bench.stage_outputs import write_coco_panoptic
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Timeline, timeline_of
@@ -37,6 +36,7 @@ from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
 from harness.studio.store import load_geometry, load_pair, save_geometry
+from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole

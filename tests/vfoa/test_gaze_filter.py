@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
-from harness.bench.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
+from scripts.measure.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
 from tests.examples import few
 from tests.scenes import make_person
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, GazeFilterState, filter_cues, follow

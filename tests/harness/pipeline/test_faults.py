@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.bench.many_clips import local_cluster
 from harness.pipeline.cache_store import Store
 from harness.pipeline.stage_runner import StageRunner
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from scripts.measure.many_clips import local_cluster
 from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.command import vfoa

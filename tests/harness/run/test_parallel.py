@@ -18,7 +18,6 @@ from typing import Any
 import cv2
 import pytest
 
-from harness.bench.many_clips import local_cluster
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import recordings
 from harness.report.write import rescore
@@ -29,6 +28,7 @@ from harness.run.jobs import executor
 from harness.run.loop import run_clip
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from scripts.measure.many_clips import local_cluster
 from tests import graphs, tasks
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text

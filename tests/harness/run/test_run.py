@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.bench.stage_outputs import write_coco_panoptic
 from harness.clips.manifest import load_manifest
 from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
@@ -21,6 +20,7 @@ from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError

@@ -11,10 +11,10 @@ import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.typesys import Stores, get_typestore
 
-from harness.bench.stage_outputs import write_coco_panoptic
 from harness.record import entities
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings
+from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.command import vfoa
 from tests.depth_recordings import DEPTH, Lens, Messages, Shot, messages, write_depth, write_take
 from tests.disk import moving_picture, write_text

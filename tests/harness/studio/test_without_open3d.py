@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.bench.stage_outputs import write_coco_panoptic
+from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.types import Instances
 

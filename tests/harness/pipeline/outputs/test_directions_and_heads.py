@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.bench.stage_outputs import write_gazes, write_head_poses, write_heads
 from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
 from harness.pipeline.outputs.heads import FileHeads, FileHeadsSettings, read_heads
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from scripts.measure.stage_outputs import write_gazes, write_head_poses, write_heads
 from tests.disk import write_text
 from tests.mirror import frame_of
 from tests.stage_outputs import save_stage_outputs

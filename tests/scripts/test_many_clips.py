@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.bench.many_clips import Cost, RunModel, many_clips_table, model_tables
+from scripts.measure.many_clips import Cost, RunModel, many_clips_table, model_tables
 
 
 def _cost(seconds: float, cpu_seconds: float, results: bytes = b"same") -> Cost:

@@ -1,4 +1,4 @@
-"""The cost of hours of video: ``python -m harness.bench.hours 1500 6000 18000``.
+"""The cost of hours of video: ``python -m scripts.measure hours 1500 6000 18000``.
 
 Each length is a generated clip of 160 x 120 pixels at 25 Hz, with one person, three objects and labels, under four
 configurations: block matching, masks and gazes from files, attention by cones, a filtered gaze and the nearest angle;
@@ -16,17 +16,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
-from harness.bench.generated_clip import write_clip, write_labels
 from harness.processes import spawning
-from harness.report.formats import Table, to_markdown
+from harness.report.formats import Table
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare
 from harness.run.runner import run_plan
+from scripts.measure.generated_clip import write_clip, write_labels
+from scripts.measure.printing import print_tables
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,8 +147,4 @@ def main() -> None:
     for frames in given.frames:
         with tempfile.TemporaryDirectory() as folder:
             runs.append(measure_hours(frames, Path(folder)))
-        Console().print(to_markdown(hours_table(runs)), soft_wrap=True)
-
-
-if __name__ == "__main__":
-    main()
+        print_tables(hours_table(runs))

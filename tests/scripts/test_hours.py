@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.bench import generated_clip, hours
-from harness.bench.generated_clip import write_clip, write_labels
-from harness.bench.overhead import measure_overhead, overhead_table
 from harness.files import digests
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
+from scripts.measure import generated_clip, hours
+from scripts.measure.generated_clip import write_clip, write_labels
+from scripts.measure.overhead import measure_overhead, overhead_table
 
 
 def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,6 @@
 """Many small clips: a Dask cluster against a pool of processes, and a model of a run on more cores.
 
-``python -m harness.bench.many_clips 200 3`` runs 200 clips of five frames three times on two workers of each,
+``python -m scripts.measure many_clips 200 3`` runs 200 clips of five frames three times on two workers of each,
 alternately, and prints the least seconds and CPU seconds. The clips are copies of a rendered one; the cluster is
 started before. ``--model 32`` runs 32 clips with one and with two workers instead, and extrapolates.
 """
@@ -19,17 +19,16 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
-from rich.console import Console
-
 from harness.files.folders import find
 from harness.files.io import atomic_write, read_text
-from harness.report.formats import UNKNOWN, Table, to_markdown
+from harness.report.formats import UNKNOWN, Table
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import connect
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
+from scripts.measure.printing import print_tables
 from vfoa.errors import VfoaError
 
 CLIP = "studio_table"
@@ -244,9 +243,4 @@ def main() -> None:
             tables = model_tables(measure_model(given.clips, Path(folder)))
         else:
             tables = [many_clips_table(given.clips, measure_many_clips(given.clips, given.times, Path(folder)))]
-    for table in tables:
-        Console().print(to_markdown(table), soft_wrap=True)
-
-
-if __name__ == "__main__":
-    main()
+    print_tables(*tables)

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.bench.simulated_looks import HZ, Simulated, World, simulate
 from harness.files.io import atomic_write
 from harness.report.formats import Table, to_markdown
 from harness.score.comparison import POWER, Spread, clips_needed
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rate_interval
 from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
+from scripts.measure.simulated_looks import HZ, Simulated, World, simulate
 
 CLIPS, LASTS_S = (4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
 LOOKS_S, MARGINS = (0.7, 3.0), (1.9, 2.6)
@@ -192,7 +192,3 @@ def main() -> None:
     given = parser.parse_args()
     tables = coverage_table(given.experiments), power_table(given.pilots)
     atomic_write(given.out, "\n".join(map(to_markdown, tables)))
-
-
-if __name__ == "__main__":
-    main()

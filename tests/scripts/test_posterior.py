@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from harness.bench import posterior
-from harness.bench.posterior import Answers, measure_posterior, measure_true_claims, posterior_table
+from scripts.measure import posterior
+from scripts.measure.posterior import Answers, measure_posterior, measure_true_claims, posterior_table
 
 
 def test_the_calibration_error_is_that_of_the_bins() -> None:
@@ -18,8 +18,8 @@ def test_the_calibration_error_is_that_of_the_bins() -> None:
 
 
 def test_a_row_for_each_cell_all_together_and_the_true_claims(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.bench.posterior.ERRORS_DEG", (11.0,))
-    monkeypatch.setattr("harness.bench.posterior.BIASES_DEG", (0.0, 25.0))
+    monkeypatch.setattr("scripts.measure.posterior.ERRORS_DEG", (11.0,))
+    monkeypatch.setattr("scripts.measure.posterior.BIASES_DEG", (0.0, 25.0))
     short = partial(posterior.draw_sequence, n_frames=60)
     monkeypatch.setattr(posterior, "draw_sequence", short)
     cells = measure_posterior(sequences=1)

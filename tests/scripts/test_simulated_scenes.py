@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scripts.measure.simulated_scenes import NOWHERE, Errors, draw_sequence
 from vfoa.geometry import angle_between, unit
-from vfoa.simulated_scenes import NOWHERE, Errors, draw_sequence
 
 
 @pytest.mark.parametrize("generator", ["room", "table"])

@@ -6,6 +6,7 @@ rendered and stored before the first run. Compare ratios, not seconds, which dep
 
 from __future__ import annotations
 
+import argparse
 import csv
 import re
 import tempfile
@@ -25,6 +26,7 @@ from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.studio.scenario import SCENARIOS
 from harness.studio.stage import Stage
+from scripts.measure.printing import print_tables
 
 _KINDS = ("none", "light")
 _SEED = 7
@@ -158,3 +160,13 @@ def recordings_table(runs: Sequence[RecordedRun]) -> Table:
 
 
 _LAYERS = ("images", "scene", "attention", "verdicts")
+
+
+def main() -> None:
+    """Measure and print the tables."""
+    parser = argparse.ArgumentParser(description="Measure bytes and time of recordings.")
+    parser.add_argument("experiment", nargs="?", default="demo", help="Experiment whose clips are recorded.")
+    parser.add_argument("--limit", type=int, default=1500, help="Number of frames of the long clip.")
+    given = parser.parse_args()
+    clips = measure_clips(load_experiment(given.experiment))
+    print_tables(clips_table(clips), recordings_table(measure_recordings(given.limit)))

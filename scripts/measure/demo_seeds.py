@@ -48,7 +48,7 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
             f"over {next(iter(comparisons.values()))[0].clips} clips, corrected for {len(comparisons)} comparisons. "
             "Shown: seeds under which the effect is significant.",
             "Ruled out: seeds whose interval does not hold the paper's difference or more.",
-            "Written by `python -m harness.bench.demo_seeds`.",
+            "Written by `python -m scripts.measure demo_seeds`.",
         ),
     )
 
@@ -80,7 +80,3 @@ def main() -> None:
         workers, cache = os.cpu_count() or 1, open_store(None)
         directory = run_plan(plan, Path(folder) / "run", workers=workers, progress=lambda clip: None, cache=cache)
         atomic_write(given.out, to_markdown(seeds_table(read_scores(directory), given.seeds)))
-
-
-if __name__ == "__main__":
-    main()

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.bench.stage_outputs import write_coco_panoptic
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
+from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.mirror import frame_of
 from vfoa.errors import VfoaError
 from vfoa.types import Instance, Instances, StereoFrame

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from harness.report.formats import UNKNOWN, Table
+from scripts.measure.printing import print_tables
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, follow
 from vfoa.geometry import angle_between, perturb
 from vfoa.types import Float
@@ -147,3 +149,9 @@ def _directions(angles_deg: Float) -> Float:
     """Unit directions (..., 3) at (right, down) angles (..., 2) from straight ahead."""
     right, down = np.moveaxis(np.deg2rad(angles_deg), -1, 0)
     return perturb(np.broadcast_to([0.0, 0.0, 1.0], (*right.shape, 3)), right, down)
+
+
+def main() -> None:
+    """Measure and print the table."""
+    argparse.ArgumentParser(description="Measure the gaze filter on a drawn signal.").parse_args()
+    print_tables(gaze_filter_table(measure_gaze_filter()))

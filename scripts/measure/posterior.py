@@ -1,6 +1,6 @@
-"""Accuracy and calibration of attention on drawn scenes with errors of known size (``--only posterior``).
+"""Accuracy and calibration of attention on drawn scenes with errors of known size.
 
-The scenes are those of :mod:`vfoa.simulated_scenes`. Settings were chosen on ``room``; ``table`` shares no distribution
+Scenes are those of ``simulated_scenes.py``. Settings were chosen on ``room``; ``table`` shares no distribution
 with it and is reported. Every method gets a claimed gaze error of 11.1 degrees, whatever the true one is; "told" gets
 the true mean error of a frame, and takes it as true. "All known" gets the same for the same sequence drawn without bias
 and gain, and uses its later frames: the best that the model can reach if it has nothing to learn.
@@ -8,6 +8,7 @@ and gain, and uses its later frames: the best that the model can reach if it has
 
 from __future__ import annotations
 
+import argparse
 import copy
 import time
 from collections.abc import Iterable, Sequence
@@ -16,13 +17,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from harness.report.formats import Table
+from scripts.measure.printing import print_tables
+from scripts.measure.simulated_scenes import NOWHERE, Errors, Generator, draw_sequence
+from scripts.measure.simulated_scenes import Sequence as Drawn
 from vfoa.geometry import angle_between, unit
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
-from vfoa.simulated_scenes import NOWHERE, Errors, Generator, draw_sequence
-from vfoa.simulated_scenes import Sequence as Drawn
 from vfoa.types import Float
 
 ERRORS_DEG = (5.0, 11.0, 20.0, 36.0)
@@ -200,3 +202,9 @@ def _beliefs(drawn: Drawn, settings: PosteriorSettings) -> list[Belief]:
         before = beliefs[-1] if beliefs else None
         beliefs.append(update(before, scenery, replace(claims, gaze=gaze, head=head), dt_s, settings))
     return beliefs
+
+
+def main() -> None:
+    """Measure and print the table."""
+    argparse.ArgumentParser(description="Measure the posterior on drawn scenes.").parse_args()
+    print_tables(posterior_table("table", measure_posterior(), measure_true_claims()))

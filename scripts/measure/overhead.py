@@ -6,6 +6,7 @@ is the time that it adds, including its threads. Times are CPU seconds in one pr
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -19,12 +20,13 @@ from harness.report.formats import Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from harness.run.experiment import Experiment
+from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.loop import ClipJob, run_clip
 from harness.run.plan import Plan, prepare
 from harness.run.results_sink import ResultsSinks
 from harness.run.runner import run_plan
+from scripts.measure.printing import print_tables
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))
@@ -118,3 +120,12 @@ def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Co
     """The configuration with other cones, and a name that says so."""
     attend = configuration.attend.model_copy(update={"attention": AttentionSettings(cones_cm=cones_cm)})
     return replace(configuration, name=f"cones-{'-'.join(f'{cone:g}' for cone in cones_cm)}", attend=attend)
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(description="Measure what a run adds to the time of a frame.")
+    parser.add_argument("experiment", nargs="?", default="demo", help="Experiment whose first clip is run.")
+    parser.add_argument("--limit", type=int, default=20, help="Number of frames.")
+    given = parser.parse_args()
+    print_tables(overhead_table(measure_overhead(load_experiment(given.experiment), given.limit)))

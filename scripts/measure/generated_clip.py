@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from harness.bench.stage_outputs import write_coco_panoptic, write_gazes, write_heads
+from scripts.measure.stage_outputs import write_coco_panoptic, write_gazes, write_heads
 from vfoa.types import Gaze, Head, Instance, Instances
 
 WIDTH, HEIGHT, SHIFT_PX = 160, 120, 8
