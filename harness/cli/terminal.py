@@ -134,7 +134,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     own_configurations = without_oracles(scores.configurations)
     scored = {row.clip for row in scores.rows}
     unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
-    steps = next_steps(verdict for verdict in scores.verdicts if verdict.configuration in own_configurations)
+    steps = next_steps(scores, own_configurations)
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     remaining = more if len(unscored) > _MOST_CLIPS else []
     for line in (*unscored[:_MOST_CLIPS], *remaining, *steps[: len(steps) if verbose else 1]):

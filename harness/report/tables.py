@@ -22,6 +22,7 @@ from harness.score.calibration import (
     Reliability,
     SetCoverage,
 )
+from harness.score.finished_run import how_to_label
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import LEAST_PROBABILITY, load_metrics
 from harness.score.oracle_ablation import without_oracles
@@ -151,7 +152,7 @@ def terminal_table(scores: Scores) -> Table:
         (
             *([TERMINAL_NOTE] if scores.rows else []),
             *remarks(scores),
-            *next_steps(verdict for verdict in scores.verdicts if verdict.configuration in compared),
+            *next_steps(scores, compared),
         ),
     )
 
@@ -274,7 +275,9 @@ def remarks(scores: Scores) -> list[str]:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
             if not any(note.startswith(f"{clip}: no labels") for note in notes):
-                notes.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
+                notes.append(
+                    f"{clip}: no frame is labelled, not scored; {how_to_label(clip, scores.settings.values())}."
+                )
             continue
         rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)

@@ -7,63 +7,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 
 import numpy as np
 
+from harness.report.advice import advice
 from harness.score.comparison import Comparison, compare, identical_on, with_holm
 from harness.score.intervals import ScoredFrames, pair
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES, Verdict
+from harness.score.verdicts import ERROR_TYPES
 
 _MOST_NAMES = 4
 _MOST_STEPS = 2
-
-NEXT_STEPS = {
-    "no_subject": (
-        "see which heads were found (vfoa view RUN --failures); check the subject's rule in the manifest "
-        "([subjects.NAME]), or take another head detector (--set heads.detector=person_mask)"
-    ),
-    "no_eyes_3d": (
-        "the head has no depth: check stereo.min_depth_m and the calibration (vfoa clips check CLIP), or another "
-        "matcher (--set stereo.matcher=bm)"
-    ),
-    "face_turned_away": "use the head as well, which has an answer where the gaze has none (--set attention.cues=both)",
-    "no_direction": (
-        "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures), or score coverage apart"
-    ),
-    "target_not_segmented": (
-        "give the target a category that the model finds ([targets.NAME] in the manifest), take another model, or "
-        "masks of your own (--set segmentation.model=coco_panoptic --set segmentation.root=FOLDER)"
-    ),
-    "target_without_box": (
-        "the target has no depth: check stereo.min_depth_m (vfoa clips check CLIP), or another matcher "
-        "(--set stereo.matcher=bm)"
-    ),
-    "false_attention": (
-        "narrower cones (--set attention.cones_deg=[20]), or the posterior, which knows of nowhere "
-        "(--set attention.method=bayes)"
-    ),
-    "wrong_subject": (
-        "tell people apart by at_px or box_px in the manifest ([subjects.NAME]), and see the tracks (vfoa view RUN)"
-    ),
-    "no_hit": (
-        "no ray met any object: wider cones (--set attention.cones_deg=[40]), or the posterior, which always has an "
-        "answer (--set attention.method=bayes)"
-    ),
-    "missed": (
-        "no ray met the target: see by how much gaze and head are off (vfoa view RUN --failures); wider cones "
-        "(--set attention.cones_deg=[40]) forgive more, and must be chosen on other clips"
-    ),
-    "outscored": (
-        "another object got more attention: see which (vfoa view RUN --failures), and which stage costs the frames "
-        "(vfoa run CLIP --oracle)"
-    ),
-}
-"""Advice for each error type, in the imperative and without a full stop."""
 
 
 def verdict_sentence(scores: Scores) -> str:
@@ -265,16 +223,18 @@ def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFram
     return pooled
 
 
-def next_steps(verdicts: Iterable[Verdict]) -> list[str]:
+def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     """A sentence for each of the most frequent error types: its number of wrong frames, its meaning, and what to try.
 
-    Empty if nothing is wrong. Frames of several configurations count each.
+    Empty if nothing is wrong under these configurations. Frames of several configurations count each.
     """
+    verdicts = (verdict for verdict in scores.verdicts if verdict.configuration in configurations)
     counts = Counter(verdict.error_type for verdict in verdicts if verdict.error_type is not None)
     wrong = sum(counts.values())
     order = list(ERROR_TYPES)
     top = sorted(counts.items(), key=lambda item: (-item[1], order.index(item[0])))
     return [
-        f"{count} of {wrong} wrong frames: {name} ({ERROR_TYPES[name]}). Next: {NEXT_STEPS[name]}."
+        f"{count} of {wrong} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
+        f"{advice(name, scores.settings.values())}."
         for name, count in top[:_MOST_STEPS]
     ]

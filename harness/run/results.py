@@ -6,7 +6,7 @@ Every line begins with the version of the format, so that files can be joined li
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from pathlib import Path
@@ -184,6 +184,11 @@ def has_probabilities(configuration: Mapping[str, Any]) -> bool:
 def says_nowhere(configuration: Mapping[str, Any]) -> bool:
     """Whether a configuration can answer "looks at nothing": with probabilities, or the nearest within a limit."""
     return has_probabilities(configuration) or configuration.get("attention", {}).get("limit_deg") is not None
+
+
+def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
+    """Whether a run has images, by its manifest: the stages of perception are off (null) for a clip of measurements."""
+    return not configurations or any(configuration.get("stereo", True) for configuration in configurations)
 
 
 def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:

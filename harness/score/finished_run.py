@@ -6,7 +6,7 @@ Where a clip is no longer what the run was made with (labels, names, content), a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -18,7 +18,15 @@ from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import Block, find_blocks, has_probabilities, read_block, read_results, says_nowhere
+from harness.run.results import (
+    Block,
+    find_blocks,
+    has_images,
+    has_probabilities,
+    read_block,
+    read_results,
+    says_nowhere,
+)
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -162,6 +170,7 @@ class FinishedRun:
             ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
+            settings=run["configurations"],
         )
 
     def note_labels(self, annotator: str | None = None) -> None:
@@ -185,9 +194,16 @@ class FinishedRun:
             f"{clip.name}: no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
             "found in its frames; "
             f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
-            f"`vfoa annotate {clip.name}` labels it."
+            f"{how_to_label(clip.name, self.manifest['configurations'].values())}."
             for clip in clips
         ]
+
+
+def how_to_label(clip: str, configurations: Collection[Mapping[str, Any]]) -> str:
+    """The command that gives labels to a clip of a run: the page needs images."""
+    if has_images(configurations):
+        return f"`vfoa annotate {clip}` labels it"
+    return f"`vfoa labels import FILE --clip {clip} --format FORMAT` reads labels"
 
 
 _FOUND = {0: "nobody", 1: "one person at most"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Reference:
     attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
     they can only be wrong. ``names_now`` are the present names of renamed targets by clip and name in the results.
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
+    ``settings`` are those of each configuration as JSON values, for advice; empty if not known.
     """
 
     labels: Mapping[str, Labels]
@@ -60,6 +61,7 @@ class Reference:
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,7 +105,7 @@ class Scores:
     are shown with every table; ``doubts`` are those of them that question the clip's axes and units, and are shown on
     the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
-    ``unknown_names`` and ``factors`` are as in :class:`Reference`.
+    ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`.
     """
 
     clips: tuple[str, ...]
@@ -120,6 +120,7 @@ class Scores:
     directions: tuple[DirectionCheck, ...] = ()
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips and, if there are several, of all clips together."""
@@ -207,6 +208,7 @@ def score_parts(
         directions=tuple(directions),
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
+        settings=reference.settings,
     )
 
 

@@ -84,7 +84,7 @@ def render_page(
         compared=_compared(scores, differing),
         headline=headline(scores),
         verdict=verdict_sentence(scores),
-        fails=next(iter(next_steps(verdict for verdict in scores.verdicts if verdict.configuration in asked)), None),
+        fails=next(iter(next_steps(scores, asked)), None),
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
         versions=manifest.get("versions", {}),

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from harness.labels.labels import Label
-from harness.report.verdict import NEXT_STEPS, grid_levels, next_steps, verdict_sentence
+from harness.report.verdict import grid_levels, next_steps, verdict_sentence
 from harness.score.outcomes import Reference
 from harness.score.score import score
-from harness.score.verdicts import ERROR_TYPES, judge_absent
+from harness.score.verdicts import judge_absent
 from tests.records import answers, labels
 
 TRUTH = [name for _ in range(30) for name in ("cup",) * 60 + ("book",) * 60]
@@ -90,17 +90,14 @@ def test_factors_are_those_of_a_whole_grid(factors: dict[str, dict[str, str]], l
     assert list(grid_levels(factors).values()) == levels
 
 
-def test_every_error_type_has_a_next_step() -> None:
-    assert list(NEXT_STEPS) == list(ERROR_TYPES)
-
-
 def test_the_most_frequent_error_types_are_told_with_their_share() -> None:
     absent = judge_absent("clip", "one", 1, "girl", Label(target="bird"))
     types = ["missed"] * 3 + ["outscored"] * 2 + ["no_subject"] * 3 + [None] * 9
-    found = next_steps(replace(absent, error_type=each) for each in types)
+    verdicts = tuple(replace(absent, error_type=each) for each in types)
+    found = next_steps(replace(score([], Reference(labels={})), verdicts=verdicts), ("one",))
     assert [line.split(" (")[0] for line in found] == ["3 of 8 wrong frames: no_subject", "3 of 8 wrong frames: missed"]
     assert all("Next: " in line for line in found)
 
 
 def test_nothing_wrong_needs_no_next_step() -> None:
-    assert next_steps([]) == []
+    assert next_steps(score([], Reference(labels={})), ("one",)) == []

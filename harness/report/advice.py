@@ -1,0 +1,169 @@
+"""What to try next for each error type, made from what the run's configurations accept.
+
+``--set`` changes every configuration of an experiment that has the setting, so an option is only given where all of
+them take it: cones in the unit that they have, stages that a clip of measurements does not have left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from harness.run.results import has_images
+from vfoa.attention import AttentionSettings
+
+Plain = Mapping[str, Any]
+"""A configuration as JSON values, as in the manifest of a run."""
+
+WIDE_DEG, NARROW_DEG = 40, 20
+WIDE_CM, NARROW_CM = 40, 20
+"""Cones of the paper have a radius in cm for a height of 1.10 m: 40 cm are 40 degrees, 20 cm are 21."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """The configurations of a run."""
+
+    configurations: tuple[Plain, ...]
+
+    def values(self, table: str, key: str) -> list[Any]:
+        """The value of a setting in every configuration that has it."""
+        tables = (configuration.get(table) or {} for configuration in self.configurations)
+        return [settings[key] for settings in tables if key in settings]
+
+    @property
+    def has_images(self) -> bool:
+        """Whether stages of perception run: a clip of measurements has none."""
+        return has_images(self.configurations)
+
+    @property
+    def is_default(self) -> bool:
+        """Whether nothing of the attention was chosen: no setting of one method stands in the way of another one."""
+        default = AttentionSettings().model_dump(mode="json")
+        return [configuration.get("attention") for configuration in self.configurations] == [default]
+
+    def cones(self, degrees: int, centimetres: int) -> str:
+        """The option for one cone of this size; "" if the configurations have both units, or no cones."""
+        deg, cm = ([value is not None for value in self.values("attention", key)] for key in ("cones_deg", "cones_cm"))
+        if not deg or any(deg) == any(cm):
+            return ""
+        return (
+            f" (--set attention.cones_deg=[{degrees}])" if any(deg) else f" (--set attention.cones_cm=[{centimetres}])"
+        )
+
+    def another_matcher(self) -> Iterator[str]:
+        """Advice to match by the other method, where one method matched in all configurations."""
+        used = set(self.values("stereo", "matcher"))
+        for matcher, other in (("sgbm", "bm"), ("bm", "sgbm")):
+            if used == {matcher}:
+                yield f"try another matcher (--set stereo.matcher={other})"
+
+
+def _no_subject(run: _Run) -> Iterator[str]:
+    yield "check the subject's rule in the manifest ([subjects.NAME])"
+    if run.has_images:
+        yield "see which heads were found (vfoa view RUN --failures)"
+        if set(run.values("heads", "detector")) == {"person_mask"}:
+            yield "find heads by their faces (--set heads.detector=yunet)"
+
+
+def _without_depth(what: str) -> Callable[[_Run], Iterator[str]]:
+    def advise(run: _Run) -> Iterator[str]:
+        if run.has_images:
+            yield f"{what} has no depth: check stereo.min_depth_m and the calibration (vfoa clips check CLIP)"
+            yield from run.another_matcher()
+        else:
+            yield f"{what} was not measured in these frames"
+
+    return advise
+
+
+def _face_turned_away(run: _Run) -> Iterator[str]:
+    if "gaze" in run.values("attention", "weighting"):
+        yield "let the head count where the gaze has no answer (--set attention.weighting=adaptive)"
+    else:
+        yield "the head counts where the gaze has no answer: see its pose (vfoa view RUN --failures)"
+
+
+def _no_direction(run: _Run) -> Iterator[str]:
+    if run.has_images:
+        yield "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures)"
+    else:
+        yield "neither gaze nor head was measured in these frames"
+    yield "coverage says how many frames have an answer"
+
+
+def _target_not_segmented(run: _Run) -> Iterator[str]:
+    if run.has_images:
+        yield "give the target a category that the model finds ([targets.NAME] in the manifest)"
+        is_drawn = all(run.values("drawn", "targets"))
+        use = "" if is_drawn else ", then use the drawing (--set drawn.targets=true)"
+        yield f"draw it on some frames (vfoa annotate CLIP, key p){use}"
+        yield 'take another model, or masks of your own (segmentation.model = "coco_panoptic")'
+    else:
+        yield "the target was not measured in these frames"
+
+
+def _false_attention(run: _Run) -> Iterator[str]:
+    yield "see what was met although nothing is looked at (vfoa view RUN --failures)"
+    if option := run.cones(NARROW_DEG, NARROW_CM):
+        yield f"try narrower cones{option}"
+    if "nearest" in run.values("attention", "method"):
+        yield "let the nearest target count up to a smaller angle (attention.limit_deg)"
+    yield from _other_methods(run, "which knows of nowhere")
+
+
+def _no_hit(run: _Run) -> Iterator[str]:
+    yield "no ray met any object"
+    if option := run.cones(WIDE_DEG, WIDE_CM):
+        yield f"try wider cones{option}"
+    yield from _other_methods(run, "which always has an answer")
+
+
+def _missed(run: _Run) -> Iterator[str]:
+    yield "see by how much gaze and head are off (vfoa view RUN --failures)"
+    if option := run.cones(WIDE_DEG, WIDE_CM):
+        yield f"wider cones{option} forgive more, and must be chosen on other clips"
+
+
+def _outscored(run: _Run) -> Iterator[str]:
+    yield "see which other object got more attention (vfoa view RUN --failures)"
+    if run.has_images:
+        yield "see which stage costs the frames (vfoa run CLIP --oracle, on a clip with ground truth)"
+
+
+def _wrong_subject(run: _Run) -> Iterator[str]:
+    rule = "at_px or box_px" if run.has_images else "instance"
+    yield f"tell people apart by {rule} in the manifest ([subjects.NAME])"
+    yield "see the tracks (vfoa view RUN)"
+
+
+def _other_methods(run: _Run, why: str) -> Iterator[str]:
+    """Advice to use the posterior, unless a method with probabilities is used."""
+    methods = set(run.values("attention", "method"))
+    if run.is_default:
+        yield f"try the posterior, {why} (--set attention.method=bayes)"
+    elif methods and not methods & {"bayes", "logit"}:
+        yield f'try the posterior, {why} (attention.method = "bayes" in a configuration of its own)'
+
+
+NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
+    "no_subject": _no_subject,
+    "no_eyes_3d": _without_depth("the head"),
+    "face_turned_away": _face_turned_away,
+    "no_direction": _no_direction,
+    "target_not_segmented": _target_not_segmented,
+    "target_without_box": _without_depth("the target"),
+    "false_attention": _false_attention,
+    "wrong_subject": _wrong_subject,
+    "no_hit": _no_hit,
+    "missed": _missed,
+    "outscored": _outscored,
+}
+"""Advice for each error type: phrases in the imperative, without a full stop."""
+
+
+def advice(error_type: str, configurations: Iterable[Plain]) -> str:
+    """What to try next for an error type, in a run with these configurations."""
+    return "; ".join(NEXT_STEPS[error_type](_Run(tuple(configurations))))

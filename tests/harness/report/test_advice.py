@@ -1,0 +1,104 @@
+"""Every option that a table advises is taken by the experiment that it is printed for."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from harness.files.folders import names
+from harness.report.advice import NEXT_STEPS, advice
+from harness.run.experiment import PRESETS, Experiment, load_experiment
+from harness.score.finished_run import how_to_label
+from harness.score.verdicts import ERROR_TYPES
+from tests.disk import write_text
+
+_OPTION = re.compile(r"--set ([^\s)]+)")
+MEASURED = ("people", "conversation")
+"""Experiments on clips of measurements."""
+
+
+def _methods(folder: Path) -> list[Path]:
+    """An experiment with each method, each with a setting of its own."""
+    own = {
+        "cones": ("cones", "cones_deg = [30]"),
+        "nearest": ("nearest", "limit_deg = 20"),
+        "bayes": ("bayes", 'smoothing = "both"'),
+        "logit": ("logit", 'smoothing = "both"'),
+        "gaze": ("cones", 'weighting = "gaze"'),
+    }
+    return [
+        write_text(
+            folder / f"{name}.toml",
+            'clips = ["studio_table"]\ndefaults.stereo.matcher = "bm"\ndefaults.segmentation.model = "truth"\n'
+            'defaults.heads.detector = "person_mask"\ndefaults.head_pose.model = "none"\n'
+            'defaults.gaze.model = "truth"\n'
+            f'[[configuration]]\nname = "own"\nattention = {{ method = "{method}", {setting} }}\n',
+        )
+        for name, (method, setting) in own.items()
+    ]
+
+
+@pytest.fixture(autouse=True)
+def _no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("VFOA_DATA", "VFOA_MODELS"):
+        monkeypatch.setenv(name, str(tmp_path))
+
+
+def _load(name: str, *, preset: str | None = None, overrides: tuple[str, ...] = ()) -> Experiment:
+    """An experiment on another clip: nothing of its own is needed here."""
+    return load_experiment(name, clips=("studio_table",), preset=preset, overrides=overrides)
+
+
+def _experiments(folder: Path) -> list[tuple[str, str | None]]:
+    """Each experiment by name, and a preset."""
+    presets = [("default", preset) for preset in PRESETS]
+    return [
+        *((name, None) for name in names("experiments")),
+        *presets,
+        *((str(path), None) for path in _methods(folder)),
+    ]
+
+
+def _plain(experiment: Experiment, name: str) -> list[dict[str, object]]:
+    measured = name in MEASURED
+    return [(each.without_images() if measured else each).plain() for each in experiment.configurations]
+
+
+def test_every_error_type_has_advice_for_every_experiment(tmp_path: Path) -> None:
+    assert list(NEXT_STEPS) == list(ERROR_TYPES)
+    for name, preset in _experiments(tmp_path):
+        configurations = _plain(_load(name, preset=preset), name)
+        for error_type in ERROR_TYPES:
+            assert advice(error_type, configurations), (name, error_type)
+            assert advice(error_type, []), error_type
+
+
+def test_every_option_that_is_advised_is_taken(tmp_path: Path) -> None:
+    advised = set()
+    for name, preset in _experiments(tmp_path):
+        configurations = _plain(_load(name, preset=preset), name)
+        for error_type in ERROR_TYPES:
+            for option in _OPTION.findall(advice(error_type, configurations)):
+                advised.add(option)
+                changed = _load(name, preset=preset, overrides=(option,))
+                assert _plain(changed, name) != configurations, (name, error_type, option)
+    assert len(advised) >= 7
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_nothing_of_images_is_advised_for_measurements(name: str) -> None:
+    configurations = _plain(_load(name), name)
+    for error_type in ERROR_TYPES:
+        said = advice(error_type, configurations)
+        assert not re.search(r"stereo|heads\.|segmentation|vfoa annotate|drawn", said), (error_type, said)
+    assert "vfoa annotate" not in how_to_label("clip", configurations)
+    assert "vfoa annotate clip" in how_to_label("clip", _plain(_load("demo"), "demo"))
+
+
+@pytest.mark.parametrize("method", ["bayes", "logit"])
+def test_a_method_that_knows_of_nowhere_is_not_told_of_one_that_does(method: str, tmp_path: Path) -> None:
+    (path,) = (path for path in _methods(tmp_path) if path.stem == method)
+    configurations = _plain(_load(str(path)), method)
+    assert "posterior" not in advice("false_attention", configurations) + advice("no_hit", configurations)
