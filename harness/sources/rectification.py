@@ -9,7 +9,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from harness.sources.calibration import Calibration, from_projections
+from harness.sources.calibration import Calibration, ProjectionError, from_projections
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map
 
@@ -273,6 +273,30 @@ def _rectification(
     )
     r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in matrices)
     return r1, r2, p1, p2
+
+
+def unset_matrices(left: RawCamera, right: RawCamera) -> str:
+    """The matrices of zeros, which drivers send for those that are not set: "P", "R", "P and R" or ""."""
+    matrices = {"P": (left.p, right.p), "R": (left.r, right.r)}
+    return " and ".join(name for name, both in matrices.items() if not all(matrix.any() for matrix in both))
+
+
+def pair_of_infos(left: RawCamera, right: RawCamera, where: str, baseline_m: float | None) -> RawCalibration:
+    """Return the pair of two calibrations of ROS, by their own P, or with a baseline from elsewhere (in metres).
+
+    Raises
+    ------
+    VfoaError
+        If P or R are not set, or are not those of a rectified pair: it says that a baseline completes them.
+    """
+    if baseline_m is not None:
+        return with_baseline(left, right, baseline_m, where)
+    try:
+        if unset := unset_matrices(left, right):
+            raise ProjectionError(f"{where}: {unset}: found zeros (not set); expected the pair's")
+        return RawCalibration(left=left, right=right, where=where)
+    except ProjectionError as error:
+        raise VfoaError(f"{error}, or --baseline METRES (baseline_m of [source]), which keeps K, D and R") from None
 
 
 def with_baseline(left: RawCamera, right: RawCamera, baseline_m: float, where: str) -> RawCalibration:

@@ -28,6 +28,7 @@ from harness.sources.rectification import (
     Model,
     RawCalibration,
     RawCamera,
+    pair_of_infos,
     rectify_pose,
 )
 from vfoa.errors import VfoaError
@@ -152,10 +153,15 @@ def ros_camera(document: Document, where: str) -> RawCamera:
     return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
 
 
-def ros_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:
-    """Return the cameras of two files (``where``); raises the errors of :func:`ros_camera`."""
+def ros_pair(
+    left: Document, right: Document, where: tuple[str, str], baseline_m: float | None = None
+) -> RawCalibration:
+    """Return the cameras of two files (``where``), with this baseline if it is not None.
+
+    Raises the errors of :func:`ros_camera` and :func:`harness.sources.rectification.pair_of_infos`.
+    """
     first, second = map(ros_camera, (left, right), where)
-    return RawCalibration(left=first, right=second, where=" and ".join(where))
+    return pair_of_infos(first, second, " and ".join(where), baseline_m)
 
 
 def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any], where: str) -> RawCamera:

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -117,7 +118,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     contents = [documents.read_document(path) for path in paths]
     where = " and ".join(map(str, paths))
     for program, names, read_pair in (
-        ("ROS", {"camera_matrix", "projection_matrix"}, documents.ros_pair),
+        ("ROS", {"camera_matrix", "projection_matrix"}, partial(documents.ros_pair, baseline_m=options.baseline_m)),
         ("EuRoC", {"T_BS", "camera_model"}, documents.euroc_pair),
     ):
         if all(names <= content.keys() for content in contents):

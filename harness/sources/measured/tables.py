@@ -158,15 +158,16 @@ def _name(row: TableRow, column: str) -> str | None:
     Raises
     ------
     VfoaError
-        For a word such as ``nan`` beside measurements: it may be a name, or a name that is missing.
+        If measurements have no name, or a word such as ``nan`` in its place.
     """
-    name = row.cells.get(column)
-    if name is None or not is_missing(name):
+    name = row.cells.get(column, "")
+    if not is_missing(name):
         return name
-    others = (cell for key, cell in row.cells.items() if key not in {column, "frame", *TIMES})
-    if all(map(is_missing, others)):
+    if all(is_missing(cell) for key, cell in row.cells.items() if key not in {column, "frame", *TIMES}):
         return None
-    raise VfoaError(f"{row.where}: {column}: found {name!r}, a missing value of other programs; expected a name")
+    raise VfoaError(
+        f"{row.where}: {column}: found {repr(name) if name else 'nothing'} beside measurements; expected a name"
+    )
 
 
 def _person(row: TableRow, name: str, settings: MeasuredTablesSettings) -> MeasuredPerson:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from harness.sources.calibration import ProjectionError
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.recordings.containers import Container
@@ -27,7 +26,7 @@ from harness.sources.recordings.topics import (
     has_no_frames,
     is_aligned,
 )
-from harness.sources.rectification import Cameras, ImageSize, RawCalibration, RawCamera, Rectifier, with_baseline
+from harness.sources.rectification import Cameras, ImageSize, RawCamera, Rectifier, pair_of_infos, unset_matrices
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map, StereoFrame, StereoRig
 
@@ -126,18 +125,8 @@ class PairCameras:
         baseline_m = self._recording.settings.baseline_m
         if self._rectified:
             left, right = left.of_rectified_images(), right.of_rectified_images()
-        if baseline_m is not None:
-            return with_baseline(left, right, baseline_m, where)
-        try:
-            if unset := _unset(left, right):
-                raise ProjectionError(f"{where}: {unset}: found zeros (not set); expected the pair's")
-            raw = RawCalibration(left=left, right=right, where=where)
-        except ProjectionError as error:
-            raise VfoaError(
-                f"{error}, or --baseline METRES (baseline_m of [source]), which keeps the recording's K, D and R, or "
-                "--calibration FILE"
-            ) from None
-        return raw.rectified() if self._rectified else raw
+        raw = pair_of_infos(left, right, where, baseline_m)
+        return raw.rectified() if self._rectified and baseline_m is None else raw
 
     def _notes(self) -> tuple[str, ...]:
         """What the settings' baseline replaces in the first calibrations."""
@@ -145,17 +134,11 @@ class PairCameras:
         if settings.baseline_m is None or not all(topic.places for topic in self._topics):
             return ()
         cameras = [camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics]
-        if not (unset := _unset(*cameras)):
+        if not (unset := unset_matrices(*cameras)):
             return ()
         names = " and ".join(topic.name for topic in self._topics)
         parallel = "; the cameras are taken as parallel" if "R" in unset else ""
         return (f"{names}: {unset}: zeros (not set), baseline_m = {settings.baseline_m:g} replaces them{parallel}",)
-
-
-def _unset(left: RawCamera, right: RawCamera) -> str:
-    """The matrices of zeros, which drivers send for those that are not set: "P", "R", "P and R" or ""."""
-    matrices = {"P": (left.p, right.p), "R": (left.r, right.r)}
-    return " and ".join(name for name, both in matrices.items() if not all(matrix.any() for matrix in both))
 
 
 # the maps are computed again only if a calibration has changed

@@ -8,10 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
+from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from tests.calibrations import write_opencv
-from tests.disk import HEIGHT, WIDTH, picture
+from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
 from tests.harness.sources.numbered_recording import open_clip, stamp
 from tests.recordings import Camera, Family, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
@@ -119,3 +121,25 @@ def test_a_rectified_pair_is_read_as_before(tmp_path: Path) -> None:
         frame = open_clip(path, baseline_m=baseline_m).frame(1)
         np.testing.assert_array_equal(frame.left, picture(1))
         assert frame.rig.baseline_m == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize(("p", "r"), [([0.0] * 12, (0.0,) * 9), (_projection(110, 15.0), tuple(TURN.ravel().tolist()))])
+def test_two_files_of_ros_take_a_baseline_as_a_recording_does(
+    tmp_path: Path, p: list[float], r: tuple[float, ...]
+) -> None:
+    left, right = replace(LENS, p=p if p[3] == 0 else _projection(110), r=r), replace(LENS, p=p, r=r)
+    recorded = open_clip(_record(tmp_path / "a.mcap", left, right), baseline_m=0.25).frame(1)
+    paths = []
+    for side, camera, number in (("left", left, 1), ("right", right, 2)):
+        matrices = {"camera_matrix": camera.k, "distortion_coefficients": list(camera.d)}
+        matrices |= {"rectification_matrix": list(camera.r), "projection_matrix": camera.p}
+        document = {"image_width": WIDTH, "image_height": HEIGHT, "distortion_model": "plumb_bob"}
+        write_text(tmp_path / f"{side}.yaml", yaml.safe_dump(document | {k: {"data": v} for k, v in matrices.items()}))
+        write_image(tmp_path / side / "0.png", picture(number))
+        paths.append(f"{side}.yaml")
+    views = {"left": "left", "right": "right", "calibration": paths}
+    with pytest.raises(VfoaError, match=r"left\.yaml and .*right\.yaml: .* --baseline METRES"):
+        StereoFolderClip(StereoFolderSettings.model_validate(views), tmp_path).frame(0)
+    frame = StereoFolderClip(StereoFolderSettings.model_validate(views | {"baseline_m": 0.25}), tmp_path).frame(0)
+    assert frame.rig == recorded.rig
+    np.testing.assert_array_equal(frame.left, recorded.left)
