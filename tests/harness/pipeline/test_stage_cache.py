@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.files.digests import code_of
-from harness.pipeline import cache_store
+from harness.pipeline import cache, cache_store
 from harness.pipeline.cache import difference, identify, parts_of_clip
 from harness.pipeline.configuration import StageChoice
 from harness.run.experiment import load_experiment
@@ -126,6 +126,17 @@ def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(
         seen.add(digest())
     assert {"numpy", "python", "machine"} <= code_of("mine.stage")[1].keys()
     assert "mine" not in sys.modules  # looking at code must not run it
+
+
+def test_an_output_depends_on_the_code_of_its_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    choice = _choice("stereo")
+    before = identify(choice, CLIP)
+    monkeypatch.setattr(cache, "code_of", lambda module: ("another", {}))
+    after = identify(choice, CLIP)
+    assert before is not None
+    assert after is not None
+    assert after.parts["code"] == "another"
+    assert after.digest != before.digest
 
 
 def test_why_there_is_nothing_is_how_the_nearest_differs() -> None:

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from harness.score.comparison import compare, format_p
-from harness.score.intervals import ScoredFrames
+from harness.score.comparison import compare, format_p, with_holm
+from harness.score.intervals import ScoredFrames, Units, difference_interval
 
 LOOK = 10
 
@@ -123,3 +124,27 @@ def test_configurations_that_are_right_on_the_same_frames_are_identical() -> Non
 def test_p_values_for_people() -> None:
     shown = {1.0: "p = 1", 0.25: "p = 0.25", 0.0312: "p = 0.031", 0.001: "p = 0.001", 0.00099: "p < 0.001"}
     assert {p: format_p(p) for p in shown} == shown
+
+
+@pytest.mark.parametrize(
+    ("p_values", "levels"),
+    [
+        (
+            (0.001, 0.2, 0.3),
+            (0.05 / 3, 0.05 / 2, 0.05 / 2),
+        ),  # one is rejected: the next is tested at 5 % / 2, and it ends
+        ((0.2, 0.9, 0.3), (0.05 / 3, 0.05 / 3, 0.05 / 3)),
+        ((0.02, 0.001, 0.001), (0.05 / 1, 0.05 / 3, 0.05 / 2)),
+    ],
+)
+def test_intervals_have_the_level_at_which_holm_tests_their_comparison(
+    p_values: tuple[float, ...], levels: tuple[float, ...]
+) -> None:
+    rng = np.random.default_rng(7)
+    gains = rng.normal(1, 3, 12)
+    units = Units(clips=np.arange(12), frames=np.full(12, 30.0), values=gains)
+    (one,) = compare({"a": _clips([5, 5]), "b": _clips([5, 5])})
+    corrected = with_holm([replace(one, p=p, units=units) for p in p_values])
+    expected = [difference_interval(units, level) for level in levels]
+    assert [comparison.interval for comparison in corrected] == expected
+    assert len({interval.high for interval in (difference_interval(units, 0.05 / k) for k in (1, 2, 3))}) == 3

@@ -11,13 +11,15 @@ import statsmodels.api as sm
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.stats import beta, bootstrap, permutation_test
+from scipy.stats import beta, bootstrap, norm, permutation_test
+from scipy.stats import t as student
 
 from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
     Units,
     degrees_of_freedom,
     difference_interval,
+    expanded_percentiles,
     rate_interval,
     resampled_rates,
     standard_error,
@@ -256,3 +258,33 @@ def test_a_plan_is_that_of_brute_force(between: float, within: float, difference
     assert longer
     assert found(math.floor(0.9 * planned.needed)) < 0.8 < found(math.ceil(1.1 * planned.needed))
     assert longer.needed < planned.needed
+
+
+@pytest.mark.parametrize(("n", "df"), [(6, 5), (10, 9), (16, 12)])
+def test_percentiles_are_expanded_as_far_as_students_t_and_the_spread_of_few_units_ask(n: int, df: int) -> None:
+    uniform = np.linspace(0, 1, 100_001)
+    tail = norm.cdf(np.sqrt(n / df) * student.ppf(0.025, df))  # Hesterberg (2015), section 4.3
+    assert tail < 0.016
+    assert expanded_percentiles(uniform, n, df) == pytest.approx((tail, 1 - tail), abs=1e-4)
+
+
+def test_intervals_of_few_clips_hold_the_rate_as_often_as_they_say() -> None:
+    held, repeats = 0, 300
+    for seed in range(repeats):
+        rng = np.random.default_rng([5, seed])
+        clips = np.repeat(np.arange(8), 6)
+        shares = np.clip(rng.normal(0.6, 0.15, 8), 0, 1)[clips]
+        frames = np.full(48, 40.0)
+        units = Units(clips=clips, frames=frames, values=rng.binomial(40, shares).astype(np.float64))
+        interval = rate_interval(units)
+        held += interval.low <= 0.6 <= interval.high
+    assert 0.91 <= held / repeats <= 0.99  # plain percentiles hold it in about 85 %
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.05 / 3, 0.001])
+@pytest.mark.parametrize("n", [6, 9])
+def test_no_difference_in_any_frame_has_the_exact_bound_at_the_corrected_level(n: int, alpha: float) -> None:
+    same = Units(clips=np.arange(n), frames=np.full(n, 20.0), values=np.zeros(n))
+    widest = 1 - (alpha / 2) ** (1 / n)  # Clopper and Pearson for none of n
+    interval = difference_interval(same, alpha)
+    assert (interval.low, interval.high) == pytest.approx((-widest, widest))

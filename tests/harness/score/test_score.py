@@ -9,11 +9,12 @@ from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import FrameRecord
-from harness.score.baselines import SEES_LABELS
+from harness.score.baselines import BASELINES, SEES_LABELS
+from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
-from harness.score.outcomes import Reference
-from harness.score.score import ScoreRow, Scores, score
-from harness.score.statistics import wilson_interval
+from harness.score.outcomes import Outcomes, Reference
+from harness.score.score import ScoreRow, Scores, _beats, score
+from harness.score.statistics import sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, subject_record, target_record
 
@@ -167,13 +168,45 @@ def test_the_commonest_label_is_one_that_the_clip_has() -> None:
 
 @pytest.mark.parametrize("count", [2, 40])
 def test_no_method_is_judged_by_a_rule_that_has_seen_the_labels(count: int) -> None:
-    truth = labels(*["can"] * count)
-    row = _row(score(answers(["cup", *["can"] * (count - 1)]), Reference(labels={"clip": truth})))
+    truth = labels(*["cup"] * count)  # every rule takes the can, the first of two things at the same place
+    row = _row(score(answers(["can", *["cup"] * (count - 1)]), Reference(labels={"clip": truth})))
     assert row.baselines["constant"] == 1.0 > row.frr
     assert row.best_baseline != "constant"
     assert row.baselines[row.best_baseline] == max(
         rate for name, rate in row.baselines.items() if name not in SEES_LABELS
     )
+
+
+def _outcome(looks: list[int], gains: list[int]) -> Outcomes:
+    """Looks of ten frames of one subject. A method alone is right in those of gain 1, a baseline in the others."""
+    alone = score(answers(["cup"] * 10 * len(looks)), Reference(labels={"clip": labels(*["cup"] * 10 * len(looks))}))
+    correct = np.repeat(np.array(gains) > 0, 10)
+    baselines = np.zeros((len(correct), len(BASELINES)), bool)
+    baselines[:, BASELINES.index("nearest")] = ~correct
+    return replace(alone.outcomes[0], looks=np.repeat(looks, 10), correct=correct, baselines=baselines)
+
+
+def test_a_baseline_is_beaten_only_if_stretches_of_looks_show_it() -> None:
+    """Four looks in a row are right or wrong together: 64 looks are 16 observations, of which 11 are better."""
+    gains = [1 if block % 16 < 11 else -1 for block in range(16) for _ in range(4)]
+    together = _outcome(list(range(64)), gains)
+    assert sign_flip_p(np.array(gains) * 10.0) < 0.01 < 0.05 < sign_flip_p(np.array(gains[::4]) * 40.0)
+    assert _beats([together], together.baselines) == "not shown"
+    better = _outcome(list(range(64)), [1] * 60 + [-1] * 4)
+    assert _beats([better], better.baselines) == "yes"
+
+
+def test_looks_last_twice_as_long_as_verdicts_stay_alike() -> None:
+    rng = np.random.default_rng(3)
+    right = np.repeat(rng.random(60) < 0.6, 100)  # at 25 Hz verdicts change about every four seconds
+    truth = ["cup" if frame // 60 % 2 else "can" for frame in range(len(right))]
+    said = [name if is_right else "mug" for name, is_right in zip(truth, right, strict=True)]
+    (outcome,) = score(answers(said), Reference(labels={"clip": labels(*truth)})).outcomes
+    alike_s = correlation_time_s([(outcome.correct, outcome.positions, outcome.rate_hz)])
+    assert alike_s > 1
+    expected = number_looks(outcome.truth, outcome.positions, outcome.rate_hz, 2 * alike_s)
+    assert np.array_equal(outcome.looks, expected)
+    assert expected.max() < number_looks(outcome.truth, outcome.positions, outcome.rate_hz, alike_s).max()
 
 
 def test_what_was_never_predicted_has_no_rate_given_a_prediction() -> None:

@@ -245,6 +245,19 @@ def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) ->
     assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 5, "none"))
 
 
+def test_annotations_that_divide_another_one_have_equal_parts_of_it(tmp_path: Path) -> None:
+    document = Eaf(author="somebody")
+    document.add_linguistic_type("divided", constraints="Symbolic_Subdivision", timealignable=False)
+    document.add_tier("looks")
+    document.add_tier("girl", ling="divided", parent="looks")
+    document.add_annotation("looks", 0, 240, "three looks")
+    for value in ("bird", "cup", "none"):
+        document.add_ref_annotation("girl", "looks", 100, value)
+    document.to_file(str(tmp_path / "a.eaf"))
+    imported = Elan().read(tmp_path / "a.eaf", exchange())
+    assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 4, "cup"), row(5, 6, "none"))
+
+
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
