@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+_OWN_HEAD_POSE = "gone since 0.1.0; leave it out, ADAS-0002 always runs the head-pose network of its training"
+_DETECTORS_LANDMARKS = "gone since 0.1.0; leave it out, ADAS-0002 always takes the landmarks of the head detector"
+
 REMOVED: Mapping[str, str] = {
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
@@ -13,6 +16,9 @@ REMOVED: Mapping[str, str] = {
     "bench=posterior": "gone since 0.1.0; use `python -m scripts.measure posterior` in a clone of the repository",
     "bench=recording": "gone since 0.1.0; use `python -m scripts.measure recording_size` in a clone of the repository",
     "bench=segmenter": "masks of a segmenter beside the loop, gone since 0.1.0; use realtime",
+    "gaze.head_pose": f"whose head pose ADAS-0002 gets, {_OWN_HEAD_POSE}",
+    "gaze.landmarks": f"whose landmarks ADAS-0002 uses, {_DETECTORS_LANDMARKS}",
+    "gaze.landmarks_weights": f"a network of landmarks, {_DETECTORS_LANDMARKS}",
     "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
     "stereo.region=needed",
     "segmentation.delay": "the number of frames after which masks were used, gone since 0.1.0; use segmentation.every "

@@ -9,7 +9,6 @@ right, y up, and z negative towards the camera.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -31,7 +30,6 @@ GAZE = Signature(
 HEAD_POSE = Signature(
     inputs={"data": (1, 3, 60, 60)}, outputs={"angle_y_fc": (1, 1), "angle_p_fc": (1, 1), "angle_r_fc": (1, 1)}
 )
-LANDMARKS = Signature(inputs={"face": (1, 3, 48, 48)}, outputs={"points": (1, 10, 1, 1)}, by_position=True)
 
 FACE_SIDE = 1.1
 """Side of the head-pose network's square over the longer side of the face's box.
@@ -73,24 +71,16 @@ class Adas0002:
     """
 
     class Settings(OnnxSettings):
-        """Sources of head pose and landmarks, and the size of the eye crops.
+        """The networks, the size of the eye crops, and the faces that are too far from frontal.
 
-        ``head_pose``: ``own`` runs the head-pose network that ADAS-0002 was trained with, ``stage`` takes the
-        pipeline's head-pose stage. ``landmarks``: ``head`` takes those of the head detector, ``own`` runs the zoo's
-        landmark network. ``eye_side``: side of an eye crop over the distance between the eyes. The demo takes 1.8
-        widths of an eye; an eye's width is 0.47 of that distance (30 of 63 mm).
+        ``eye_side``: side of an eye crop over the distance between the eyes. The demo takes 1.8 widths of an eye; an
+        eye's width is 0.47 of that distance (30 of 63 mm).
         """
 
         weights: str = "gaze-estimation-adas-0002.onnx"
         """Path of the gaze network, or a file's name in the folders of weights."""
-        head_pose: Literal["own", "stage"] = "own"
-        """``own``: run the head-pose network of ADAS-0002's training; ``stage``: take the head-pose stage's answer."""
         head_pose_weights: str = "head-pose-estimation-adas-0001.onnx"
-        """Network that ``head_pose`` = ``own`` runs."""
-        landmarks: Literal["head", "own"] = "head"
-        """``head``: take the landmarks of the head detector; ``own``: run a landmark network."""
-        landmarks_weights: str = "landmarks-regression-retail-0009.onnx"
-        """Network that ``landmarks`` = ``own`` runs."""
+        """Path of the head-pose network of ADAS-0002's training, or a file's name in the folders of weights."""
         eye_side: float = Field(default=0.85, gt=0)
         """Side of an eye crop over the distance between the eyes."""
         most_turned_deg: float = Field(default=40.0, gt=0, le=180)
@@ -100,36 +90,27 @@ class Adas0002:
         @property
         def used_weights(self) -> tuple[str, ...]:
             """File names of the networks that these settings run."""
-            own_pose = (self.head_pose_weights,) if self.head_pose == "own" else ()
-            own_landmarks = (self.landmarks_weights,) if self.landmarks == "own" else ()
-            return (self.weights, *own_pose, *own_landmarks)
+            return self.weights, self.head_pose_weights
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._gaze = Model(settings.weights, GAZE, settings)
-        own_pose, own_landmarks = settings.head_pose == "own", settings.landmarks == "own"
-        self._head_pose = Model(settings.head_pose_weights, HEAD_POSE, settings) if own_pose else None
-        self._landmarks = Model(settings.landmarks_weights, LANDMARKS, settings) if own_landmarks else None
+        self._head_pose = Model(settings.head_pose_weights, HEAD_POSE, settings)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | NoGaze | None:
-        """Estimate one head's gaze; None without a face, its landmarks, or the stage's pose if that is used.
+        """Estimate one head's gaze; None without a face or its landmarks.
 
         A head turned too far from the camera has a :class:`NoGaze`.
         """
-        if head.face_box_px is None:
+        if head.face_box_px is None or head.landmarks_px is None:
             return None
-        landmarks = self._points(frame.left, head.face_box_px) if self._landmarks else head.landmarks_px
-        if landmarks is None:
-            return None
-        right_eye, left_eye = landmarks[:2]
+        right_eye, left_eye = head.landmarks_px[:2]
         across = left_eye - right_eye
         if not across.any():
             return None
         u, v = (right_eye + left_eye) / 2
         ray = pixel_ray(u, v, frame.rig)
-        angles = self._angles(frame.left, head.face_box_px) if self._head_pose else _angles(head_pose, ray)
-        if angles is None:
-            return None
+        angles = self._angles(frame.left, head.face_box_px)
         # the most turned of the two: networks of head pose underestimate
         of_stage = _angles(head_pose, ray)
         turned_deg = max(_turned_deg(*angles), _turned_deg(*of_stage) if of_stage else 0.0)
@@ -155,18 +136,10 @@ class Adas0002:
 
     def _angles(self, image: Image, face_box_px: Float) -> tuple[float, float]:
         """Yaw and pitch in degrees, with ADAS's signs, from the model's own head-pose network."""
-        assert self._head_pose is not None
         u0, v0, u1, v1 = face_box_px
         face = crop(image, square(center(face_box_px), FACE_SIDE * max(u1 - u0, v1 - v0)), 60)
         outputs = self._head_pose.run(data=blob(face, bgr=True))
         return float(outputs["angle_y_fc"][0, 0]), float(outputs["angle_p_fc"][0, 0])
-
-    def _points(self, image: Image, face_box_px: Float) -> Float:
-        """Five landmarks (5, 2) in the order of :attr:`vfoa.types.Head.landmarks_px`, from the zoo's network."""
-        assert self._landmarks is not None
-        outputs = self._landmarks.run(face=blob(crop(image, face_box_px, 48), bgr=True))
-        corner, size = face_box_px[:2], face_box_px[2:] - face_box_px[:2]
-        return corner + outputs["points"].reshape(5, 2).astype(np.float64) * size
 
 
 def claimed_sigma_rad(turned_deg: float, detail: float) -> float:

@@ -89,17 +89,16 @@ def test_weights_count_by_their_content(tmp_path: Path) -> None:
     assert before.digest != after.digest
 
 
-def test_weights_that_are_not_opened_need_not_be_there(tmp_path: Path) -> None:
-    """ADAS-0002 has a network of its own for the landmarks, for those who ask for it."""
+def test_every_network_that_a_stage_runs_must_be_there(tmp_path: Path) -> None:
+    """ADAS-0002 runs a head-pose network of its own."""
     weights = tmp_path / "net.onnx"
     weights.write_bytes(b"gaze")
     used = [f"gaze.{key}={weights.as_posix()}" for key in ("weights", "head_pose_weights")]
-    absent = "gaze.landmarks_weights=absent.onnx"
-    identity = identify(_choice("gaze", *used, absent, experiment="default"), CLIP)
+    identity = identify(_choice("gaze", *used, experiment="default"), CLIP)
     assert identity is not None
     assert identity.parts["weights"].keys() == {weights.as_posix()}
     with pytest.raises(VfoaError, match=r"absent\.onnx: no such model file"):
-        identify(_choice("gaze", *used, absent, "gaze.landmarks=own", experiment="default"), CLIP)
+        identify(_choice("gaze", used[0], "gaze.head_pose_weights=absent.onnx", experiment="default"), CLIP)
 
 
 def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(

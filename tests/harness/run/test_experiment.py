@@ -173,6 +173,20 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
         load_experiment(_write(tmp_path, text))
 
 
+@pytest.mark.parametrize(
+    ("table", "chosen", "key", "value"),
+    [
+        ("gaze", "model = 'adas_0002'", "head_pose", "'stage'"),
+        ("gaze", "model = 'adas_0002'", "landmarks", "'own'"),
+        ("gaze", "model = 'adas_0002'", "landmarks_weights", "'mine.onnx'"),
+    ],
+)
+def test_every_setting_that_is_gone_says_so(tmp_path: Path, table: str, chosen: str, key: str, value: str) -> None:
+    text = f"{HEAD}[[configuration]]\nname = 'one'\n{table} = {{ {chosen}, {key} = {value} }}\n"
+    with pytest.raises(VfoaError, match=rf"mine\.toml: .*{table}\.{key}: found {value}: .*gone since 0\.1\.0; "):
+        load_experiment(_write(tmp_path, text))
+
+
 def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
     text = (
         'preset = "realtime"\n' + HEAD + '[[configuration]]\nname = "quick"\n'

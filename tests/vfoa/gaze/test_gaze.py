@@ -10,7 +10,6 @@ import pytest
 
 from tests import graphs
 from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
-from vfoa.errors import VfoaError
 from vfoa.gaze.adas import Adas0002, claimed_sigma_rad
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.heads.yunet import YuNet
@@ -18,7 +17,7 @@ from vfoa.types import Gaze, Head, HeadPose, Instances, NoGaze, StereoFrame
 
 EYES = {"head_pose_angles": (1, 3), "left_eye_image": (1, 3, 60, 60), "right_eye_image": (1, 3, 60, 60)}
 FRAME = frame_of(np.zeros((200, 300, 3), np.uint8))
-AHEAD = HeadPose(direction=np.array([0.0, 0, -1]))
+FACE = {"data": (1, 3, 60, 60)}
 
 
 def head_at(u: float, v: float, *, roll_deg: float = 0.0) -> Head:
@@ -30,13 +29,19 @@ def head_at(u: float, v: float, *, roll_deg: float = 0.0) -> Head:
     return Head(box_px=box, score=1.0, face_box_px=box, landmarks_px=landmarks)
 
 
-def constant_gaze(folder: Path, vector: tuple[float, float, float], **settings: object) -> Adas0002:
-    weights = graphs.constant(folder / "gaze.onnx", EYES, {"gaze_vector": [vector]})
-    return Adas0002(Adas0002.Settings.model_validate({"weights": weights, "head_pose": "stage", **settings}))
+def with_head(folder: Path, weights: str, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Adas0002:
+    """ADAS with this gaze network, and a head-pose network that answers this yaw and pitch and a roll of 30 degrees."""
+    angles = {"angle_y_fc": [[yaw_deg]], "angle_p_fc": [[pitch_deg]], "angle_r_fc": [[30.0]]}
+    head_pose = graphs.constant(folder / "head_pose.onnx", FACE, angles)
+    return Adas0002(Adas0002.Settings(weights=weights, head_pose_weights=head_pose))
 
 
-def angles_as_gaze(folder: Path) -> Adas0002:
-    """A network that answers (yaw, pitch, 90) for the head pose it is given, in degrees."""
+def constant_gaze(folder: Path, vector: tuple[float, float, float]) -> Adas0002:
+    return with_head(folder, graphs.constant(folder / "gaze.onnx", EYES, {"gaze_vector": [vector]}))
+
+
+def angles_as_gaze(folder: Path, yaw_deg: float, pitch_deg: float) -> Adas0002:
+    """A gaze network that answers (yaw, pitch, 90) for the head pose it is given, in degrees."""
     from onnx import helper, numpy_helper
 
     nodes = [
@@ -44,7 +49,7 @@ def angles_as_gaze(folder: Path) -> Adas0002:
         helper.make_node("Add", ["head_pose_angles", "c"], ["gaze_vector"]),
     ]
     weights = graphs.write(folder / "angles.onnx", nodes, EYES, {"gaze_vector": (1, 3)})
-    return Adas0002(Adas0002.Settings(weights=weights, head_pose="stage"))
+    return with_head(folder, weights, yaw_deg, pitch_deg)
 
 
 def direction(gaze: Gaze | NoGaze | None) -> np.ndarray:
@@ -60,29 +65,26 @@ def test_axes_of_the_gaze_vector(
     tmp_path: Path, vector: tuple[float, float, float], expected: tuple[float, float, float]
 ) -> None:
     model = constant_gaze(tmp_path, vector)
-    np.testing.assert_allclose(direction(model.estimate(FRAME, head_at(149.5, 99.5), AHEAD)), expected, atol=1e-6)
+    np.testing.assert_allclose(direction(model.estimate(FRAME, head_at(149.5, 99.5), None)), expected, atol=1e-6)
 
 
 def test_the_direction_turns_with_the_ray_to_the_eyes(tmp_path: Path) -> None:
     model = constant_gaze(tmp_path, (0.0, 0.0, -2.0))
     for u, v in ((40, 50), (260, 150)):
-        found = direction(model.estimate(FRAME, head_at(u, v), AHEAD))
+        found = direction(model.estimate(FRAME, head_at(u, v), None))
         np.testing.assert_allclose(found, -pixel_ray(u, v, FRAME.rig), atol=1e-6)
 
 
 def test_what_upright_eyes_see_leans_with_the_head(tmp_path: Path) -> None:
     model = constant_gaze(tmp_path, (0.6, 0.0, -0.8))  # to the head's own right side of the picture
-    found = direction(model.estimate(FRAME, head_at(149.5, 99.5, roll_deg=90), AHEAD))
+    found = direction(model.estimate(FRAME, head_at(149.5, 99.5, roll_deg=90), None))
     np.testing.assert_allclose(found, [0, 0.6, -0.8], atol=1e-6)  # a quarter turn clockwise: down
 
 
-def test_the_stages_pose_is_told_in_the_networks_signs_and_without_roll(tmp_path: Path) -> None:
+def test_the_head_pose_is_told_without_roll(tmp_path: Path) -> None:
     ray = pixel_ray(80, 120, FRAME.rig)
-    pose = HeadPose(
-        direction=direction_from_crop(head_direction_crop(np.radians(20), np.radians(10)), ray), roll_rad=0.5
-    )
-    found = direction(angles_as_gaze(tmp_path).estimate(FRAME, head_at(80, 120), pose))
-    # Left is yaw < 0 and up is pitch < 0 there; the answer's y is up.
+    found = direction(angles_as_gaze(tmp_path, -20, -10).estimate(FRAME, head_at(80, 120), None))
+    # the answer's y is up
     np.testing.assert_allclose(found, direction_from_crop(np.array([-20, 10, 90.0]) / np.sqrt(8600), ray), atol=1e-4)
 
 
@@ -99,8 +101,7 @@ def test_the_networks_left_eye_is_the_eye_on_the_images_left(tmp_path: Path) -> 
     weights = graphs.write(tmp_path / "sides.onnx", nodes, EYES, {"gaze_vector": (1, 3)})
     image = np.zeros((200, 300, 3), np.uint8)
     image[:, :150] = [10, 20, 200]  # where the person's right eye is
-    model = Adas0002(Adas0002.Settings(weights=weights, head_pose="stage"))
-    found = direction(model.estimate(frame_of(image), head_at(149.5, 99.5), AHEAD))
+    found = direction(with_head(tmp_path, weights).estimate(frame_of(image), head_at(149.5, 99.5), None))
     expected = np.array([200, -20, 10.0])  # blue, green, red; y is up there
     np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-3)
 
@@ -108,15 +109,8 @@ def test_the_networks_left_eye_is_the_eye_on_the_images_left(tmp_path: Path) -> 
 def test_what_was_not_found_gives_no_gaze(tmp_path: Path) -> None:
     model = constant_gaze(tmp_path, (0.0, 0.0, -1.0))
     box = np.array([10.0, 10, 50, 60])
-    assert model.estimate(FRAME, Head(box_px=box, score=1.0), AHEAD) is None
-    assert model.estimate(FRAME, Head(box_px=box, score=1.0, face_box_px=box), AHEAD) is None
-    assert model.estimate(FRAME, head_at(100, 100), None) is None
-
-
-def test_networks_that_are_not_used_are_not_asked_for(tmp_path: Path) -> None:
-    constant_gaze(tmp_path, (0.0, 0.0, -1.0), head_pose_weights="absent.onnx", landmarks_weights="absent.onnx")
-    with pytest.raises(VfoaError, match=r"absent\.onnx"):
-        constant_gaze(tmp_path, (0.0, 0.0, -1.0), landmarks="own", landmarks_weights=str(tmp_path / "absent.onnx"))
+    assert model.estimate(FRAME, Head(box_px=box, score=1.0), None) is None
+    assert model.estimate(FRAME, Head(box_px=box, score=1.0, face_box_px=box), None) is None
 
 
 @pytest.fixture
@@ -124,24 +118,11 @@ def detector(shared_models: Path) -> YuNet:
     return YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_640_640.onnx")))
 
 
-def adas(shared_models: Path, **settings: object) -> Adas0002:
-    names = {
-        "weights": "gaze-estimation-adas-0002.onnx",
-        "head_pose_weights": "head-pose-estimation-adas-0001.onnx",
-        "landmarks_weights": "landmarks-regression-retail-0009.onnx",
-    }
-    paths = {key: str(shared_models / name) for key, name in names.items()}
-    return Adas0002(Adas0002.Settings.model_validate({**paths, **settings}))
-
-
-def test_its_own_landmarks_are_those_of_the_detector(shared_data: Path, shared_models: Path, detector: YuNet) -> None:
-    model = adas(shared_models, landmarks="own")
-    frame = bandage_frame(shared_data, 15)
-    (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
-    assert head.face_box_px is not None
-    found = model._points(frame.left, head.face_box_px)
-    np.testing.assert_allclose(found, head.landmarks_px, atol=25)  # of a face 190 px wide
-    assert model.estimate(frame, head, None) is not None
+def adas(shared_models: Path) -> Adas0002:
+    gaze, head_pose = "gaze-estimation-adas-0002.onnx", "head-pose-estimation-adas-0001.onnx"
+    return Adas0002(
+        Adas0002.Settings(weights=str(shared_models / gaze), head_pose_weights=str(shared_models / head_pose))
+    )
 
 
 def mirror_errors_deg(model: Adas0002, detector: YuNet, frames: list[StereoFrame]) -> list[float]:
@@ -193,10 +174,9 @@ def test_the_claimed_error_grows_with_the_turn_of_the_head_and_with_blur() -> No
 
 
 def test_eyes_of_few_pixels_or_out_of_focus_claim_a_larger_error(
-    shared_data: Path, shared_models: Path, detector: YuNet
+    tmp_path: Path, shared_data: Path, shared_models: Path, detector: YuNet
 ) -> None:
-    weights = {"weights": str(shared_models / "gaze-estimation-adas-0002.onnx"), "head_pose": "stage"}
-    model = Adas0002(Adas0002.Settings.model_validate(weights))
+    model = with_head(tmp_path, str(shared_models / "gaze-estimation-adas-0002.onnx"))
     frame = bandage_frame(shared_data, 1)
     (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
     assert head.face_box_px is not None
@@ -206,7 +186,7 @@ def test_eyes_of_few_pixels_or_out_of_focus_claim_a_larger_error(
         small = cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
         box, face, points = (share * each for each in (head.box_px, head.face_box_px, head.landmarks_px))
         scaled = replace(head, box_px=box, face_box_px=face, landmarks_px=points)
-        found = model.estimate(frame_of(small, fx_px=share * 896.0), scaled, AHEAD)
+        found = model.estimate(frame_of(small, fx_px=share * 896.0), scaled, None)
         assert isinstance(found, Gaze)
         claims.append(found.sigma_rad or 0.0)
     assert claims[1] > 1.2 * claims[0]
