@@ -61,8 +61,7 @@ class AttentionSettings(Settings):
     ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
     alone, so that a subject without it has no direction.
 
-    ``occlusion``: with ``ignore``, the paper's, a ray counts for every box on its way, with ``first_hit`` only for
-    the one it enters first.
+    A ray counts for every box on its way, as in the paper.
     """
 
     method: Literal["cones"] = "cones"
@@ -77,8 +76,6 @@ class AttentionSettings(Settings):
     """Also cast one ray along the axis of each cone."""
     weighting: Weighting = "adaptive"
     """``adaptive``: the paper's weights of gaze and head; ``equal``; ``gaze`` or ``head`` alone."""
-    occlusion: Literal["ignore", "first_hit"] = "ignore"
-    """A ray counts for every box on its way (``ignore``, the paper), or for the first one (``first_hit``)."""
 
     @model_validator(mode="before")
     @classmethod
@@ -167,16 +164,8 @@ def _cast(cones: tuple[Cone, ...], boxes: tuple[Box3D, ...], settings: Attention
     left_from_cone = left_from_crop([cone.axis for cone in cones])
     directions = (bundle @ left_from_cone.transpose(0, 2, 1)).reshape(-1, 3)
     entry_m = entry_distance(origin, directions, boxes)
-    if settings.occlusion == "first_hit":
-        entry_m = first_hits(entry_m)
     cone_index = np.repeat(np.arange(len(cones)), bundle.shape[1])
     return Rays(origin_left=origin, directions=directions, cone_index=cone_index, entry_m=entry_m)
-
-
-def first_hits(entry_m: Float) -> Float:
-    """Entry distances (R, T) with NaN for every box but the one that the ray enters first."""
-    first = np.fmin.reduce(entry_m, axis=1, keepdims=True, initial=np.inf)
-    return np.where(entry_m == first, entry_m, np.nan)
 
 
 def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:

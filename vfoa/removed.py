@@ -8,6 +8,8 @@ _OWN_HEAD_POSE = "gone since 0.1.0; leave it out, ADAS-0002 always runs the head
 _DETECTORS_LANDMARKS = "gone since 0.1.0; leave it out, ADAS-0002 always takes the landmarks of the head detector"
 
 REMOVED: Mapping[str, str] = {
+    "attention.occlusion": "whether a target hides those behind it, gone since 0.1.0; leave it out, no target hides "
+    "another",
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
     "bench=gaze_filter": "gone since 0.1.0; use `python -m scripts.measure gaze_filter` in a clone of the repository",

@@ -19,17 +19,12 @@ from vfoa.types import Box3D, Float, Target
 FACE_RADIUS_M = 0.07
 """Spread of looks at a face about the point between its eyes, per direction: eyes, nose and mouth."""
 
-_SURFACE_DEPTH_M = 0.03
-"""A point of a cloud counts as hidden if a ray enters another box this much before the point."""
-
 
 class SurfaceSettings(Settings):
     """Settings of :func:`views_of`."""
 
     surface: Literal["box", "cloud"] = "cloud"
     """A target is its box, or its cloud as the camera saw it; recorded 3D poses have boxes but no clouds."""
-    occlusion: Literal["ignore", "first_hit"] = "ignore"
-    """With first_hit, a target is seen only where no other one is in front of it, with ignore everywhere."""
     faces: bool = True
     """People are looked at in the face, if their eye origin is known."""
     directions: int = Field(default=128, ge=16, le=10_000)
@@ -38,7 +33,7 @@ class SurfaceSettings(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Views:
-    """The targets that are seen: ids, middle directions (T, 3), and variances (T,) per tangent direction, rad^2."""
+    """The targets as seen: ids, middle directions (T, 3), and variances (T,) per tangent direction, rad^2."""
 
     ids: tuple[int, ...]
     directions: Float
@@ -50,13 +45,13 @@ _recent: deque[tuple[tuple[Target, ...], object, Views]] = deque(maxlen=8)
 
 
 def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
-    """Return what is seen of each target from ``origin`` (3,); completely hidden targets are left out.
+    """Return each target as seen from ``origin`` (3,), through everything in front of it.
 
-    ``eyes`` are the eye origins of other people by instance id. Also left out are targets without a box, and targets
+    ``eyes`` are the eye origins of other people by instance id. Left out are targets without a box, and targets
     without a cloud if clouds are the surface and other targets have one. Configurations that ask for the same targets
     one after the other share an answer.
     """
-    asked = (settings.surface, settings.occlusion, settings.faces, settings.directions)
+    asked = (settings.surface, settings.faces, settings.directions)
     eyes_m = {number: eyes[number].tobytes() for number in sorted(eyes)}
     key = origin.tobytes(), eyes_m, asked
     for before, known, views in tuple(_recent):
@@ -73,17 +68,18 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
     boxes = tuple(target.box for target in targets if target.box is not None)
     moments: dict[int, tuple[Float, float]] = {}
     if boxes:
-        rays, seen = (_cloud_rays if clouds else _box_rays)(origin, targets, boxes, settings)
-        for target, directions, kept in zip(targets, rays, seen, strict=True):
+        count = settings.directions
+        rays = _cloud_rays(origin, targets, count) if clouds else _box_rays(origin, boxes, count)
+        for target, directions in zip(targets, rays, strict=True):
             number = target.instance.id
-            if not kept.any():
+            if not len(directions):
                 continue
             if settings.faces and number in eyes:
                 towards = eyes[number] - origin
                 distance = float(np.linalg.norm(towards))
                 moments[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
             else:
-                moments[number] = _moments(directions[kept])
+                moments[number] = _moments(directions)
     return Views(
         ids=tuple(moments),
         directions=np.array([direction for direction, _ in moments.values()]).reshape(-1, 3),
@@ -97,33 +93,19 @@ def _moments(directions: Float) -> tuple[Float, float]:
     return middle, float(((directions - middle) ** 2).sum(axis=1).mean() / 2)
 
 
-def _box_rays(
-    origin: Float, targets: tuple[Target, ...], boxes: tuple[Box3D, ...], settings: SurfaceSettings
-) -> tuple[Float, np.ndarray]:
-    """Rays (T, K, 3) about each box, and which of them (T, K) reach it (first, unless occlusion is ignored)."""
-    rays = _rays_about(origin, boxes, settings.directions)
-    count = len(boxes)
-    entry = entry_distance(origin, rays.reshape(-1, 3), boxes).reshape(count, -1, count)
-    own = np.einsum("tkt->tk", entry)
-    seen = np.isfinite(own)
-    if settings.occlusion == "first_hit":
-        seen &= own <= np.fmin.reduce(entry, axis=2, initial=np.inf)
-    return rays, seen
+def _box_rays(origin: Float, boxes: tuple[Box3D, ...], count: int) -> list[Float]:
+    """Those of ``count`` rays (K, 3) about each box that reach it."""
+    rays = _rays_about(origin, boxes, count)
+    return [
+        about[np.isfinite(entry_distance(origin, about, (box,))[:, 0])] for about, box in zip(rays, boxes, strict=True)
+    ]
 
 
-def _cloud_rays(
-    origin: Float, targets: tuple[Target, ...], boxes: tuple[Box3D, ...], settings: SurfaceSettings
-) -> tuple[Float, np.ndarray]:
-    """Rays (T, K, 3) to points of each cloud, and which of them (T, K) no other box stops."""
-    count = len(targets)
-    points = np.stack([_spaced(target.points_left, settings.directions) for target in targets]) - origin
-    distance = np.linalg.norm(points, axis=-1)
-    rays = points / np.maximum(distance, np.finfo(float).tiny)[..., None]
-    if settings.occlusion == "ignore":
-        return rays, np.ones(distance.shape, dtype=np.bool_)
-    entry = entry_distance(origin, rays.reshape(-1, 3), boxes).reshape(count, -1, count)
-    entry[np.arange(count), :, np.arange(count)] = np.nan
-    return rays, distance - _SURFACE_DEPTH_M <= np.fmin.reduce(entry, axis=2, initial=np.inf)
+def _cloud_rays(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
+    """Rays (T, count, 3) to points of each cloud."""
+    points = np.stack([_spaced(target.points_left, count) for target in targets]) - origin
+    distance = np.linalg.norm(points, axis=-1, keepdims=True)
+    return np.asarray(points / np.maximum(distance, np.finfo(float).tiny))
 
 
 def _spaced(points: np.ndarray, count: int) -> Float:

@@ -19,12 +19,12 @@ def plain_attention(
 ) -> dict[int, tuple[float, float, float]]:
     """Attention (gaze, head, total) by instance id, as :func:`vfoa.attention.pay_attention` computes it.
 
-    Only for a subject with an eye origin and both cues, the paper's weights, and occlusion ignored.
+    Only for a subject with an eye origin, both cues, and the paper's weights.
     """
     assert subject.person.eye_origin_left is not None
     assert subject.gaze is not None
     assert subject.head_pose is not None
-    assert (settings.weighting, settings.occlusion) == ("adaptive", "ignore")
+    assert settings.weighting == "adaptive"
     origin, gaze, head = (
         _vector(array)
         for array in (subject.person.eye_origin_left, subject.gaze.direction, subject.head_pose.direction)

@@ -111,13 +111,6 @@ def test_a_bigger_target_is_not_favoured():
     assert found[1] > found[2]
 
 
-def test_a_target_behind_another_is_not_seen():
-    targets = (make_target(1, make_box((0, 0, 2), 0.3)), make_target(2, make_box((0, 0, 4), 0.1)))
-    subject = make_subject(gaze=AHEAD)
-    assert totals(infer(subject, targets, BAYES.model_copy(update={"occlusion": "first_hit"})))[2] == 0
-    assert totals(infer(subject, targets))[2] > 0
-
-
 @given(st.integers(0, 10_000))
 def test_probabilities_are_shared_out_among_targets_and_nowhere(seed):
     subject, targets = random_room(seed)

@@ -176,6 +176,8 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("table", "chosen", "key", "value"),
     [
+        ("attention", "method = 'cones'", "occlusion", "'first_hit'"),
+        ("attention", "method = 'bayes'", "occlusion", "'first_hit'"),
         ("gaze", "model = 'adas_0002'", "head_pose", "'stage'"),
         ("gaze", "model = 'adas_0002'", "landmarks", "'own'"),
         ("gaze", "model = 'adas_0002'", "landmarks_weights", "'mine.onnx'"),
