@@ -48,6 +48,22 @@ _SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg", BY_NAME)
 _STANDARD = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}
 
 
+Codec = Literal["h264", "hevc", "vp9", "av1"]
+
+_CODECS: dict[Codec, tuple[str, ...]] = {
+    "h264": ("h264", "x264", "avc"),
+    "hevc": ("h265", "hevc", "x265"),
+    "vp9": ("vp9",),
+    "av1": ("av1",),
+}
+"""Words in a packet's description, such as Foxglove's ``h265``, FFmpeg's ``libx264`` or ``hevc_nvenc;yuv420p``."""
+
+
+def codec_of(form: str) -> Codec | None:
+    """The codec of a video that a packet's description names; None for a picture."""
+    return next((codec for codec, words in _CODECS.items() if any(word in form.lower() for word in words)), None)
+
+
 READ = "messages of ROS 1, of ROS 2 (cdr), or of Foxglove in protobuf"
 """What is read, for errors."""
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import collect_greatest, decode, decode_rgb, is_collecting
 from harness.sources.media.maps import default_counts_per_m, depth_map
-from harness.sources.recordings.messages import MessageType, Picture, picture
+from harness.sources.recordings.messages import MessageType, Picture, codec_of, picture
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Image, Map
 
@@ -46,6 +46,11 @@ def read_image(kind: MessageType, data: bytes, where: str) -> Image:
         If the message is not of its type, its picture is damaged, or for the reasons of :func:`rgb`.
     """
     content = picture(kind, data, where)
+    if content.size_px is None and codec_of(content.form) is not None:
+        raise VfoaError(
+            f"{where}: a packet of a video ({content.form}) as a compressed image; expected a picture (jpeg, png): "
+            "record the video as foxglove_msgs/CompressedVideo or by ffmpeg_image_transport"
+        )
     return decode_rgb(content.data, where) if content.size_px is None else rgb(content, where)
 
 

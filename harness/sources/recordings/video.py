@@ -5,26 +5,16 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
 import av
 import numpy as np
 
 from harness.sources.media.images import MOST_PIXELS
-from harness.sources.recordings.messages import MessageType, picture
+from harness.sources.recordings.messages import MessageType, codec_of, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 from vfoa.types import Image
-
-Codec = Literal["h264", "hevc", "vp9", "av1"]
-
-_CODECS: dict[Codec, tuple[str, ...]] = {
-    "h264": ("h264", "x264", "avc"),
-    "hevc": ("h265", "hevc", "x265"),
-    "vp9": ("vp9",),
-    "av1": ("av1",),
-}
-"""Words in a packet's description, such as Foxglove's ``h265``, FFmpeg's ``libx264`` or ``hevc_nvenc;yuv420p``."""
 
 
 def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
@@ -44,8 +34,7 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
 
 def _decoder(form: str, where: str) -> Any:
     """A decoder of the codec that a packet names."""
-    codec = next((codec for codec, words in _CODECS.items() if any(word in form.lower() for word in words)), None)
-    if codec is None:
+    if (codec := codec_of(form)) is None:
         raise VfoaError(f"{where}: a video in {form!r}; expected h264, h265, vp9 or av1")
     return av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")  # FFmpeg's av1 needs a graphics card
 

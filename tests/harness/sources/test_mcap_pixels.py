@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from harness.sources.media.images import greatest_values
+from harness.sources.recordings import pixels
 from harness.sources.recordings.messages import Picture
 from harness.sources.recordings.pixels import rgb
 from tests.disk import HEIGHT, WIDTH, picture
@@ -119,3 +120,11 @@ def test_data_that_are_too_short_are_refused() -> None:
     cut = dataclasses.replace(whole, data=whole.data[:-1])
     with pytest.raises(VfoaError, match=f"{WIDTH} x {HEIGHT} pixels of rgb8 in {len(cut.data)} bytes"):
         rgb(cut, "x")
+
+
+@pytest.mark.parametrize("form", ["h264", "H265", "bgr8; libx264"])
+def test_a_packet_of_a_video_in_a_compressed_image_is_named_as_one(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    packet = Picture(form=form, frame_id="", size_px=None, step=0, is_bigendian=False, data=b"\0\0\0\1\x67")
+    monkeypatch.setattr(pixels, "picture", lambda kind, data, where: packet)
+    with pytest.raises(VfoaError, match=r"/left: a packet of a video .* expected a picture \(jpeg, png\)"):
+        pixels.read_image(None, b"", "/left")  # type: ignore[arg-type]
