@@ -177,9 +177,8 @@ def _infer(
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:
-    """Return the measured cues that the settings use; None if there are none."""
-    gaze = subject.gaze if settings.cues in ("both", "gaze") else None
-    head = subject.head_pose if settings.cues in ("both", "head") else None
+    """Return the measured cues with their claimed errors; None if there are none."""
+    gaze, head = subject.gaze, subject.head_pose
     if gaze is None and head is None:
         return None
     claims = []

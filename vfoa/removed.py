@@ -8,6 +8,10 @@ _OWN_HEAD_POSE = "gone since 0.1.0; leave it out, ADAS-0002 always runs the head
 _DETECTORS_LANDMARKS = "gone since 0.1.0; leave it out, ADAS-0002 always takes the landmarks of the head detector"
 
 REMOVED: Mapping[str, str] = {
+    "attention.cues": "which cues the posterior uses, gone since 0.1.0; use gaze.model = 'none' or head_pose.model = "
+    "'none' to leave one out",
+    "attention.gain": "a fitted factor of the gaze's angle to the camera, gone since 0.1.0; leave it out, it is "
+    "learned: 1, 0.8 or 0.6",
     "attention.occlusion": "whether a target hides those behind it, gone since 0.1.0; leave it out, no target hides "
     "another",
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
@@ -21,6 +25,8 @@ REMOVED: Mapping[str, str] = {
     "gaze.head_pose": f"whose head pose ADAS-0002 gets, {_OWN_HEAD_POSE}",
     "gaze.landmarks": f"whose landmarks ADAS-0002 uses, {_DETECTORS_LANDMARKS}",
     "gaze.landmarks_weights": f"a network of landmarks, {_DETECTORS_LANDMARKS}",
+    "head_pose.needs_face": "whether a head needs a face, gone since 0.1.0; leave it out, FSA-Net always needs one",
+    "heads.fallback": "what finds people without a face, gone since 0.1.0; leave it out, their masks do",
     "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
     "stereo.region=needed",
     "segmentation.delay": "the number of frames after which masks were used, gone since 0.1.0; use segmentation.every "

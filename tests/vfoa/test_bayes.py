@@ -41,7 +41,7 @@ def test_two_equal_targets_beside_the_gaze_are_equally_likely():
 
 def test_a_small_target_on_the_axis_has_the_posterior_of_the_two_densities():
     """Gaussians about the same direction: their densities are as the inverses of their variances."""
-    settings = BAYES.model_copy(update={"cues": "gaze", "gaze_error_deg": 10.0, "nowhere_deg": 60.0, "p_nowhere": 0.1})
+    settings = BAYES.model_copy(update={"gaze_error_deg": 10.0, "nowhere_deg": 60.0, "p_nowhere": 0.1})
     error, look = 10.0**2, 60.0**2
     target, nowhere = 0.9 / error, 0.1 / (error + look)
     attention = infer(make_subject(gaze=AHEAD), (make_target(1, make_box((0, 0, 3), 0.001)),), settings)
@@ -51,7 +51,7 @@ def test_a_small_target_on_the_axis_has_the_posterior_of_the_two_densities():
 
 def test_two_small_targets_and_nowhere_between_them_have_the_posterior_of_three_densities():
     """Each is weighed by the density of its angle to the gaze; nowhere lies in the middle, along the gaze."""
-    settings = BAYES.model_copy(update={"cues": "gaze", "gaze_error_deg": 20.0, "nowhere_deg": 40.0, "p_nowhere": 0.1})
+    settings = BAYES.model_copy(update={"gaze_error_deg": 20.0, "nowhere_deg": 40.0, "p_nowhere": 0.1})
     targets = tuple(make_target(number, make_box((x, 0, 3), 0.001)) for number, x in ((1, -3), (2, 3)))
     error, look = sigma_rad(20.0) ** 2, sigma_rad(40.0) ** 2
     square = (np.pi / 4) ** 2
@@ -61,7 +61,7 @@ def test_two_small_targets_and_nowhere_between_them_have_the_posterior_of_three_
 
 
 def test_people_are_looked_at_in_the_face_where_their_eyes_are_known():
-    settings = BAYES.model_copy(update={"cues": "gaze", "gaze_error_deg": 10.0, "nowhere_deg": 60.0, "p_nowhere": 0.1})
+    settings = BAYES.model_copy(update={"gaze_error_deg": 10.0, "nowhere_deg": 60.0, "p_nowhere": 0.1})
     low = make_box((0, 1.5, 2), 0.1)
     looker, seen, hidden = (
         make_subject(gaze=AHEAD),

@@ -25,8 +25,7 @@ class FsaNet:
 
         ``margin``: added to the face's box on each side, as a share of its width or height. Of 0.1 to 0.6, 0.3 has the
         steadiest yaw on Sintel's bandage_2 (1.6 deg over 25 frames) and the least difference between an image and its
-        mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1). ``needs_face``: give no pose for a head without a face,
-        since these networks take every image for a face; otherwise the crop is the head's box.
+        mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1).
         """
 
         weights: tuple[str, ...] = Field(
@@ -35,22 +34,17 @@ class FsaNet:
         """Paths of the networks, or file names in the folders of weights; their answers are averaged."""
         margin: float = Field(default=0.3, ge=0)
         """Margin added to the face's box on each side, as a share of its width or height."""
-        needs_face: bool = True
-        """Give no pose for a head without a face. If false, such a head's box is used instead of the face's."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._models = [Model(weights, SIGNATURE, settings) for weights in settings.weights]
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Estimate one head's pose; None for a head without a face (see ``needs_face``)."""
-        if head.face_box_px is not None:
-            margin = self.settings.margin
-            box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
-        elif self.settings.needs_face:
+        """Estimate one head's pose; None for a head without a face, since the networks take every image for a face."""
+        if head.face_box_px is None:
             return None
-        else:
-            box = head.box_px  # the head's box already includes a margin around the face
+        margin = self.settings.margin
+        box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
         image = blob(crop(frame.left, box, 64), bgr=True, mean=127.5, scale=1 / 128)
         angles_deg = np.mean([model.run(input=image)["output"][0] for model in self._models], axis=0, dtype=np.float64)
         yaw, pitch, roll = np.radians(angles_deg)

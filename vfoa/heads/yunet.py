@@ -7,7 +7,7 @@ the cell's corner and logarithm of width and height in cells; ``kps``, five land
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -51,10 +51,8 @@ class YuNet:
         """Of two faces that overlap more (intersection over union), the weaker is dropped."""
         max_size_px: int = Field(default=640, ge=32)
         """Shrink larger images to this length before the search. Faces below 10 px in the shrunk image are lost."""
-        fallback: Literal["person_mask", "none"] = "person_mask"
-        """Finds the head of a person without a face: the top of the person's mask, or nothing."""
         person_mask: PersonMask.Settings = PersonMask.Settings()
-        """Settings of ``person_mask``, the fallback."""
+        """How the head of a person without a face is found: at the top of the person's mask."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -67,11 +65,9 @@ class YuNet:
 
     def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Return these heads, then those of the people who have none of them."""
-        heads = list(faces)
-        if self.settings.fallback == "person_mask":
-            owners = {_owner(head, instances, self.settings.person_mask.label) for head in heads}
-            heads += [head for head in self._people.detect(frame, instances) if head.instance_id not in owners]
-        return tuple(heads)
+        owners = {_owner(face, instances, self.settings.person_mask.label) for face in faces}
+        without = [head for head in self._people.detect(frame, instances) if head.instance_id not in owners]
+        return (*faces, *without)
 
     def faces(self, frame: StereoFrame) -> tuple[Head, ...]:
         """Return heads with a face, best first."""

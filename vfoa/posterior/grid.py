@@ -17,8 +17,6 @@ seldom do better than they claim on new material."""
 _GAINS = ((1.0, 0.5), (0.8, 0.3), (0.6, 0.2))
 """Factor that remains of the angle between a direction and the direction to the camera, and its prior: models
 underestimate that angle."""
-_GAIN_STEPS = ((-0.2, 0.3), (0.0, 0.4), (0.2, 0.3))
-"""Steps of the gain about a fitted one, and their prior."""
 _BIAS_SPACING_DEG = 12.0
 _BIAS_RINGS = 2
 _SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
@@ -75,14 +73,14 @@ def gaze_hypotheses(settings: PosteriorSettings) -> GazeHypotheses:
             scale=np.ones(1),
             bias_rad=np.zeros((2, 1)),
             gain=np.zeros(1, dtype=np.intp),
-            gains=(1.0 if settings.gain is None else settings.gain,),
+            gains=(1.0,),
             cell_rad=0.0,
             log_prior=np.zeros(1),
         )
     steps = np.array(_SCALE_STEPS)
     scale, scale_prior = np.exp(settings.scale_spread * steps), _normalised(np.exp(-(steps**2) / 2))
     bias = np.deg2rad(_hexagons(_BIAS_SPACING_DEG, _BIAS_RINGS))
-    gains, gain_prior = _gains(settings.gain)
+    gains, gain_prior = np.array(_GAINS).T
     rows = np.indices((len(scale), bias.shape[1], len(gains))).reshape(3, -1)
     prior = scale_prior[rows[0]] * _bias_prior(bias, settings)[rows[1]] * gain_prior[rows[2]]
     return GazeHypotheses(
@@ -104,15 +102,6 @@ def head_hypotheses(settings: PosteriorSettings) -> HeadHypotheses:
     steps, prior = np.array(_SHARE_STEPS).T
     share = np.clip(settings.head_share + steps, 0.05, 1.0)
     return HeadHypotheses(share=share, log_prior=np.log(prior))
-
-
-def _gains(fitted: float | None) -> tuple[Float, Float]:
-    """The gains (3,) and their prior (3,): about the fitted gain if there is one."""
-    if fitted is None:
-        gains, prior = np.array(_GAINS).T
-        return gains, prior
-    steps, prior = np.array(_GAIN_STEPS).T
-    return np.clip(fitted + steps, 0.05, 1.5), prior
 
 
 def _hexagons(spacing_deg: float, rings: int) -> Float:

@@ -35,9 +35,6 @@ class GazeErrorSettings(Settings):
     """Prior probability that the gaze of a person has no constant bias."""
     bias_deg: float = Field(default=18.0, gt=0, le=60)
     """Mean angle of the constant bias where there is one."""
-    gain: float | None = Field(default=None, gt=0, le=1.5)
-    """Fitted factor of the angle between a gaze and the direction to the camera: the middle of
-    three hypotheses if the error is unknown. Without it they are 1, 0.8 and 0.6; 1 if the error is told."""
     bias_share: float = Field(default=0.35, ge=0, lt=1)
     """Share of the variance of the error that drifts; the rest is new in each frame."""
     bias_s: float = Field(default=0.8, gt=0)
@@ -99,6 +96,3 @@ class LookSettings(Settings):
 
 class PosteriorSettings(GazeErrorSettings, HeadSettings, LookSettings):
     """All assumptions of the filter."""
-
-    cues: Literal["both", "gaze", "head"] = "both"
-    """MeasuredCues directions that are used."""

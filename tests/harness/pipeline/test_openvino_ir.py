@@ -101,7 +101,7 @@ def test_the_fetched_networks_answer_as_the_other_conversion_on_real_faces(
         Adas0002.Settings(weights=str(shared_models / gaze.name), head_pose_weights=str(shared_models / pose.name))
     )
     poses = [Model(str(path), HEAD_POSE, RuntimeSettings()) for path in (pose, shared_models / pose.name)]
-    yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx"), fallback="none"))
+    yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx")))
     compared = 0
     for photograph in photographs:
         frame = frame_of(read_rgb(photograph))

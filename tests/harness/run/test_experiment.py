@@ -176,6 +176,10 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("table", "chosen", "key", "value"),
     [
+        ("attention", "method = 'bayes'", "cues", "'gaze'"),
+        ("attention", "method = 'bayes'", "gain", "0.8"),
+        ("head_pose", "model = 'fsanet'", "needs_face", "False"),
+        ("heads", "detector = 'yunet'", "fallback", "'none'"),
         ("attention", "method = 'cones'", "occlusion", "'first_hit'"),
         ("attention", "method = 'bayes'", "occlusion", "'first_hit'"),
         ("gaze", "model = 'adas_0002'", "head_pose", "'stage'"),
@@ -184,7 +188,7 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
     ],
 )
 def test_every_setting_that_is_gone_says_so(tmp_path: Path, table: str, chosen: str, key: str, value: str) -> None:
-    text = f"{HEAD}[[configuration]]\nname = 'one'\n{table} = {{ {chosen}, {key} = {value} }}\n"
+    text = f"{HEAD}[[configuration]]\nname = 'one'\n{table} = {{ {chosen}, {key} = {value.lower()} }}\n"
     with pytest.raises(VfoaError, match=rf"mine\.toml: .*{table}\.{key}: found {value}: .*gone since 0\.1\.0; "):
         load_experiment(_write(tmp_path, text))
 

@@ -118,7 +118,7 @@ def test_mobilegaze_looks_where_real_heads_point_and_the_other_way_in_a_mirror(
     if not weights.is_file() or not photographs:
         pytest.skip(f"needs {weights} and photographs of faces in {shared_data / 'faces'}")
     poses = json.loads((shared_data / "faces" / "pose.json").read_text())
-    yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx"), fallback="none"))
+    yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx")))
     model = L2cs(L2cs.Settings(weights=str(weights)))
     from_head_deg, from_mirrored_deg = [], []
     for photograph in photographs:

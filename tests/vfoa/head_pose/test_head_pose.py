@@ -88,10 +88,9 @@ def test_feeds_blue_green_red_about_zero(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.degrees([pose.yaw_rad, pose.pitch_rad, pose.roll_rad]), expected, atol=1e-4)
 
 
-def test_a_head_without_a_face_has_no_pose_unless_asked_for(tmp_path: Path) -> None:
+def test_a_head_without_a_face_has_no_pose(tmp_path: Path) -> None:
     head = head_at(100, 100, face=False)
     assert constant_fsanet(tmp_path, (1, 2, 3)).estimate(BLACK, head) is None
-    assert constant_fsanet(tmp_path, (1, 2, 3), needs_face=False).estimate(BLACK, head) is not None
 
 
 def test_mirrored_frames_give_mirrored_directions(shared_data: Path, shared_models: Path) -> None:

@@ -178,7 +178,6 @@ def test_people_without_a_face_get_the_head_of_their_mask(shared_data: Path, sha
     assert with_face.landmarks_px is not None
     assert (without.instance_id, without.landmarks_px, without.face_box_px) == (2, None, None)
     assert without.score < with_face.score
-    assert len(YuNet(YuNet.Settings(weights=weights, fallback="none")).detect(frame, instances)) == 1
 
 
 @pytest.mark.parametrize("size", [640, 320])

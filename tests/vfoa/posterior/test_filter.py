@@ -13,9 +13,7 @@ from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
 
 DT_S = 0.1
-NORMAL = PosteriorSettings(
-    error="told", tails=1e9, evidence=1.0, bias_share=0.5, bias_s=0.5, cues="gaze", p_nowhere=0.15
-)
+NORMAL = PosteriorSettings(error="told", tails=1e9, evidence=1.0, bias_share=0.5, bias_s=0.5, p_nowhere=0.15)
 FIXED = {"nowhere_looks": 1e9, "dwell_looks": 1e9}
 """Shares and dwells that no looks correct, so that the model is a plain hidden Markov model."""
 
@@ -118,7 +116,7 @@ def test_nowhere_is_as_likely_as_a_particle_filter_has_it() -> None:
 
 def test_a_large_error_is_found_out_and_a_small_one_too() -> None:
     rng = np.random.default_rng(2)
-    settings = PosteriorSettings(cues="gaze")
+    settings = PosteriorSettings()
     for factor in (0.4, 2.5):
         gazes = np.deg2rad([(10.0, 0.0)]) + factor * sigma_rad(11.1) * rng.normal(size=(60, 2))
         last = beliefs_of(scenery(-30.0, 10.0, 50.0), offsets_of(gazes), settings)[-1]
@@ -133,7 +131,7 @@ def test_a_constant_bias_is_learned_from_the_looks() -> None:
     looks = np.repeat([0, 2, 1, 0, 1, 2], 15)
     aims = np.column_stack([np.deg2rad(np.array(angles)[looks]), np.full(len(looks), np.deg2rad(20.0))])
     frames = offsets_of(aims + sigma_rad(5.0) * rng.normal(size=aims.shape))
-    unknown = PosteriorSettings(cues="gaze", gaze_error_deg=5.0)
+    unknown = PosteriorSettings(gaze_error_deg=5.0)
     beliefs = beliefs_of(scenery(*angles), frames, unknown)
     last = beliefs[-1]
     bias = last.gaze.bias_rad @ last.weights.sum(axis=1)
@@ -149,7 +147,7 @@ def test_a_gaze_shrunk_towards_the_camera_is_stretched_again() -> None:
     looks = np.repeat([0, 2, 1, 2, 0, 2], 20)
     aims = 0.6 * np.deg2rad(np.array(angles)[looks])
     frames = offsets_of(np.column_stack([aims, np.zeros(len(aims))]) + sigma_rad(4.0) * rng.normal(size=(len(aims), 2)))
-    settings = PosteriorSettings(cues="gaze", gaze_error_deg=4.0)
+    settings = PosteriorSettings(gaze_error_deg=4.0)
     found = [int(np.argmax(each.probabilities)) for each in beliefs_of(scenery(*angles), frames, settings)]
     assert np.mean(np.array(found[-40:]) == looks[-40:]) > 0.9
 
@@ -205,7 +203,7 @@ def test_a_cue_that_comes_later_brings_its_hypotheses() -> None:
 
 def test_the_tail_is_small_where_the_directions_do_not_fit() -> None:
     camera = np.array([0.0, 0.0, -1.0])
-    settings = PosteriorSettings(error="told", cues="gaze")
+    settings = PosteriorSettings(error="told")
     still = [measured(camera, error_deg=3.0)] * 10
     jump = measured(perturb(camera, -2.0, 1.0), error_deg=3.0)
     beliefs = beliefs_of(scenery(0.0, 40.0), [*still, jump], settings)
@@ -274,7 +272,7 @@ def test_heads_turn_from_where_the_body_faces_and_not_from_the_middle_of_the_tar
     heads = np.deg2rad(145 + 0.6 * (np.array(angles)[looks] - 145))
     camera, low = np.array([0.0, 0.0, -1.0]), 0.6 * np.deg2rad(8.0)
     frames = [measured(head=perturb(perturb(camera, head, 0.0), 0.0, -low)) for head in heads]
-    found = beliefs_of(scenery(*angles), frames, PosteriorSettings(cues="head"))
+    found = beliefs_of(scenery(*angles), frames, PosteriorSettings())
     right = np.array([int(each.probabilities.argmax()) for each in found]) == looks
     assert right[60:].mean() > 0.8
 
@@ -289,8 +287,8 @@ def test_heads_that_turn_all_of_the_way_make_answers_flatter() -> None:
         frames = [
             measured(head=perturb(camera, np.deg2rad(share * angles[look]), -np.deg2rad(8.0) * share)) for look in looks
         ]
-        last = beliefs_of(scenery(*angles), frames, PosteriorSettings(cues="head"))[-1]
-        answer = answered(last, last.probabilities, PosteriorSettings(cues="head"))
+        last = beliefs_of(scenery(*angles), frames, PosteriorSettings())[-1]
+        answer = answered(last, last.probabilities, PosteriorSettings())
         sure[share] = answer.max() / last.probabilities.max()
     assert sure[0.55] == pytest.approx(1.0)
     assert sure[1.0] < 0.98
