@@ -6,9 +6,10 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from itertools import chain, repeat
 from pathlib import Path
 
 from harness.files.digests import KNOWN
@@ -70,8 +71,9 @@ def run_jobs(
     if cache and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
         todo = _share(todo, executor, account, progress, failures)
         progress = _silent
-    for jobs in _rounds(todo):
-        for outcome in executor.run(run_clip, jobs, progress, _lost):
+    again = zip(_joint_rounds(todo, failures), repeat(_silent))
+    for jobs, report in chain(zip(_rounds(todo), repeat(progress)), again):
+        for outcome in executor.run(run_clip, jobs, report, _lost):
             failures.update(outcome.failures)
             account.add(outcome.tallies)
     return failures, account
@@ -122,6 +124,23 @@ def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
             rounds.append([])
         rounds[-1].append(job)
     return rounds
+
+
+def _joint_rounds(jobs: Sequence[ClipJob], failures: Mapping[Pair, VfoaError]) -> Iterator[list[ClipJob]]:
+    """Yield jobs that write the shared files of clips again whose configurations ran apart, with all that did not fail.
+
+    ``failures`` are read when the first of them is requested: after the jobs themselves.
+    """
+    by_clip: dict[str, list[ClipJob]] = {}
+    for job in filter(_shares_files, jobs):
+        by_clip.setdefault(job.manifest.name, []).append(job)
+    for apart in (apart for apart in by_clip.values() if len(apart) > 1):
+        finished = tuple(c for job in apart for c in job.configurations if (job.manifest.name, c.name) not in failures)
+        joint = replace(apart[0], configurations=finished)
+        if len(finished) > 1:
+            for pair in joint.pairs:
+                joint.directory.unmark(pair)
+            yield [joint]
 
 
 def _shares_files(job: ClipJob | Plan) -> bool:

@@ -46,6 +46,9 @@ class Recordings(Counts):
         return (directory.path / f"{pair[0]}.rrd",)
 
 
+DEMO = ["bm-one", "bm-two", "sgbm-one", "sgbm-two"]
+
+
 class DyingWorkers:
     """An executor whose workers die of every frame they perceive; it notes the jobs that it is given together."""
 
@@ -66,8 +69,9 @@ class DyingWorkers:
 @pytest.mark.parametrize(
     ("sinks", "together"),
     [
-        (Counts(), [["bm-one", "bm-two", "sgbm-one", "sgbm-two"]]),
-        (Recordings(), [["bm-one"], ["bm-two"], ["sgbm-one"], ["sgbm-two"]]),
+        (Counts(), [DEMO]),
+        # apart, since one of them may have killed the workers; then all together, for the recording that they share
+        (Recordings(), [*([name] for name in DEMO), DEMO]),
     ],
 )
 def test_no_two_jobs_write_one_recording_at_the_same_time(
@@ -80,3 +84,21 @@ def test_no_two_jobs_write_one_recording_at_the_same_time(
     store = Store(tmp_path / "cache", 10**9)
     run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None)  # type: ignore[arg-type]
     assert executor.together == together
+
+
+def test_a_recording_is_written_again_without_the_configuration_that_killed_its_worker(tmp_path: Path) -> None:
+    class OneDies(DyingWorkers):
+        def run(
+            self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Callable[[ClipJob, str], ClipOutcome]
+        ) -> Iterator[ClipOutcome]:
+            for job, outcome in zip(jobs, super().run(work, jobs, progress, lost), strict=True):
+                names = [configuration.name for configuration in job.configurations]
+                yield lost(job, "died") if names == ["bm-two"] else outcome
+
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=2, sinks=[Recordings()])
+    directory, executor = RunDirectory(tmp_path / "run"), OneDies()
+    directory.write_manifest({"run_id": new_run_id()})
+    store = Store(tmp_path / "cache", 10**9)
+    failures, _ = run_jobs(plan, directory, cache=store, executor=executor, progress=print)  # type: ignore[arg-type]
+    assert list(failures) == [("studio_table", "bm-two")]
+    assert executor.together[-1] == ["bm-one", "sgbm-one", "sgbm-two"]
