@@ -57,7 +57,7 @@ def test_the_demo_prints_one_screen_that_ends_with_the_next_commands(demo: tuple
     assert [
         f" {name} " for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two") if demo[1].count(f" {name} ") != 1
     ] == []
-    assert "best of 4" in demo[1]
+    assert "Best of 4: " in demo[1]
     assert lines[-2:] == [
         "Report (all tables: frr.md): runs/demo/report.html",
         "Scrub a failure: vfoa view runs/demo --failures",

@@ -115,8 +115,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     from harness.report.comparisons import ablation_table, published_table
     from harness.report.stages import stage_measures_table, terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
-    from harness.report.verdict import headline, next_steps, verdict_sentence
-    from harness.score.oracle_ablation import without_oracles
+    from harness.report.verdict import verdict_lines
 
     ablation = ablation_table(scores)
     if verbose:
@@ -131,17 +130,15 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
             console.print(note, markup=False)
     if ablation.rows and not verbose:
         print_reports([ablation])
-    own_configurations = without_oracles(scores.configurations)
     scored = {row.clip for row in scores.rows}
     unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
-    steps = next_steps(scores, own_configurations)
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
-    remaining = more if len(unscored) > _MOST_CLIPS else []
-    for line in (*unscored[:_MOST_CLIPS], *remaining, *steps[: len(steps) if verbose else 1]):
+    for line in (*unscored[:_MOST_CLIPS], *(more if len(unscored) > _MOST_CLIPS else [])):
         console.print(f"- {line}", markup=False)
-    if head := headline(scores):
-        console.print(f"\n{head}", markup=False, style="bold")
-    console.print(verdict_sentence(scores), markup=False)
+    answer, *further = verdict_lines(scores)
+    console.print(f"\n{answer}", markup=False, style="bold")
+    for line in further:
+        console.print(line, markup=False)
     say(f"Report (all tables: frr.md): {run / 'report.html'}")
     if any(verdict.outcome == "wrong" for verdict in scores.verdicts):
         say(f"Scrub a failure: vfoa view {run} --failures")

@@ -115,10 +115,10 @@ def _false_attention(run: _Run) -> Iterator[str]:
 
 
 def _no_hit(run: _Run) -> Iterator[str]:
-    yield "no ray met any object"
     if option := run.cones(WIDE_DEG, WIDE_CM):
         yield f"try wider cones{option}"
     yield from _other_methods(run, "which always has an answer")
+    yield "see where the rays go (vfoa view RUN --failures)"
 
 
 def _missed(run: _Run) -> Iterator[str]:
@@ -128,7 +128,7 @@ def _missed(run: _Run) -> Iterator[str]:
 
 
 def _outscored(run: _Run) -> Iterator[str]:
-    yield "see which other object got more attention (vfoa view RUN --failures)"
+    yield "see which object won instead (vfoa view RUN --failures)"
     if run.has_images:
         yield "see which stage costs the frames (vfoa run CLIP --oracle, on a clip with ground truth)"
 
@@ -164,6 +164,6 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
 """Advice for each error type: phrases in the imperative, without a full stop."""
 
 
-def advice(error_type: str, configurations: Iterable[Plain]) -> str:
-    """What to try next for an error type, in a run with these configurations."""
-    return "; ".join(NEXT_STEPS[error_type](_Run(tuple(configurations))))
+def advice(error_type: str, configurations: Iterable[Plain]) -> list[str]:
+    """What to try next for an error type, in a run with these configurations, the first step first."""
+    return list(NEXT_STEPS[error_type](_Run(tuple(configurations))))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.report.csv_tables import COMPARISON_COLUMNS
+from harness.report.factors import compare_factors
 from harness.report.formats import (
     UNKNOWN,
     Table,
@@ -41,6 +42,7 @@ from harness.score.statistics import SIGNIFICANCE, wilson_interval
 from harness.score.statistics import UNKNOWN as NO_INTERVAL
 
 _TITLE = "Configurations compared on the same frames"
+_FACTORS = "Factors of the grid compared over all values of the others"
 _NOTES = (
     "Points: difference of the FRR on the common frames. Better, worse: frames that only the first, only the second "
     "gets right.",
@@ -58,17 +60,24 @@ def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
     return compare({name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)})
 
 
+def factors_table(scores: Scores) -> Table:
+    """The labels of each factor of a grid, compared over all values of the others; no rows for a run without a grid."""
+    frames = {name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)}
+    groups = compare_factors(frames, scores.factors)
+    return comparison_table([comparison for group in groups for comparison in group], title=_FACTORS)
+
+
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
     """One line for each pair. A common beginning of all names, such as the folder of the only run, is left out."""
     table = comparison_table(comparisons)
     return table.only(table.columns[:-3])
 
 
-def comparison_table(comparisons: Sequence[Comparison]) -> Table:
+def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) -> Table:
     """Pairs of configurations on their common frames, for people."""
     shared = _shared_folder([name for comparison in comparisons for name in comparison.names])
     return Table.of(
-        _TITLE,
+        title,
         "Configuration | Against | Verdict | Points | 95 % | Units | p | Corrected | Detectable | n | Better | Worse",
         (
             (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from harness.report.csv_tables import ALL
@@ -48,11 +49,14 @@ FRR_NOTES = (
     "Wilson: the 95 % interval if frames were independent. They are not: read the other one.",
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
-TERMINAL_NOTE = (
-    "n: labelled (frame, subject) pairs; FRR: right ones; Balanced: mean of those with and without a target. 95 %, and "
-    f"the test of whether the best baseline is beaten: by clips from {LEAST_CLIPS} clips on, else by looks of these "
-    "clips only. No hit: no ray hit anything."
-)
+_TERMINAL_NOTES = {
+    "FRR %": "FRR: right ones of n labelled (frame, subject) pairs",
+    "Balanced %": "Balanced: mean with and without a target",
+    "Log loss": "Log loss: lower is better",
+    "Baseline %": "Baseline: best simple rule",
+    "No hit %": "No hit: no ray hit anything",
+}
+"""What the terminal says of the columns that need it."""
 
 
 SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_loss", "brier")
@@ -135,9 +139,10 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
         "FRR of each configuration over all clips",
         f"Configuration | n | FRR % | 95 % | Balanced % | {columns}",
         shown,
-        (TERMINAL_NOTE + left_out, *fitted, *scores.doubts) if rows else (),
         words=1,
     )
+    notes = (_terminal_note(table) + left_out, *fitted, *scores.doubts) if rows else ()
+    table = replace(table, notes=notes)
     return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None
 
 
@@ -145,16 +150,21 @@ def terminal_table(scores: Scores) -> Table:
     """The columns that fit a terminal of 100 characters, without the oracle ablation, and with short notes."""
     compared, rows = without_oracles(scores.scored_configurations), scores.by_clip()
     losses = "" if all(math.isnan(row.metrics["log_loss"]) for row in rows) else " | Log loss"
-    return _rates(
+    table = _rates(
         "Focus recognition rate (FRR) by clip and configuration",
         f"Clip | Configuration | n | FRR % | 95 % | Balanced %{losses} | Baseline % | Beaten | No hit %",
         [row for row in rows if row.configuration in compared],
-        (
-            *([TERMINAL_NOTE] if scores.rows else []),
-            *remarks(scores),
-            *next_steps(scores, compared),
-        ),
     )
+    columns = [_terminal_note(table)] if scores.rows else []
+    return replace(table, notes=(*columns, *remarks(scores), *_steps(scores)))
+
+
+def _terminal_note(table: Table) -> str:
+    return "; ".join(note for column, note in _TERMINAL_NOTES.items() if column in table.columns) + "."
+
+
+def _steps(scores: Scores) -> list[str]:
+    return next_steps(scores, without_oracles(scores.configurations))
 
 
 def paper_table(scores: Scores) -> Table:
@@ -256,7 +266,7 @@ def error_types_table(scores: Scores) -> Table:
             for row in rows
         ),
         words=2,
-        notes=[f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen],
+        notes=[*(f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen), *_steps(scores)],
     )
 
 

@@ -1,71 +1,44 @@
-"""The result of a run in one sentence: which configurations are better, by how much, and which are not distinguished.
-
-Further sentences say why the wrong frames are wrong, and what to do next.
-"""
+"""The result of a run in at most five lines: the best configuration, what makes a difference, and what to try next."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from functools import reduce
-
-import numpy as np
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from harness.report.advice import advice
-from harness.score.comparison import Comparison, compare, identical_on, with_holm
-from harness.score.intervals import ScoredFrames, pair
+from harness.report.factors import compare_factors, grid_levels
+from harness.report.formats import interval_range, percent
+from harness.score.baselines import BASELINES
+from harness.score.comparison import Comparison, compare
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES
 
-_MOST_NAMES = 4
+MOST_LINES, MOST_CHARACTERS = 5, 100
+"""Most lines of a verdict, and most characters of each."""
 _MOST_STEPS = 2
+_SCOPES = {"clip": "on clips like these", "look": "on these clips only"}
+_BEATS = {"yes": "Beats the best", "not shown": "Not shown to beat a", "no": "No better than a"}
 
 
-def verdict_sentence(scores: Scores) -> str:
-    """The result of a run, from the comparisons of its configurations without the oracle ablation.
+def verdict_lines(scores: Scores) -> list[str]:
+    """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
 
-    A grid is compared by its factors, over all values of the others.
-    """
-    rows = {row.configuration: row for row in compared_rows(scores)}
-    if not rows:
-        return "Nothing is scored: no frame has a label."
-    losses = _log_losses(list(rows.values()))
-    if len(rows) == 1:
-        return f"There is one configuration, and none to compare it with.{losses}"
-    frames = {name: scores.frames_of(name) for name in rows}
-    groups = compare_factors(frames, scores.factors) or [compare(frames)]
-    said = [_of_group(group) for group in groups]
-    better, untold = [part for parts, _ in said for part in parts], [part for _, parts in said for part in parts]
-    sentence = "; ".join([*better, *untold])
-    return f"{sentence}.{losses}"
-
-
-def _log_losses(rows: Sequence[ScoreRow]) -> str:
-    """The log losses, lowest first, where all configurations give probabilities."""
-    losses = sorted((row.metrics["log_loss"], row.configuration) for row in rows)
-    if any(math.isnan(loss) for loss, _ in losses):
-        return ""
-    shown = [f"{name} {loss:.3f}" for loss, name in losses[:_MOST_NAMES]]
-    return f" Log loss, lower is better: {', '.join(shown)}{' ...' if len(losses) > _MOST_NAMES else ''}."
-
-
-def headline(scores: Scores) -> str:
-    """The best configuration over all clips, its best baseline and whether it beats that; empty without labels.
-
-    By a sign-flip test of the units that the interval resamples.
+    The best configuration over all clips and its interval; whether it beats the best baseline; which differences
+    between configurations are shown, in a grid by factor over all values of the others; what to try next. The oracle
+    ablation is left out. Long names lose their middles.
     """
     rows = compared_rows(scores)
     if not rows:
-        return ""
+        return ["Nothing is scored: no frame has a label."]
     best = max(rows, key=lambda row: row.frr)
-    of = f", best of {len(rows)}" if len(rows) > 1 else ""
-    baseline = f"'{best.best_baseline.replace('_', ' ')}' ({100 * best.baselines[best.best_baseline]:.1f} %)"
-    verb = {"yes": "beats", "not shown": "not shown to beat", "no": "not better than"}[best.beats]
-    test = f", sign-flip test of {best.interval.unit}s" if best.beats != "no" else ""
-    return f"{best.configuration} {100 * best.frr:.1f} %{of}; {verb} {baseline}{test}"
+    lines = [_best_line(best, len(rows)), _baseline_line(best)]
+    if len(rows) > 1:
+        lines += _difference_lines(scores, [row.configuration for row in rows])
+    return [*lines, *_next_lines(scores, MOST_LINES - len(lines))]
 
 
 def compared_rows(scores: Scores) -> list[ScoreRow]:
@@ -74,35 +47,158 @@ def compared_rows(scores: Scores) -> list[ScoreRow]:
     return [row for row in scores.overall() if row.configuration in compared]
 
 
-def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
-    """The configurations that the best one beats, and those that cannot be told from it."""
-    names = list(dict.fromkeys(name for comparison in comparisons for name in comparison.names))
-    leads = dict.fromkeys(names, 0.0)
-    for comparison in comparisons:
-        if not math.isnan(comparison.difference):
-            leads[comparison.configuration] += comparison.difference
-            leads[comparison.reference] -= comparison.difference
-    best = max(names, key=lambda name: leads[name])
-    against = [_seen_from(best, comparison) for comparison in comparisons if best in comparison.names]
-    beaten = [comparison for comparison in against if comparison.is_significant and comparison.difference > 0]
-    tied = [comparison for comparison in against if not comparison.is_significant]
-    better, untold = [], []
-    if len(beaten) > _MOST_NAMES:
-        gains = [100 * comparison.difference for comparison in beaten]
-        better = [f"{best} beats {len(beaten)} others by {min(gains):.1f} to {max(gains):.1f} points"]
-    elif beaten:
-        parts = [f"{lost.reference} by {100 * lost.difference:.1f} points{_ends(lost, ' (', ')')}" for lost in beaten]
-        better = [f"{best} beats {_joined(parts)}"]
-    if len(tied) > _MOST_NAMES:
-        untold = [f"{best} cannot be told from {len(tied)} others"]
-    elif len(tied) > 1:
-        untold = [f"{best} cannot be told from {_joined([comparison.reference for comparison in tied])}"]
-    elif tied:
-        (only,) = tied
-        both = _joined([name for name in names if name in only.names])
-        points = "" if math.isnan(only.difference) else f" ({100 * only.difference:.1f} points{_ends(only, ', ')})"
-        untold = [f"{both} are {identical_on(only.n)}" if only.is_identical else f"{both} cannot be told apart{points}"]
-    return better, untold
+def _best_line(best: ScoreRow, configurations: int) -> str:
+    who = f"Best of {configurations}: {{}}, right" if configurations > 1 else "{} is right"
+    rate = f"{who} in {percent(best.frr)} % of the frames"
+    if math.isnan(best.interval.low):
+        return _fitting(_Sentence(f"{rate} (too few looks for an interval).", [best.configuration]))
+    ends = f"{interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
+    forms = f"{rate} (95 % confidence: {ends}).", f"{rate} (95 %: {ends})."
+    return _fitting(*(_Sentence(form, [best.configuration]) for form in forms))
+
+
+def _baseline_line(best: ScoreRow) -> str:
+    name = best.best_baseline
+    if best.baselines[name] == 0:
+        return "The simple rules are right in none of the frames."
+    return f"{_BEATS[best.beats]} simple rule: {BASELINES[name]} ({percent(best.baselines[name])} %)."
+
+
+def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
+    """At most two lines on the differences between configurations; the factors of a grid that fit none are counted."""
+    frames = {name: scores.frames_of(name) for name in names}
+    groups = compare_factors(frames, scores.factors)
+    if not groups:
+        return [_fitting(*sentences) for sentences in _Contrast.of(compare(frames)).sentences()]
+    keys = grid_levels({name: scores.factors[name] for name in names})
+    factors = {key: _Contrast.of(group) for key, group in zip(keys, groups, strict=True)}
+    if len(factors) > 2:
+        return _many_factors(factors)
+    return [
+        _fitting(*(_Sentence(f"{{}}: {form}", [key, *of]) for form, of in contrast.sentence()))
+        for key, contrast in factors.items()
+    ]
+
+
+def _many_factors(factors: Mapping[str, _Contrast]) -> list[str]:
+    """A line on the factors that make a difference, and one on the others."""
+    gains = [f"{key} ({of.best}: {of.gains})" for key, of in factors.items() if of.beaten]
+    untold = [key for key, of in factors.items() if not of.beaten]
+    possible = max((of.possible for of in factors.values() if not of.beaten and not math.isnan(of.possible)), default=0)
+    remaining = f" (at most {possible:.1f} points)" if possible else ""
+    lines = []
+    if gains:
+        lines.append(_listed("A difference is shown for {}.", gains))
+    if untold:
+        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", untold))
+    return lines
+
+
+@dataclass(frozen=True, slots=True)
+class _Contrast:
+    """The best of several configurations, or of the labels of a factor, against each of the others.
+
+    ``pairs`` are the comparisons of every two. ``beaten`` are those in which the best one is significantly better,
+    ``tied`` those of it that are not significant, both seen from it.
+    """
+
+    best: str
+    pairs: Sequence[Comparison]
+    beaten: Sequence[Comparison]
+    tied: Sequence[Comparison]
+
+    @classmethod
+    def of(cls, pairs: Sequence[Comparison]) -> _Contrast:
+        leads = dict.fromkeys((name for comparison in pairs for name in comparison.names), 0.0)
+        for comparison in pairs:
+            if not math.isnan(comparison.difference):
+                leads[comparison.configuration] += comparison.difference
+                leads[comparison.reference] -= comparison.difference
+        best = max(leads, key=lambda name: leads[name])
+        against = [_seen_from(best, comparison) for comparison in pairs if best in comparison.names]
+        beaten = [comparison for comparison in against if comparison.is_significant and comparison.difference > 0]
+        return cls(best, pairs, beaten, [comparison for comparison in against if not comparison.is_significant])
+
+    @property
+    def gains(self) -> str:
+        """The significant differences from the best one, in words."""
+        gains = [f"{100 * comparison.difference:.1f}" for comparison in self.beaten]
+        low, high = min(gains, key=float), max(gains, key=float)
+        return f"{low} points" if low == high else f"{low} to {high} points"
+
+    @property
+    def possible(self) -> float:
+        """The largest difference in points that is not ruled out where none is shown; NaN if that is not known."""
+        ends = [abs(end) for comparison in self._alike for end in _ends(comparison)]
+        return 100 * min(max(ends), 1.0) if ends else math.nan
+
+    @property
+    def _alike(self) -> Sequence[Comparison]:
+        """The comparisons that show no difference: every two, or those with the best one if others differ."""
+        return self.tied if any(comparison.is_significant for comparison in self.pairs) else self.pairs
+
+    def sentences(self) -> Iterator[list[_Sentence]]:
+        """A sentence on those that are beaten, and one on those that cannot be told from the best one."""
+        if self.beaten:
+            yield self._of_beaten()
+        if self.tied:
+            yield self._of_tied()
+
+    def sentence(self) -> list[_Sentence]:
+        """One sentence on all, in several lengths."""
+        if not self.beaten:
+            return self._of_tied()
+        if not self.tied:
+            return self._of_beaten()
+        others = len(self.beaten) + len(self.tied)
+        beats = f"{{}} beats {len(self.beaten)} of {others} others by {self.gains}"
+        rest = f"; over the rest, {self._said_of_tied}.", "; over the rest, no difference shown."
+        return [_Sentence(f"{beats}{end}", [self.best]) for end in rest]
+
+    def _of_beaten(self) -> list[_Sentence]:
+        names = [self.best, *(comparison.reference for comparison in self.beaten)]
+        if len(self.beaten) == 1:
+            interval = self.beaten[0].interval
+            ends = "" if math.isnan(interval.low) else f" (95 % confidence: {interval_range(interval, '.1f', 100)})"
+            return [_Sentence(f"{{}} beats {{}} by {self.gains}{end}.", names) for end in (ends, "")]
+        parts = [f"{{}} by {100 * comparison.difference:.1f}" for comparison in self.beaten]
+        return [
+            _Sentence(f"{{}} beats {_joined(parts)} points.", names),
+            _Sentence(f"{{}} beats {len(self.beaten)} others by {self.gains}.", [self.best]),
+        ]
+
+    def _of_tied(self) -> list[_Sentence]:
+        others = [comparison.reference for comparison in self.tied]
+        names = [name for name in self._names if name in (self.best, *others)]
+        all_named = _Sentence(f"{_joined(['{}'] * len(names), 'or')}, {self._said_of_tied}.", names)
+        counted = _Sentence(f"{{}} or {len(others)} others, {self._said_of_tied}.", [self.best])
+        if len(others) == 1:
+            return [all_named]
+        return [counted] if self._alike is self.tied else [all_named, counted]
+
+    @property
+    def _said_of_tied(self) -> str:
+        """What is said of those that no test tells apart."""
+        if all(comparison.n == 0 for comparison in self._alike):
+            return "no frame is scored for both"
+        if all(comparison.is_identical for comparison in self._alike):
+            return "no difference: right in the same frames"
+        if not math.isnan(self.possible):
+            return f"no difference shown (at most {self.possible:.1f} points)"
+        if any(comparison.can_be_significant for comparison in self._alike):
+            return "no difference shown (how large one may be is not known)"
+        first = self._alike[0]
+        seen = f" ({100 * abs(first.difference):.1f} points seen)" if len(self._alike) == 1 else ""
+        return f"{first.counted_units} cannot show a difference{seen}"
+
+    @property
+    def _names(self) -> list[str]:
+        return list(dict.fromkeys(name for comparison in self.pairs for name in comparison.names))
+
+
+def _ends(comparison: Comparison) -> list[float]:
+    interval = comparison.interval
+    return [] if math.isnan(interval.low) else [interval.low, interval.high]
 
 
 def _seen_from(name: str, comparison: Comparison) -> Comparison:
@@ -118,123 +214,73 @@ def _seen_from(name: str, comparison: Comparison) -> Comparison:
     )
 
 
-def _ends(comparison: Comparison, before: str, after: str = "") -> str:
-    """The interval that belongs to the test, as corrected as it is, between two texts; empty without one."""
-    low, high = comparison.interval.low, comparison.interval.high
-    if math.isnan(low):
-        too_few = comparison.units and not comparison.can_be_significant
-        return f"{before}{comparison.counted_units} are too few for a test{after}" if too_few else ""
-    only = "" if comparison.interval.unit == "clip" else ", these clips only"
-    corrected = f", corrected for {comparison.family} comparisons" if comparison.family > 1 else ""
-    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{only}{corrected}{after}"
-
-
-def _joined(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def grid_levels(factors: Mapping[str, Mapping[str, str]]) -> dict[str, list[str]]:
-    """The labels of each factor of a grid that has several, by dotted key, from those of each configuration.
-
-    Empty if the configurations are not all combinations, or if fewer than two factors have several labels.
-    """
-    keys = {tuple(labels) for labels in factors.values()}
-    if len(keys) != 1:
-        return {}
-    levels = {key: list(dict.fromkeys(labels[key] for labels in factors.values())) for key in keys.pop()}
-    if math.prod(map(len, levels.values())) != len(factors):
-        return {}
-    several = {key: labels for key, labels in levels.items() if len(labels) > 1}
-    return several if len(several) > 1 else {}
-
-
-def compare_factors(
-    frames: Mapping[str, Sequence[ScoredFrames]], factors: Mapping[str, Mapping[str, str]]
-) -> list[tuple[Comparison, ...]]:
-    """For each factor of a grid, compare every two of its labels on the frames of all configurations that have them.
-
-    A frame counts once for each label of the other factors. p values are corrected over all factors together.
-    ``frames`` and ``factors`` are by configuration; the result is empty if the configurations are no grid.
-    """
-    grid = grid_levels({name: factors.get(name, {}) for name in frames})
-    labels = Counter(label for levels in grid.values() for label in levels)
-    groups = []
-    for key, levels in grid.items():
-        pooled = {
-            level if labels[level] == 1 else f"{key}={level}": _pooled(
-                [scored for name, scored in frames.items() if factors[name][key] == level]
-            )
-            for level in levels
-        }
-        by_level = {shown: _without(key, level, factors, frames) for shown, level in zip(pooled, levels, strict=True)}
-        groups.append(
-            tuple(
-                replace(found, is_identical=_are_identical(*(by_level[name] for name in found.names)))
-                if found.better == found.worse == 0
-                else found
-                for found in compare(pooled)
-            )
-        )
-    corrected = list(with_holm([comparison for group in groups for comparison in group]))
-    return [tuple(corrected.pop(0) for _ in group) for group in groups]
-
-
-_ByOthers = Mapping[tuple[str, ...], Sequence[ScoredFrames]]
-"""The frames of configurations by the labels of all factors but one."""
-
-
-def _without(
-    key: str,
-    level: str,
-    factors: Mapping[str, Mapping[str, str]],
-    frames: Mapping[str, Sequence[ScoredFrames]],
-) -> _ByOthers:
-    return {
-        tuple(label for other, label in factors[name].items() if other != key): scored
-        for name, scored in frames.items()
-        if factors[name][key] == level
-    }
-
-
-def _are_identical(first: _ByOthers, second: _ByOthers) -> bool:
-    """Whether the configurations are identical one by one: equal sums over them say less."""
-    return all(pair(first[others], second[others]).is_identical for others in first)
-
-
-def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:
-    """Return the frames that all of several configurations scored, as if these were seeds of one configuration."""
-    by_subject = [{(scored.clip, scored.subject): scored for scored in frames} for frames in configurations]
-    pooled = []
-    for key, first in by_subject[0].items():
-        parts = [by_key[key] for by_key in by_subject if key in by_key]
-        if len(parts) == len(by_subject):
-            frames = reduce(np.intersect1d, [part.frames for part in parts])
-            kept = np.searchsorted(first.frames, frames)
-            pooled.append(
-                replace(
-                    first,
-                    frames=frames,
-                    looks=first.looks[kept],
-                    truth=first.truth[kept],
-                    correct=np.sum([part.correct[np.searchsorted(part.frames, frames)] for part in parts], axis=0),
-                    seeds=sum(part.seeds for part in parts),
-                )
-            )
-    return pooled
-
-
 def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     """A sentence for each of the most frequent error types: its number of wrong frames, its meaning, and what to try.
 
     Empty if nothing is wrong under these configurations. Frames of several configurations count each.
     """
+    counts = _error_types(scores, configurations)
+    return [
+        f"{count} of {counts.total()} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
+        f"{'; '.join(advice(name, scores.settings.values()))}."
+        for name, count in counts.most_common(_MOST_STEPS)
+    ]
+
+
+def _next_lines(scores: Scores, room: int) -> list[str]:
+    """The most frequent error type and what to try next, in one or two lines; none if nothing is wrong."""
+    counts = _error_types(scores, without_oracles(scores.configurations))
+    if not counts:
+        return []
+    ((name, count),) = counts.most_common(1)
+    steps = advice(name, scores.settings.values())
+    if room == 1:
+        share = f"{100 * count / counts.total():.0f} % of errors: {name}"
+        return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]
+    why = f"{count} of {counts.total()} wrong frames are {name}: {ERROR_TYPES[name]}."
+    fitting = [steps[:number] for number in range(len(steps), 1, -1)]
+    return [why, _fitting(*(_Sentence("Next: {}.", ["; ".join(each)]) for each in (*fitting, steps[:1])))]
+
+
+def _error_types(scores: Scores, configurations: Collection[str]) -> Counter[str]:
+    """The number of wrong frames by error type; among equal numbers, in the order of :data:`ERROR_TYPES`."""
     verdicts = (verdict for verdict in scores.verdicts if verdict.configuration in configurations)
     counts = Counter(verdict.error_type for verdict in verdicts if verdict.error_type is not None)
-    wrong = sum(counts.values())
-    order = list(ERROR_TYPES)
-    top = sorted(counts.items(), key=lambda item: (-item[1], order.index(item[0])))
-    return [
-        f"{count} of {wrong} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
-        f"{advice(name, scores.settings.values())}."
-        for name, count in top[:_MOST_STEPS]
-    ]
+    return Counter({name: counts[name] for name in ERROR_TYPES if counts[name]})
+
+
+class _Sentence(NamedTuple):
+    """A sentence with a ``{}`` for each of its names."""
+
+    form: str
+    names: Sequence[str]
+
+
+def _fitting(*sentences: _Sentence) -> str:
+    """The first sentence that fits a line, else the last one, whose longest names lose their middles."""
+    for form, names in sentences:
+        said = form.format(*names)
+        if len(said) <= MOST_CHARACTERS:
+            return said
+    widths = [len(name) for name in names]
+    for _ in range(len(said) - MOST_CHARACTERS):
+        widths[widths.index(max(widths))] -= 1
+    return form.format(*map(_cut, names, widths))
+
+
+def _cut(name: str, width: int) -> str:
+    """The name, with as much of its middle left out as this width needs."""
+    if len(name) <= width:
+        return name
+    end = max(width - 1, 0) // 2
+    return f"{name[: max(width - 1 - end, 0)]}…{name[len(name) - end :]}"
+
+
+def _listed(form: str, words: Sequence[str]) -> str:
+    """The sentence with as many of the words as fit a line, the others counted."""
+    shorter = [[*words[:number], f"{len(words) - number} more"] for number in range(len(words) - 1, 0, -1)]
+    return _fitting(*(_Sentence(form, [_joined(each)]) for each in ([*words], *shorter)))
+
+
+def _joined(words: Sequence[str], conjunction: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {conjunction} {words[-1]}"

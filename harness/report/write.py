@@ -14,6 +14,7 @@ from harness.report.comparisons import (
     compare_configurations,
     comparison_table,
     comparisons_csv,
+    factors_table,
     published_table,
 )
 from harness.report.csv_tables import frames_csv, scores_table
@@ -155,6 +156,7 @@ def run_tables(scores: Scores) -> RunTables:
         "calibration by subject": subject_reliability_table(reliabilities_by_subject(scores.outcomes)),
         "sets": prediction_set_table(coverages(scores.outcomes)),
         "directions": direction_check_table(scores.directions),
+        "factors": factors_table(scores),
         "comparisons": comparison_table(comparisons),
         "objects": object_measures_table(scores),
         "frr.csv": scores_table(scores),

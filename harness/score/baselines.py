@@ -29,7 +29,15 @@ from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
 from harness.score.statistics import Flags
 from vfoa.types import Float
 
-BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle", "constant")
+BASELINES = {
+    "commonest": "the commonest label of the other clips",
+    "nearest": "the object nearest to the eyes",
+    "largest": "the object largest in the image",
+    "central": "the object nearest to the camera's axis",
+    "nearest_in_angle": "the object nearest in angle to the gaze",
+    "constant": "the subject's commonest label",
+}
+"""Each baseline, in order, with its answer in words."""
 SEES_LABELS = frozenset({"constant"})
 """Those that have seen the labels that they are scored on."""
 

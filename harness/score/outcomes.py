@@ -315,7 +315,7 @@ def _with_commonest(
     totals: dict[str, Codes] = {}
     for (configuration, _), of_clip in counts.items():
         totals[configuration] = totals.get(configuration, 0) + of_clip
-    place, found = BASELINES.index("commonest"), []
+    place, found = list(BASELINES).index("commonest"), []
     for outcome in outcomes:
         others = totals[outcome.configuration] - counts[outcome.configuration, outcome.clip]
         targets = {*judged[outcome.clip, outcome.configuration].targets, NOWHERE} - {outcome.subject}
@@ -329,7 +329,7 @@ def _with_commonest(
 
 def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
     """The outcomes with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
-    place = BASELINES.index("nearest_in_angle")
+    place = list(BASELINES).index("nearest_in_angle")
     limits: dict[tuple[str, str], float] = {}
     limited = []
     for outcome in outcomes:

@@ -13,8 +13,8 @@ import numpy as np
 
 from harness.files.io import atomic_write
 from harness.pipeline.cache_store import open_store
+from harness.report.factors import compare_factors
 from harness.report.formats import Table, to_markdown
-from harness.report.verdict import compare_factors
 from harness.run.experiment import load_experiment
 from harness.run.grid import repeated
 from harness.run.runner import prepare, run_plan

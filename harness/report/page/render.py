@@ -17,7 +17,7 @@ from harness.report.page.packing import Attention, bundle, pack_json
 from harness.report.stages import StageTimes
 from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
-from harness.report.verdict import headline, next_steps, verdict_sentence
+from harness.report.verdict import verdict_lines
 from harness.score.calibration import reliabilities
 from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import without_oracles
@@ -27,7 +27,7 @@ _FOLDER = Path(__file__).parent
 RunTables = Mapping[str, Table]
 """Tables by name, as :func:`harness.report.write.run_tables` makes them."""
 _GROUPS = {
-    "rates": ("frr", "comparisons", "seeds", "visible", "nowhere", "published"),
+    "rates": ("frr", "comparisons", "factors", "seeds", "visible", "nowhere", "published"),
     "errors": ("errors",),
     "oracle": ("ablation",),
     "calibration": ("calibration", "calibration by subject", "sets", "directions"),
@@ -65,7 +65,6 @@ def render_page(
     """
     rates = {clip["name"]: clip.get("rate_hz") for clip in manifest["clips"]}
     data, packs = page_data(scores, attention, thumbnails, served, rates)
-    asked = without_oracles(scores.configurations)
     panels = draw_panels(scores)
     differing = differing_settings(manifest["configurations"])
     groups, shown = _numbered(
@@ -82,9 +81,7 @@ def render_page(
         title=f"Run {manifest.get('experiment', '')}",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
-        headline=headline(scores),
-        verdict=verdict_sentence(scores),
-        fails=next(iter(next_steps(scores, asked)), None),
+        verdict=verdict_lines(scores),
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
         versions=manifest.get("versions", {}),

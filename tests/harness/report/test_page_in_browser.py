@@ -123,10 +123,13 @@ def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(browser: Chro
 
 
 def test_the_first_screen_is_the_answer(browser: Chrome) -> None:
-    best, tests = browser.find_element("id", "verdict").text.split("\n")
-    assert best.startswith("it's two 100.0 %, best of 2; ")
-    assert tests.startswith("one and it's two cannot be told apart (60.0 points")
-    assert browser.find_element("id", "fails").text.startswith("2 of 6 wrong frames: ")
+    best, baseline, difference, why, step = browser.find_element("id", "verdict").text.split("\n")
+    assert best.startswith("Best of 2: it's two, right in 100.0 % ")
+    assert "simple rule" in baseline
+    assert "one or it's two" in difference
+    assert "60.0 points" in difference
+    assert why.startswith("2 of 6 wrong frames ")
+    assert step.startswith("Next: ")
     rates = [
         _button(browser, f"{name}: FRR {rate} %").get_attribute("aria-label")
         for name, rate in (("one", "40.0"), ("it's two", "100.0"))

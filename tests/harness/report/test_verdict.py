@@ -1,16 +1,23 @@
-"""The one sentence that says what a run found, and what to try next."""
+"""The lines that say what a run found, and what to try next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import pytest
 
 from harness.labels.labels import Label
-from harness.report.verdict import grid_levels, next_steps, verdict_sentence
+from harness.report.comparisons import factors_table
+from harness.report.factors import compare_factors, grid_levels
+from harness.report.tables import error_types_table
+from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
 from harness.score.outcomes import Reference
-from harness.score.score import score
+from harness.score.score import Scores, score
 from harness.score.verdicts import judge_absent
 from tests.records import answers, labels
 
@@ -18,62 +25,145 @@ TRUTH = [name for _ in range(30) for name in ("cup",) * 60 + ("book",) * 60]
 """Looks of 60 frames, far longer than what is joined."""
 
 
-def _said(right: Mapping[str, float], clips: int = 1, factors: Mapping[str, Mapping[str, str]] | None = None) -> str:
-    """The verdict on configurations that are right in this share of each look, less by 2 % from clip to clip."""
+def _scores(
+    right: Mapping[str, float],
+    clips: int = 1,
+    factors: Mapping[str, Mapping[str, str]] | None = None,
+    truth: Sequence[str] = TRUTH[: 120 * 6],
+) -> Scores:
+    """Scores of configurations that are right in this share of each look, less by 2 % from clip to clip."""
     names = [f"clip {k}" for k in range(clips)]
-    truth = TRUTH[: 120 * 6]
     records = []
     for k, clip in enumerate(names):
         for configuration, share in right.items():
             given = [name if i % 60 < 60 * share * (1 - 0.02 * k) else "vase" for i, name in enumerate(truth)]
             records += answers(given, configuration=configuration, clip=clip)
     reference = Reference(labels={clip: labels(*truth) for clip in names}, factors=factors or {})
-    return verdict_sentence(score(records, reference))
+    return score(records, reference)
 
 
-def test_a_grid_is_judged_by_its_factors_over_all_values_of_the_others() -> None:
+def _said(right: Mapping[str, float], **how: Any) -> list[str]:
+    """The verdict on them."""
+    lines = verdict_lines(_scores(right, **how))
+    assert 1 <= len(lines) <= MOST_LINES
+    assert [line for line in lines if len(line) > MOST_CHARACTERS] == []
+    return lines
+
+
+def test_the_answer_comes_first_then_the_baseline_then_each_factor_then_the_next_step() -> None:
     right = {"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7}
-    said = _said(right, factors=_factors(*right))
-    better, alike = said.split("; ")
-    assert better.startswith("two beats one by 20.0 points")
-    assert alike == "bm and sgbm are identical on 720 frames."
+    best, baseline, matcher, cones, step = _said(right, factors=_factors(*right))
+    assert best.startswith("Best of 4: bm-two, right in 70.0 % ")
+    assert "simple rule" in baseline
+    assert matcher.startswith("stereo.matcher: bm or sgbm, no difference: ")
+    assert cones.startswith("attention.cones_cm: two beats one by 20.0 points")
+    assert step.startswith("Next")
+
+
+def test_the_tests_of_the_factors_and_all_steps_are_in_the_tables() -> None:
+    right = {"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7}
+    scores = _scores(right, factors=_factors(*right))
+    rows = factors_table(scores).rows
+    assert [row[:4] for row in rows] == [
+        ("sgbm", "bm", "identical on 720 frames", "+0.0"),
+        ("two", "one", "better", "+20.0"),
+    ]
+    assert factors_table(_scores(right)).rows == ()
+    assert set(next_steps(scores, right)) <= set(error_types_table(scores).notes)
+
+
+def test_a_factor_of_three_labels_is_told_from_its_best_one() -> None:
+    right = {
+        f"{matcher}-{cones}": share
+        for matcher in ("bm", "sgbm")
+        for cones, share in zip("abc", (0.5, 0.7, 0.7), strict=True)
+    }
+    lines = _said(right, factors=_factors(*right))
+    assert lines[3].startswith("attention.cones_cm: b beats 1 of 2 others by 20.0 points; over the rest, ")
+
+
+def test_configurations_scored_on_different_clips_are_not_compared() -> None:
+    records = [*answers(TRUTH[:240], configuration="a", clip="x"), *answers(TRUTH[:240], configuration="b", clip="y")]
+    lines = verdict_lines(score(records, Reference(labels={clip: labels(*TRUTH[:240]) for clip in "xy"})))
+    assert "a or b, no frame is scored for both." in lines
 
 
 def test_names_by_hand_are_no_grid() -> None:
-    said = _said({"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7})
-    assert said.startswith("bm-two beats bm-one by 20.0 points")
+    lines = _said({"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7})
+    assert lines[2] == "bm-two beats bm-one by 20.0 and sgbm-one by 20.0 points."
+    assert lines[3].startswith("bm-two or sgbm-two, no difference: ")
 
 
-def test_configurations_that_are_no_grid_are_compared_with_the_best() -> None:
-    said = _said({"a": 0.5, "b": 0.9, "c": 0.9})
-    better, alike = said.split("; ")
-    assert better.startswith("b beats a by 40.0 points")
-    assert alike == "b and c are identical on 720 frames."
+def test_a_grid_of_many_factors_lists_those_that_differ_and_the_largest_possible_difference_of_the_others() -> None:
+    right = {
+        "-".join(place): 0.5 + 0.2 * (place[1] == "two") + 0.02 * ((place[0] == "bm") != (place[2] == "x"))
+        for place in product(("bm", "sgbm"), ("one", "two"), ("x", "y"))
+    }
+    lines = _said(right, factors=_factors(*right))
+    assert "attention.cones_cm (two: 20.0 points)" in lines[2]
+    assert lines[3].count("stereo.matcher and attention.method ") == 1
+    assert float(re.findall(r"at most ([\d.]+) points", lines[3])[0]) > 0
 
 
-def test_equal_sums_over_a_grid_are_not_identical() -> None:
+@pytest.mark.parametrize("shares", [{"one": 0.5}, {"a": 0.5, "b": 0.9}, {f"number-{k}": k / 40 for k in range(40)}])
+def test_the_best_of_any_number_of_configurations_is_named_with_its_rate(shares: dict[str, float]) -> None:
+    best = max(shares, key=lambda name: shares[name])
+    first, *_ = _said(shares)
+    assert best in first
+    assert f"{100 * (math.ceil(60 * shares[best]) / 60):.1f} %" in first
+
+
+def test_long_names_lose_their_middles() -> None:
+    names = [f"{number}{'-long' * 30}-{number}" for number in (1, 2)]
+    best, _, beaten, *_ = _said(dict(zip(names, (0.5, 0.9), strict=True)))
+    assert re.search(r" 2-long\S*…\S*-2, right in 90.0 %", best)
+    assert re.match(r"2-\S*…\S*-2 beats 1-\S*…\S*-1 by 40.0 points", beaten)
+
+
+def test_a_difference_that_is_not_shown_is_told_with_the_largest_possible_one() -> None:
     right = {"bm-one": 0.5, "bm-two": 0.52, "sgbm-one": 0.52, "sgbm-two": 0.5}
-    alike = _said(right, factors=_factors(*right)).split("; ")[-1]
-    assert alike.startswith("one and two cannot be told apart (0.0 points, ")
-    assert alike.endswith(", these clips only, corrected for 2 comparisons).")
+    factors = _factors(*right)
+    scores = _scores(right, factors=factors)
+    frames = {name: scores.frames_of(name) for name in right}
+    lines = verdict_lines(scores)
+    for line, (comparison,) in zip(lines[2:4], compare_factors(frames, factors), strict=True):
+        assert not comparison.is_identical  # equal sums over a grid are not
+        assert " or ".join(comparison.names) in line
+        assert f" {100 * max(-comparison.interval.low, comparison.interval.high):.1f} points" in line
 
 
-def test_clips_are_the_unit_where_there_are_enough() -> None:
-    said = _said({"a": 0.5, "b": 0.9}, clips=6)
-    assert said.startswith("b beats a by ")
-    assert "these clips only" not in said
+def test_too_few_units_are_counted() -> None:
+    truth = ("cup",) * 120 + ("book",) * 120
+    lines = _said({"a": 0.5, "b": 0.6}, truth=truth)
+    assert lines[2] == "a or b, 2 joined looks cannot show a difference (10.0 points seen)."
 
 
-def test_one_configuration_is_compared_with_none() -> None:
-    assert "none to compare it with" in _said({"one": 0.9})
+@pytest.mark.parametrize(("clips", "scope"), [(1, "these clips only"), (6, "clips like these")])
+def test_an_interval_says_what_it_is_valid_for(clips: int, scope: str) -> None:
+    assert scope in _said({"a": 0.5, "b": 0.9}, clips=clips)[0]
+
+
+def test_one_configuration_is_told_why_it_is_wrong_and_what_to_try() -> None:
+    best, _, why, step = _said({"one": 0.9})
+    assert best.startswith("one is right in 90.0 % ")
+    assert why.startswith("72 of 72 ")
+    assert step.startswith("Next: ")
+
+
+def test_nothing_wrong_leaves_nothing_to_try() -> None:
+    assert [line for line in _said({"a": 1.0, "b": 1.0}) if line.startswith("Next")] == []
 
 
 def test_without_labels_nothing_is_claimed() -> None:
-    assert verdict_sentence(score(answers(["cup"]), Reference(labels={}))).startswith("Nothing is scored")
+    (line,) = verdict_lines(score(answers(["cup"]), Reference(labels={})))
+    assert line.startswith("Nothing is scored")
 
 
 def _factors(*names: str) -> dict[str, dict[str, str]]:
-    return {name: dict(zip(("stereo.matcher", "attention.cones_cm"), name.split("-"), strict=False)) for name in names}
+    return {
+        name: dict(zip(("stereo.matcher", "attention.cones_cm", "attention.method"), name.split("-"), strict=False))
+        for name in names
+    }
 
 
 @pytest.mark.parametrize(

@@ -182,7 +182,7 @@ def _outcome(looks: list[int], gains: list[int]) -> Outcomes:
     alone = score(answers(["cup"] * 10 * len(looks)), Reference(labels={"clip": labels(*["cup"] * 10 * len(looks))}))
     correct = np.repeat(np.array(gains) > 0, 10)
     baselines = np.zeros((len(correct), len(BASELINES)), bool)
-    baselines[:, BASELINES.index("nearest")] = ~correct
+    baselines[:, list(BASELINES).index("nearest")] = ~correct
     return replace(alone.outcomes[0], looks=np.repeat(looks, 10), correct=correct, baselines=baselines)
 
 
