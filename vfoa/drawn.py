@@ -36,6 +36,15 @@ SAME_OBJECT = 0.5
 """Least overlap (intersection over union) of a drawn box with a model's instance, and least share of a head on a
 person, to be the same object; also the share of its pixels that another instance may lose to a drawn one."""
 
+DEPTH_SHARE = 0.05
+"""Pixels within this share of the object's depth belong to the object."""
+
+SIZE_SHARE = 0.5
+"""Pixels also belong to the object within this share of the box's shorter side in metres, if that is more."""
+
+POINT_RADIUS_PX = 6.0
+"""Radius of the disc that a drawn point stands for."""
+
 
 class DrawnSettings(Settings):
     """Which shapes of a clip's ``CLIP.drawn.csv`` are used beside the models, and how depth cuts them out."""
@@ -47,12 +56,6 @@ class DrawnSettings(Settings):
     """Add the drawn heads where the detector finds none. ``heads.detector = "drawn"`` uses only the drawn ones."""
     middle: float = Field(default=0.5, gt=0, le=1)
     """Middle part of a box, as a share of its width and height, whose most frequent depth is the object's depth."""
-    depth_share: float = Field(default=0.05, gt=0, lt=1)
-    """Pixels within this share of the object's depth belong to the object."""
-    size_share: float = Field(default=0.5, ge=0)
-    """Pixels also belong to the object within this share of the box's shorter side in metres, if that is more."""
-    point_radius_px: float = Field(default=6, ge=1)
-    """Radius of the disc that a drawn point stands for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,30 +165,29 @@ class DrawnShapes:
 
     def _window(self, shape: DrawnShape, rig: StereoRig) -> Window:
         u0, v0, u1, v1 = shape.box_px
-        grown = self._settings.point_radius_px if shape.kind == "point" else 0.0
+        grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
     def _cut(self, placed: Placed, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
         """Return a shape's depth in metres and its pixels in its window; None where no depth is known."""
-        settings, (u0, v0, u1, v1) = self._settings, placed.shape.box_px
+        middle, (u0, v0, u1, v1) = self._settings.middle, placed.shape.box_px
         if placed.shape.kind == "point":
-            radius = settings.point_radius_px
-            width, height = 2 * radius, 2 * radius
+            width, height = 2 * POINT_RADIUS_PX, 2 * POINT_RADIUS_PX
         else:
             width, height = u1 - u0, v1 - v0
         across, down = _offsets(placed, (width, height))
         inside = np.isfinite(depth_m)
         if placed.shape.kind != "box":
             inside &= across**2 + down**2 <= 1
-        is_middle = (np.abs(across) <= settings.middle) & (np.abs(down) <= settings.middle)
+        is_middle = (np.abs(across) <= middle) & (np.abs(down) <= middle)
         samples = depth_m[inside & is_middle]
         if not len(samples):
             samples = depth_m[inside]
         if not len(samples):
             return None
-        mode = depth_mode(samples, settings.depth_share)
+        mode = depth_mode(samples, DEPTH_SHARE)
         side_m = mode * min(width / rig.fx_px, height / rig.fy_px)
-        margin = max(settings.depth_share * mode, settings.size_share * side_m)
+        margin = max(DEPTH_SHARE * mode, SIZE_SHARE * side_m)
         return mode, inside & (np.abs(np.where(inside, depth_m, np.inf) - mode) <= margin)
 
 

@@ -4,33 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+_FITTED_TOGETHER = "an assumption of the posterior, fitted together with the others, gone since 0.1.0; leave it out"
 _OWN_HEAD_POSE = "gone since 0.1.0; leave it out, ADAS-0002 always runs the head-pose network of its training"
 _DETECTORS_LANDMARKS = "gone since 0.1.0; leave it out, ADAS-0002 always takes the landmarks of the head detector"
 
 REMOVED: Mapping[str, str] = {
+    "attention.about_head_deg": _FITTED_TOGETHER,
+    "attention.below_deg": _FITTED_TOGETHER,
+    "attention.bias_deg": _FITTED_TOGETHER,
     "attention.cues": "which cues the posterior uses, gone since 0.1.0; use gaze.model = 'none' or head_pose.model = "
     "'none' to leave one out",
+    "attention.facing_s": _FITTED_TOGETHER,
     "attention.gain": "a fitted factor of the gaze's angle to the camera, gone since 0.1.0; leave it out, it is "
     "learned: 1, 0.8 or 0.6",
+    "attention.head_evidence": _FITTED_TOGETHER,
+    "attention.head_lag_s": _FITTED_TOGETHER,
     "attention.occlusion": "whether a target hides those behind it, gone since 0.1.0; leave it out, no target hides "
     "another",
+    "attention.scale_spread": _FITTED_TOGETHER,
+    "attention.smoothed_temperature": _FITTED_TOGETHER,
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
+    "attention.temperature": _FITTED_TOGETHER,
+    "attention.unbiased": _FITTED_TOGETHER,
     "bench=gaze_filter": "gone since 0.1.0; use `python -m scripts.measure gaze_filter` in a clone of the repository",
     "bench=memory": "gone since 0.1.0; use `python -m scripts.measure hours 1500 3000` in a clone of the repository",
     "bench=overhead": "gone since 0.1.0; use `python -m scripts.measure overhead` in a clone of the repository",
     "bench=posterior": "gone since 0.1.0; use `python -m scripts.measure posterior` in a clone of the repository",
     "bench=recording": "gone since 0.1.0; use `python -m scripts.measure recording_size` in a clone of the repository",
     "bench=segmenter": "masks of a segmenter beside the loop, gone since 0.1.0; use realtime",
+    "drawn.depth_share": "the margin of depth about an object, gone since 0.1.0; leave it out, it is 5 %",
+    "drawn.point_radius_px": "the radius of a drawn point, gone since 0.1.0; leave it out, it is 6 px, or draw a box",
+    "drawn.size_share": "the margin of depth by a box's side, gone since 0.1.0; leave it out, it is a half, and draw a "
+    "longer object as two targets",
+    "gaze.eye_side": "the side of an eye crop, gone since 0.1.0; leave it out, it is 0.85 of the distance of the eyes",
     "gaze.head_pose": f"whose head pose ADAS-0002 gets, {_OWN_HEAD_POSE}",
     "gaze.landmarks": f"whose landmarks ADAS-0002 uses, {_DETECTORS_LANDMARKS}",
     "gaze.landmarks_weights": f"a network of landmarks, {_DETECTORS_LANDMARKS}",
+    "gaze.most_turned_deg": "the turn of a head that has no gaze, gone since 0.1.0; leave it out, it is 40 degrees",
     "head_pose.needs_face": "whether a head needs a face, gone since 0.1.0; leave it out, FSA-Net always needs one",
     "heads.fallback": "what finds people without a face, gone since 0.1.0; leave it out, their masks do",
+    "heads.nms_iou": "the overlap of two faces, gone since 0.1.0; leave it out, it is 0.3",
     "preset=guided": "a guided search where objects and heads are, gone since 0.1.0; use 'realtime', or --set "
     "stereo.region=needed",
     "segmentation.delay": "the number of frames after which masks were used, gone since 0.1.0; use segmentation.every "
     "alone",
+    "segmentation.nms_iou": "the overlap of two boxes, gone since 0.1.0; leave it out, it is 0.7",
+    "stereo.counts_per_px": "the scale of disparity in 16-bit PNG files, gone since 0.1.0; use 256 counts per pixel, "
+    "or pixels in .npy or .pfm files",
     "stereo.guided_uniqueness_percent": "a limit of the guided search, gone since 0.1.0; use stereo.uniqueness_percent",
     "stereo.search": "every search is full, 'guided' is gone since 0.1.0; use stereo.resolution = 'half' or "
     "stereo.region = 'needed' to save time",

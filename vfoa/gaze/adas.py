@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pydantic import Field
 
 from vfoa.crops import center, crop, square
 from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray
@@ -35,6 +34,18 @@ FACE_SIDE = 1.1
 """Side of the head-pose network's square over the longer side of the face's box.
 
 Of the values 0.9 to 1.3, this one gives the most accurate roll on a portrait that is turned by known angles.
+"""
+
+EYE_SIDE = 0.85
+"""Side of an eye crop over the distance between the eyes.
+
+The zoo's demo takes 1.8 widths of an eye; an eye's width is 0.47 of that distance (30 of 63 mm).
+"""
+
+MOST_TURNED_DEG = 40.0
+"""Angle of the head from the camera beyond which there is no gaze.
+
+Models of head pose read 44 degrees on a face in profile, and the farther eye is hidden before.
 """
 
 _FRONTAL_DEG, _PER_TURN = 11.0, 0.9
@@ -71,21 +82,12 @@ class Adas0002:
     """
 
     class Settings(OnnxSettings):
-        """The networks, the size of the eye crops, and the faces that are too far from frontal.
-
-        ``eye_side``: side of an eye crop over the distance between the eyes. The demo takes 1.8 widths of an eye; an
-        eye's width is 0.47 of that distance (30 of 63 mm).
-        """
+        """The networks."""
 
         weights: str = "gaze-estimation-adas-0002.onnx"
         """Path of the gaze network, or a file's name in the folders of weights."""
         head_pose_weights: str = "head-pose-estimation-adas-0001.onnx"
         """Path of the head-pose network of ADAS-0002's training, or a file's name in the folders of weights."""
-        eye_side: float = Field(default=0.85, gt=0)
-        """Side of an eye crop over the distance between the eyes."""
-        most_turned_deg: float = Field(default=40.0, gt=0, le=180)
-        """Angle of the head from the camera beyond which there is no gaze: models of head pose read 44 degrees on a
-        face in profile, and the farther eye is hidden before."""
 
         @property
         def used_weights(self) -> tuple[str, ...]:
@@ -114,13 +116,13 @@ class Adas0002:
         # the most turned of the two: networks of head pose underestimate
         of_stage = _angles(head_pose, ray)
         turned_deg = max(_turned_deg(*angles), _turned_deg(*of_stage) if of_stage else 0.0)
-        if turned_deg > self.settings.most_turned_deg:
+        if turned_deg > MOST_TURNED_DEG:
             return NoGaze(cause="face_turned_away")
         roll = math.atan2(across[1], across[0])
-        side = self.settings.eye_side * float(np.hypot(*across))
+        side = EYE_SIDE * float(np.hypot(*across))
         # the person's own right eye is on the image's left
         eyes = [crop(frame.left, square(eye, side), 60, roll_rad=roll) for eye in (right_eye, left_eye)]
-        detail = max(_detail(eye) for eye in eyes) * self.settings.eye_side
+        detail = max(_detail(eye) for eye in eyes) * EYE_SIDE
         return Gaze(
             direction=direction_from_crop(self._look(eyes[0], eyes[1], roll, angles), ray),
             sigma_rad=claimed_sigma_rad(turned_deg, detail),

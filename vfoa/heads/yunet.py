@@ -30,6 +30,8 @@ SIGNATURE = Signature(
     },
 )
 _MOST_FACES = 5000
+_NMS_IOU = 0.3
+"""Of two faces that overlap more (intersection over union), the weaker is dropped."""
 
 
 class YuNet:
@@ -47,8 +49,6 @@ class YuNet:
         """Path of the network, or a file's name in the folders of weights."""
         score_threshold: float = Field(default=0.6, gt=0, le=1)
         """Least score of a face."""
-        nms_iou: float = Field(default=0.3, gt=0, le=1)
-        """Of two faces that overlap more (intersection over union), the weaker is dropped."""
         max_size_px: int = Field(default=640, ge=32)
         """Shrink larger images to this length before the search. Faces below 10 px in the shrunk image are lost."""
         person_mask: PersonMask.Settings = PersonMask.Settings()
@@ -98,7 +98,7 @@ class YuNet:
             faces[:, :4].tolist(),
             faces[:, 14].tolist(),
             self.settings.score_threshold,
-            self.settings.nms_iou,
+            _NMS_IOU,
             top_k=_MOST_FACES,
         )
         faces = faces[np.asarray(kept, dtype=np.intp).reshape(-1)]

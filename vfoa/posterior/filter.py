@@ -15,6 +15,13 @@ from vfoa.posterior.looks import columns_of, counted, leaving, new_look, predict
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 
+_HEAD_EVIDENCE = 0.33
+"""Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
+error of one frame lasts into the next."""
+_TEMPERATURE, _SMOOTHED_TEMPERATURE = 1.4, 2.0
+"""Flattening for a gaze of unknown error: probabilities are raised to the power 1 / temperature, since the model has
+errors without a hypothesis (temperature scaling, Guo et al. 2017). Later frames repeat the errors of the earlier ones.
+"""
 _DOUBT, _SMOOTHED_DOUBT = 0.67, 1.6
 """Rise of the temperature from a share of 0.8 to one of 1, for forward answers and for those that know later frames.
 
@@ -37,7 +44,7 @@ def update(
 
     flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
-    power, head_power = (1.0, 1.0) if before is None else (settings.evidence, settings.head_evidence)
+    power, head_power = (1.0, 1.0) if before is None else (settings.evidence, _HEAD_EVIDENCE)
     error, gaze_evidence = weighed_gaze(prior, scenery, cues, flow, dt_s, settings)
     motion, head_evidence = weighed_head(prior, scenery, cues, flow, dt_s, settings)
 
@@ -58,7 +65,7 @@ def update(
         error=error,
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
-        facing=facing_after(prior, scenery, cues, dt_s, settings),
+        facing=facing_after(prior, scenery, cues, dt_s),
         tail=_tail(predicted, flow.weights, gaze_evidence.tail, head_evidence.tail),
     )
     return pruned(belief)
@@ -74,7 +81,7 @@ def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, 
         return probabilities
     temperature = 1.0
     if belief.error is not None:
-        temperature = settings.smoothed_temperature if later_known else settings.temperature
+        temperature = _SMOOTHED_TEMPERATURE if later_known else _TEMPERATURE
     doubt = (implied_share(belief) - PLAUSIBLE_SHARE) / (1 - PLAUSIBLE_SHARE) if belief.motion is not None else 0.0
     if doubt > 0:
         temperature *= 1 + doubt * (_SMOOTHED_DOUBT if later_known else _DOUBT)

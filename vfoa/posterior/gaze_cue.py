@@ -8,8 +8,12 @@ from vfoa.geometry import on_the_way, perturb, tangent_offset
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.gaze_error import GazeError, first_error, next_error, weigh_gaze
+from vfoa.posterior.head_cue import BELOW_DEG
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.types import Float
+
+_ABOUT_HEAD_DEG = 14.0
+"""Angle between the gaze and the usual place below the head's axis while the gaze is on no target."""
 
 
 def weighed_gaze(
@@ -23,7 +27,7 @@ def weighed_gaze(
     variance = ((hypotheses.scale * cues.gaze_sigma_rad) ** 2)[:, None]
     slow = settings.bias_share * variance
     head = prior.last_head if cues.head is None else cues.head
-    around = sigma_rad(settings.nowhere_deg if head is None else settings.about_head_deg)
+    around = sigma_rad(settings.nowhere_deg if head is None else _ABOUT_HEAD_DEG)
     drift = slow + np.append(scenery.variances, around**2)
     if prior.error is None:
         predicted = first_error(hypotheses.cell_rad**2, drift)
@@ -33,7 +37,7 @@ def weighed_gaze(
         predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
     if cues.gaze is None:
         return predicted, nothing
-    ahead = None if head is None else perturb(head, 0.0, np.deg2rad(settings.below_deg))
+    ahead = None if head is None else perturb(head, 0.0, np.deg2rad(BELOW_DEG))
     aims = np.stack([_aims(scenery, gain, ahead) for gain in hypotheses.gains])
     offset = tangent_offset(aims, cues.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
     error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)

@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.types import Float
 
+_SCALE_SPREAD = 0.7
+"""Standard deviation of the natural logarithm of the true gaze error over the claimed one."""
 _SCALE_STEPS = (-1.15, -0.3, 0.45, 1.1, 1.75)
 """Nodes of the logarithm of the error's scale, in standard deviations. They reach farther up than down, since models
 seldom do better than they claim on new material."""
 _GAINS = ((1.0, 0.5), (0.8, 0.3), (0.6, 0.2))
 """Factor that remains of the angle between a direction and the direction to the camera, and its prior: models
 underestimate that angle."""
+_UNBIASED = 0.3
+"""Prior probability that the gaze of a person has no constant bias."""
+_BIAS_DEG = 18.0
+"""Mean angle of the constant bias where there is one."""
 _BIAS_SPACING_DEG = 12.0
 _BIAS_RINGS = 2
 _SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
@@ -78,11 +84,11 @@ def gaze_hypotheses(settings: PosteriorSettings) -> GazeHypotheses:
             log_prior=np.zeros(1),
         )
     steps = np.array(_SCALE_STEPS)
-    scale, scale_prior = np.exp(settings.scale_spread * steps), _normalised(np.exp(-(steps**2) / 2))
+    scale, scale_prior = np.exp(_SCALE_SPREAD * steps), _normalised(np.exp(-(steps**2) / 2))
     bias = np.deg2rad(_hexagons(_BIAS_SPACING_DEG, _BIAS_RINGS))
     gains, gain_prior = np.array(_GAINS).T
     rows = np.indices((len(scale), bias.shape[1], len(gains))).reshape(3, -1)
-    prior = scale_prior[rows[0]] * _bias_prior(bias, settings)[rows[1]] * gain_prior[rows[2]]
+    prior = scale_prior[rows[0]] * _bias_prior(bias)[rows[1]] * gain_prior[rows[2]]
     return GazeHypotheses(
         number=np.arange(len(prior)),
         scale=scale[rows[0]],
@@ -111,11 +117,11 @@ def _hexagons(spacing_deg: float, rings: int) -> Float:
     return spacing_deg * np.array(nodes).T
 
 
-def _bias_prior(bias: Float, settings: PosteriorSettings) -> Float:
+def _bias_prior(bias: Float) -> Float:
     """Prior (B,) of the nodes: a mass at no bias, and a Student distribution with three degrees of freedom."""
     square = (bias**2).sum(axis=0)
-    biased = _normalised((1 + square / (3 * sigma_rad(settings.bias_deg) ** 2)) ** -2.5)
-    return settings.unbiased * (square == square.min()) + (1 - settings.unbiased) * biased
+    biased = _normalised((1 + square / (3 * sigma_rad(_BIAS_DEG) ** 2)) ** -2.5)
+    return _UNBIASED * (square == square.min()) + (1 - _UNBIASED) * biased
 
 
 def _normalised(weights: Float) -> Float:

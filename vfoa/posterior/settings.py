@@ -29,23 +29,12 @@ class GazeErrorSettings(Settings):
     """Published mean angle of the gaze error."""
     head_error_deg: float = Field(default=5.0, gt=0, le=60)
     """Published mean angle of the head-pose error."""
-    scale_spread: float = Field(default=0.7, gt=0, le=3)
-    """Standard deviation of the natural logarithm of the true gaze error over the claimed one."""
-    unbiased: float = Field(default=0.3, ge=0, lt=1)
-    """Prior probability that the gaze of a person has no constant bias."""
-    bias_deg: float = Field(default=18.0, gt=0, le=60)
-    """Mean angle of the constant bias where there is one."""
     bias_share: float = Field(default=0.35, ge=0, lt=1)
     """Share of the variance of the error that drifts; the rest is new in each frame."""
     bias_s: float = Field(default=0.8, gt=0)
     """Time within which the drifting part is forgotten."""
     tails: float = Field(default=4.0, gt=2)
     """Degrees of freedom of the Student distribution of the errors."""
-    temperature: float = Field(default=1.4, ge=1, le=10)
-    """Flattening for a gaze of ``unknown`` error: probabilities are raised to the power 1 / temperature, since the
-    model has errors without a hypothesis (temperature scaling, Guo et al. 2017)."""
-    smoothed_temperature: float = Field(default=2.0, ge=1, le=10)
-    """The same if later frames are known, which repeat the errors of the earlier ones."""
     evidence: float = Field(default=0.7, gt=0, le=1)
     """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry
     less information about the error than independent ones, because errors last."""
@@ -57,23 +46,12 @@ class HeadSettings(Settings):
     head_share: float = Field(default=0.65, gt=0, le=1)
     """Share of the way from where the body faces to the target that the head turns; the middle of three if the error
     is unknown. People: 0.35 to 0.75 in held gazes (16 people of vr_objects)."""
-    facing_s: float = Field(default=3.0, gt=0)
-    """Time constant of the head's running mean, which stands for where the body faces."""
-    below_deg: float = Field(default=8.0, ge=0, le=45)
-    """Angle of the gaze below the head's axis: 8 degrees on average, 0.5 to 14 between people (vr_objects)."""
-    head_lag_s: float = Field(default=0.35, gt=0)
-    """Time constant of the head's movement."""
     aside_deg: float = Field(default=5.0, gt=0, le=90)
     """Offset from that share at which the head stops; new in each look."""
     rest_deg: float = Field(default=20.0, gt=0, le=90)
     """Constant offset of a person's head from where the body faces."""
-    head_evidence: float = Field(default=0.33, gt=0, le=1)
-    """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
-    error of one frame lasts into the next."""
     nowhere_deg: float = Field(default=35.0, gt=0, le=90)
     """Angle between where the body faces and a head that looks at no target."""
-    about_head_deg: float = Field(default=14.0, gt=0, le=90)
-    """Angle between the gaze and the usual place below the head's axis while the gaze is on no target."""
 
 
 class LookSettings(Settings):

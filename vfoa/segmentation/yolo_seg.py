@@ -25,6 +25,8 @@ SIGNATURE = Signature(
     inputs={"images": (1, 3, None, None)},
     outputs={"output0": (1, 4 + 80 + 32, None), "output1": (1, 32, None, None)},
 )
+_NMS_IOU = 0.7
+"""Of two boxes of one class that overlap more (intersection over union), the weaker is dropped."""
 _GRAY = (114, 114, 114)
 
 
@@ -46,8 +48,6 @@ class YoloSeg:
 
         score_threshold: float = Field(default=0.25, gt=0, le=1)
         """Least score of an instance."""
-        nms_iou: float = Field(default=0.7, gt=0, le=1)
-        """Of two boxes of one class that overlap more (intersection over union), the weaker is dropped."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
         """Drop a mask if better ones cover a larger share of it than this."""
         labels: tuple[str, ...] = ()
@@ -76,7 +76,7 @@ class YoloSeg:
         classes, scores, (cx, cy, w, h) = classes[kept], scores[kept], output[:4, kept]
         corners = np.stack([cx - w / 2, cy - h / 2, w, h], axis=-1)
         chosen = cv2.dnn.NMSBoxesBatched(
-            corners.tolist(), scores.tolist(), classes.tolist(), self.settings.score_threshold, self.settings.nms_iou
+            corners.tolist(), scores.tolist(), classes.tolist(), self.settings.score_threshold, _NMS_IOU
         )
         best = np.asarray(chosen, dtype=np.intp).reshape(-1)
         best = best[np.argsort(-scores[best], kind="stable")]

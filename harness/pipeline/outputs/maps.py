@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal, TypeVar
 import cv2
 import numpy as np
 from msgspec import Meta, Struct
-from pydantic import Field
 
 from harness.files.digests import digest_files, file_digest
 from harness.files.io import check_name, read_bytes
@@ -30,16 +29,14 @@ from vfoa.types import Disparity, Instance, Instances, StereoFrame
 class FileMatcherSettings(Settings):
     """Location of the maps: ``pattern`` (one printf field for the frame number) under ``root``.
 
-    ``counts_per_px`` is the scale of 16-bit PNG files: 256 is KITTI's. With ``partial``, a frame without a map is an
-    error only when it is read: enough for a run of the clip's first frames.
+    With ``partial``, a frame without a map is an error only when it is read: enough for a run of the clip's first
+    frames.
     """
 
     root: str
     """Folder of the maps; ``${CLIP}`` stands for the clip's name."""
     pattern: str = "frame_%04d.png"
     """Name of a map below ``root``, with one printf field for the frame number."""
-    counts_per_px: float = Field(default=256.0, gt=0)
-    """Scale of 16-bit PNG files: counts per pixel of disparity. KITTI's is 256."""
     partial: bool = False
     """Accept frames without a map until one is read: enough for a run of the first frames."""
 
@@ -70,7 +67,7 @@ class FileMatcher:
             If it cannot be read, or its size is not the image's.
         """
         path = self._path(frame.index)
-        disparity = read_disparity(path, counts_per_px=self._settings.counts_per_px)
+        disparity = read_disparity(path)
         if disparity.shape != frame.left.shape[:2]:
             raise VfoaError(
                 f"{path}: the map is {disparity.shape[1]} x {disparity.shape[0]} pixels, "

@@ -47,14 +47,16 @@ def default_counts_per_m(counts: NDArray[Any]) -> float:
     return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0
 
 
+_COUNTS_PER_PX = 256.0
+"""Scale of a disparity map as a PNG with one 16-bit channel: KITTI's."""
 _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)[^\S\n]*\n")
 
 
-def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
+def read_disparity(path: Path) -> Map:
     """Read a disparity map (H, W) float32, pixels, positive; unknown values are NaN.
 
     ``.npy``, ``.pfm`` and ``.exr`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit
-    channel holds ``counts_per_px`` counts per pixel (KITTI: 256), 0 = unknown.
+    channel holds 256 counts per pixel (KITTI), 0 = unknown.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
         disparity = pixels.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
         disparity = np.where(disparity < 1023.98, disparity, np.float32(np.nan))
     elif is_png and pixels.ndim == 2 and pixels.dtype == np.uint16:
-        disparity = (pixels / counts_per_px).astype(np.float32)
+        disparity = (pixels / _COUNTS_PER_PX).astype(np.float32)
     elif pixels.ndim == 2 and np.issubdtype(pixels.dtype, np.floating):
         # values too large for float32 become infinite, which means unknown, as do signalling NaNs, which would warn
         with np.errstate(over="ignore", invalid="ignore"):

@@ -26,6 +26,11 @@ error_deg = 5.0
 [defaults.gaze]
 model = "none"
 """
+POSTERIOR_CONSTANTS = (
+    *("scale_spread", "unbiased", "bias_deg", "temperature", "smoothed_temperature"),
+    *("facing_s", "below_deg", "head_lag_s", "head_evidence", "about_head_deg"),
+)
+"""Settings of the posterior that are constants now."""
 
 
 def _write(folder: Path, text: str) -> str:
@@ -176,6 +181,13 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("table", "chosen", "key", "value"),
     [
+        *(("attention", "method = 'bayes'", key, "1.5") for key in POSTERIOR_CONSTANTS),
+        *(("drawn", "targets = true", key, "1.5") for key in ("depth_share", "size_share", "point_radius_px")),
+        ("gaze", "model = 'adas_0002'", "eye_side", "0.8"),
+        ("gaze", "model = 'adas_0002'", "most_turned_deg", "50.0"),
+        ("heads", "detector = 'yunet'", "nms_iou", "0.4"),
+        ("segmentation", "model = 'yolo_seg', weights = 'mine.onnx'", "nms_iou", "0.4"),
+        ("stereo", "matcher = 'files', root = 'mine'", "counts_per_px", "16.0"),
         ("attention", "method = 'bayes'", "cues", "'gaze'"),
         ("attention", "method = 'bayes'", "gain", "0.8"),
         ("head_pose", "model = 'fsanet'", "needs_face", "False"),
