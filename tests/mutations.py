@@ -126,6 +126,48 @@ MUTATIONS = (
         "entry = near.max(axis=0)",
         "vfoa/test_geometry.py",
     ),
+    Mutation(
+        "a ray through the middle of a box counts less",
+        "vfoa/attention.py",
+        "(1.5 * d_max[box] - np.maximum(distance, d_min[box]))",
+        "(1.4 * d_max[box] - np.maximum(distance, d_min[box]))",
+        "vfoa/test_attention.py",
+    ),
+    Mutation(
+        "gaze and head that differ weigh as much as if they agreed",
+        "vfoa/attention.py",
+        '"differ": (0.9, 0.1),',
+        '"differ": (0.6, 0.4),',
+        "vfoa/test_attention.py",
+    ),
+    Mutation(
+        "a track ends at its first gap",
+        "vfoa/tracking.py",
+        "elif track.missed < settings.ttl:",
+        "elif track.missed < 0:",
+        "vfoa/test_tracking.py",
+    ),
+    Mutation(
+        "a saccade is not held",
+        "vfoa/gaze_filter.py",
+        "[-settings.hold :]",
+        "[-1:]",
+        "vfoa/test_gaze_filter.py",
+    ),
+    Mutation(
+        "the frame shown at the end of a label has the label, too",
+        "harness/labels/labels.py",
+        "bisect_left(self.times_ns, end_ns)",
+        "bisect_left(self.times_ns, end_ns + 1)",
+        "harness/labels/test_timeline.py harness/labels/formats/test_elan.py",
+    ),
+    Mutation(
+        "p values of a family need not ascend",
+        "harness/score/statistics.py",
+        "highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[index]))",
+        "highest = min(1.0, (len(p_values) - rank) * p_values[index])",
+        "harness/score/test_statistics.py harness/score/test_comparison.py",
+    ),
     # cache and runs
     Mutation(
         "a cached output does not depend on the code of its stage",
@@ -197,6 +239,13 @@ MUTATIONS = (
         "np.rot90(mirrored, -self.quarters)",
         "np.rot90(mirrored, self.quarters)",
         "harness/sources/media/test_video.py",
+    ),
+    Mutation(
+        "the height of a head is its width",
+        "harness/run/records.py",
+        "(box_px[2] - box_px[0]) * origin[2]",
+        "(box_px[3] - box_px[0]) * origin[2]",
+        "harness/run/test_records.py",
     ),
     Mutation(
         "right axes are questioned",
