@@ -50,9 +50,6 @@ class Published(Settings):
     counts: dict[str, PublishedCount] = Field(min_length=1)
 
 
-FITTED_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
-"""Begins the note that rates are too good: the weights have seen the labels of a clip that is reported."""
-
 MOST = 3
 """Number of differences that are named; the others are counted."""
 
