@@ -25,7 +25,7 @@ from harness.files.io import atomic_write, replacing
 from vfoa.errors import VfoaError
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
-_VARIABLE = re.compile(r"\$\{(\w+)\}")
+VARIABLE = re.compile(r"\$\{(\w+)\}")
 _TOGETHER = 64
 """Number of files that are requested at once."""
 
@@ -83,7 +83,7 @@ def forget_copies() -> None:
 
 def unset_variables(text: str) -> list[str]:
     """The environment variables that a path from a configuration file needs and that are not set."""
-    return [name for name in dict.fromkeys(_VARIABLE.findall(text)) if not os.environ.get(name)]
+    return [name for name in dict.fromkeys(VARIABLE.findall(text)) if not os.environ.get(name)]
 
 
 def expand(text: str, base: Path, where: str) -> Path:
@@ -104,7 +104,7 @@ def expand(text: str, base: Path, where: str) -> Path:
             raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set{holds}")
         return setting
 
-    place = _VARIABLE.sub(value, text)
+    place = VARIABLE.sub(value, text)
     return local_copy(place, where) if is_address(place) else base / os.path.expanduser(place)
 
 

@@ -16,7 +16,7 @@ from harness.clips.manifest import ClipManifest, clip_files, load_manifest, mani
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.clips.picture_bits import picture_bits_notes
 from harness.files.folders import folders
-from harness.labels.labels import IGNORED, RESERVED, Label, timeline_of
+from harness.labels.labels import IGNORED, RESERVED, Label, Labels, timeline_of
 from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
@@ -158,9 +158,8 @@ MOST_AIMS = 400
 """Most labelled frames of a clip in which directions are compared with the labels."""
 
 
-def axis_notes(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
+def axis_notes(manifest: ClipManifest, clip: MeasuredClip, labels: Labels | None) -> Iterator[str]:
     """A note if the directions seem to be in another program's axes: gazes, or heads where no gaze was measured."""
-    labels, _ = _attempt(lambda: manifest.labels(timeline_of(clip)))
     looks = [look for look in labels.labelled(clip.frames) if look[2].target not in RESERVED] if labels else []
     aims = [aim for look in looks[:: -(-len(looks) // MOST_AIMS) or 1] if (aim := _aim(manifest, clip, *look))]
     directions, to_targets = np.array(aims, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
@@ -173,8 +172,9 @@ def _aim(
 ) -> tuple[Float, Float] | None:
     """A person's direction in a frame, and the vector from the eyes to the labelled target; None if not known."""
     scene = clip.scene(number)
-    person = next((person for person in scene.people if person.instance_id in _ids(manifest, clip, subject)), None)
-    boxes = (target.box for target in scene.targets if target.instance.id in _ids(manifest, clip, label.target))
+    own, aimed_at = _ids(manifest, clip, subject), _ids(manifest, clip, label.target)
+    person = next((person for person in scene.people if person.instance_id in own), None)
+    boxes = (target.box for target in scene.targets if target.instance.id in aimed_at)
     box = next((box for box in boxes if box is not None), None)
     if person is None or box is None or person.eye_origin_left is None:
         return None
@@ -277,8 +277,8 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         return ClipCheck(
             name=manifest.name,
             frames=len(clip.frames),
-            labels=labels,
-            notes=(*clip.notes, *axis_notes(manifest, clip)),
+            labels=_scored(labels, clip),
+            notes=(*clip.notes, *axis_notes(manifest, clip, labels)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
@@ -296,7 +296,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         baseline_m=rig.baseline_m if has_right else None,
         vertical_error_px=error_px if is_matched else None,
         matches=len(offsets) if has_right else None,
-        labels=labels,
+        labels=_scored(labels, clip),
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
@@ -353,23 +353,24 @@ def _row(name: str, path: Path) -> ClipRow:
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         licence=manifest.licence,
-        labels=labels,
+        labels=_scored(labels, clip),
         problem=next(iter((*problems, *label_problems)), None),
     )
 
 
-def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[int | None, tuple[str, ...]]:
-    """Number of (frame, subject) pairs with a label that is scored, and problems.
+def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[Labels | None, tuple[str, ...]]:
+    """A clip's labels, without its times if it cannot be opened, and their problems."""
+    return _attempt(lambda: manifest.labels(None if clip is None else timeline_of(clip)))
 
-    If the clip cannot be opened, the rows' own lengths count.
-    """
-    labels, problems = _attempt(lambda: manifest.labels(None if clip is None else timeline_of(clip)))
+
+def _scored(labels: Labels | None, clip: Clip | MeasuredClip | None) -> int | None:
+    """Number of (frame, subject) pairs with a label that is scored; the rows' own lengths count without the clip."""
     if labels is None:
-        return None, problems
+        return None
     if clip is None:
         scored = [label_range for label_range in labels.ranges if label_range.label.target != IGNORED]
-        return sum(label_range.last_frame - label_range.first_frame + 1 for label_range in scored), ()
-    return sum(1 for _, _, label in labels.labelled(clip.frames) if label.target != IGNORED), ()
+        return sum(label_range.last_frame - label_range.first_frame + 1 for label_range in scored)
+    return sum(1 for _, _, label in labels.labelled(clip.frames) if label.target != IGNORED)
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:

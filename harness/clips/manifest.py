@@ -28,11 +28,11 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from harness.clips.naming import NameRule
 from harness.files.folders import came_with_program, folders, names
 from harness.files.io import check_name, is_file, read_text
-from harness.files.parsing import read_toml
+from harness.files.parsing import parse_toml, read_toml
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
-from harness.remote import expand
+from harness.remote import VARIABLE, expand
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError, did_you_mean, located
@@ -312,7 +312,6 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(here), tuple(absent)
 
 
-_VARIABLE = re.compile(r"\$\{(\w+)\}")
 _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
 """A line of a file that may have the table: most have none, and are read faster."""
 
@@ -320,7 +319,8 @@ _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
 def _clips_of(path: Path) -> tuple[str, ...]:
     """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
     try:
-        clips = read_toml(path).get("clips", {}) if _CLIPS.search(read_text(path)) else {}
+        text = read_text(path)
+        clips = parse_toml(text, path).get("clips", {}) if _CLIPS.search(text) else {}
     except VfoaError:
         return ()
     return tuple(clips) if isinstance(clips, dict) else ()
@@ -359,7 +359,7 @@ def _is_values(of_clip: Any) -> bool:
 def _variables(value: Any) -> Iterator[str]:
     """The variables everywhere in a value."""
     if isinstance(value, str):
-        yield from _VARIABLE.findall(value)
+        yield from VARIABLE.findall(value)
     for item in (*value, *value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ():
         yield from _variables(item)
 
@@ -367,7 +367,7 @@ def _variables(value: Any) -> Iterator[str]:
 def _filled(value: Any, values: Mapping[str, Any]) -> Any:
     """A value with the variables filled in everywhere; other variables are those of the environment, and stay."""
     if isinstance(value, str):
-        return _VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
+        return VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
     if isinstance(value, dict):
         return {_filled(key, values): _filled(item, values) for key, item in value.items()}
     return [_filled(item, values) for item in value] if isinstance(value, list) else value

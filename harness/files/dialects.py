@@ -69,11 +69,10 @@ def table_rows(path: Path) -> list[Row]:
         or a column with content has no name.
     """
     text = _text(path)
-    above, separator = 0, None
     if stated := _SEPARATOR_LINE.match(text):
         text, above, separator = text[stated.end() :], 1, stated[1]
-    if separator is None:
-        separator = _separator(text)
+    else:
+        above, separator = 0, _separator(text)
     rows = _split(text, separator, path, above)
     if rows:
         (line, header), *below = rows

@@ -189,8 +189,8 @@ def read_rows(
     ]
 
 
-def read_columns(path: Path, columns: Sequence[str], required: Sequence[str]) -> TableColumns:
-    """Read the columns of a table; parameters and errors are those of :func:`read_rows`."""
+def read_columns(path: Path, columns: Sequence[str] | None, required: Sequence[str]) -> TableColumns:
+    """Read the columns of a table; parameters and errors are those of :func:`read_rows`. ``columns`` None: any."""
     rows = _checked_rows(path, columns, required)
     _, header = next(rows)
     numbered = list(rows)
@@ -222,13 +222,14 @@ def format_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str
 
 
 def _checked_rows(
-    path: Path, columns: Sequence[str], required: Sequence[str], version: str | None = None
+    path: Path, columns: Sequence[str] | None, required: Sequence[str], version: str | None = None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
     rows = table_rows(path) if version is None else _strict_rows(path, version)
     if not rows:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
     (line, header), *rows = rows
+    columns = header if columns is None else columns
     header = _known_names(header, columns)
     _check_flags(header, columns, rows, f"{path}:{line}")
     yield line, _checked_header(header, columns, required, f"{path}:{line}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import io
 import re
 from collections.abc import Mapping
@@ -106,7 +105,7 @@ def read_json(path: Path) -> Any:
     VfoaError
         If it is not JSON, or a matrix has not as many numbers as its size says.
     """
-    document = parse_json(read_bytes(path).removeprefix(codecs.BOM_UTF8), path)
+    document = parse_json(read_bytes(path), path)
     if not isinstance(document, Mapping):
         return document
     return {name: _matrix(value, f"{path}: {name}") for name, value in document.items()}

@@ -32,7 +32,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from harness.files.digests import digest_files
-from harness.files.tables import TableColumns, read_columns, read_header
+from harness.files.tables import TableColumns, read_columns
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
@@ -234,7 +234,7 @@ def _between(times_s: Float, first_s: float, last_s: float) -> slice:
 
 def _table(path: Path, names: Sequence[str]) -> TableColumns:
     """Some columns of a table with a header and at least one row; others are not read."""
-    table = read_columns(path, read_header(path), names)
+    table = read_columns(path, None, names)
     if not table.lines:
         raise VfoaError(f"{path}: no row below the header; expected at least one")
     return table
