@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -43,8 +43,13 @@ def undo_command(manifest: ClipManifest, annotator: str | None) -> str:
 
 def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:
     """The manifest's targets, and those removed from it that a file of labels still has."""
+    return [*manifest.targets, *not_in_manifest(manifest, target_names(path) if path else ())]
+
+
+def not_in_manifest(manifest: ClipManifest, names: Iterable[str]) -> list[str]:
+    """The names that are not in the manifest (any more): no target, no subject and not reserved."""
     known = {*manifest.targets, *manifest.subjects, *RESERVED}
-    return [*manifest.targets, *(name for name in (target_names(path) if path else ()) if name not in known)]
+    return [name for name in names if name not in known]
 
 
 def open_drawing(manifest: ClipManifest, timeline: Timeline, also: Sequence[str] = ()) -> DrawingStore:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from harness.annotate import targets
-from harness.annotate.clip_stores import open_drawing, open_store, with_others
+from harness.annotate.clip_stores import not_in_manifest, open_drawing, open_store, with_others
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.journal import Entry, StepBack
 from harness.annotate.label_store import LabelStore
@@ -14,7 +14,7 @@ from harness.annotate.targets import TargetChange, finish_change
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
 from harness.files.io import read_bytes
-from harness.labels.labels import RESERVED, Timeline
+from harness.labels.labels import Timeline
 from vfoa.errors import VfoaError
 
 
@@ -43,8 +43,7 @@ class History:
     @property
     def left_over(self) -> list[str]:
         """Targets of labels that are not in the manifest (any more)."""
-        known = {*self.manifest.targets, *self.manifest.subjects, *RESERVED}
-        return [name for name in self.labels.names() if name not in known]
+        return not_in_manifest(self.manifest, self.labels.names())
 
     def refresh(self) -> None:
         """Read labels and drawing again if another program has changed them."""

@@ -339,15 +339,15 @@ class MissingWeights:
 
 def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
     """Return what is missing of the weights that the stages name; None if all are here."""
-    without = [(choice, models) for choice in choices for models in [_absent([choice])] if models]
+    without = [choice for choice in choices if _absent([choice])]
     if not without:
         return None
     instead = []
-    for slot, name in dict.fromkeys((choice.slot, choice.name) for choice, _ in without):
+    for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in without):
         # the same stage with other weights, else another network, else any
         ready = sorted(ready_stages(STAGES[slot]), key=lambda stage: (stage.name != name, not stage.licences))
         instead.append(ready[0] if ready else None)
-    return MissingWeights(models=_absent(choice for choice, _ in without), instead=tuple(instead))
+    return MissingWeights(models=_absent(without), instead=tuple(instead))
 
 
 def _absent(choices: Iterable[StageChoice]) -> dict[str, CatalogueEntry]:

@@ -10,11 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from harness.record.layers import Plain
 from harness.run.results import has_images
 from vfoa.attention import AttentionSettings
-
-Plain = Mapping[str, Any]
-"""A configuration as JSON values, as in the manifest of a run."""
 
 WIDE_DEG, NARROW_DEG = 40, 20
 WIDE_CM, NARROW_CM = 40, 20

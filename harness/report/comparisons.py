@@ -35,7 +35,7 @@ from harness.score.comparison import (
     detectable_difference,
     identical_on,
 )
-from harness.score.intervals import LEAST_CLIPS, Pairs, Units, pair
+from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import SIGNIFICANCE, wilson_interval
@@ -57,14 +57,17 @@ _NOTES = (
 
 def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
     """Compare every two configurations of a run, without the oracle ablation, which has a table of its own."""
-    return compare({name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)})
+    return compare(_compared_frames(scores))
 
 
 def factors_table(scores: Scores) -> Table:
     """The labels of each factor of a grid, compared over all values of the others; no rows for a run without a grid."""
-    frames = {name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)}
-    groups = compare_factors(frames, scores.factors)
-    return comparison_table([comparison for group in groups for comparison in group], title=_FACTORS)
+    groups = compare_factors(_compared_frames(scores), scores.factors)
+    return comparison_table([comparison for group in groups.values() for comparison in group], title=_FACTORS)
+
+
+def _compared_frames(scores: Scores) -> dict[str, list[ScoredFrames]]:
+    return {name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)}
 
 
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:

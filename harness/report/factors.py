@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
+from itertools import islice
 
 import numpy as np
 
@@ -31,15 +32,15 @@ def grid_levels(factors: Mapping[str, Mapping[str, str]]) -> dict[str, list[str]
 
 def compare_factors(
     frames: Mapping[str, Sequence[ScoredFrames]], factors: Mapping[str, Mapping[str, str]]
-) -> list[tuple[Comparison, ...]]:
+) -> dict[str, tuple[Comparison, ...]]:
     """For each factor of a grid, compare every two of its labels on the frames of all configurations that have them.
 
     A frame counts once for each label of the other factors. p values are corrected over all factors together.
-    ``frames`` and ``factors`` are by configuration; the result is empty if the configurations are no grid.
+    ``frames`` and ``factors`` are by configuration, the result by factor; it is empty if they are no grid.
     """
     grid = grid_levels({name: factors.get(name, {}) for name in frames})
     labels = Counter(label for levels in grid.values() for label in levels)
-    groups = []
+    groups: dict[str, tuple[Comparison, ...]] = {}
     for key, levels in grid.items():
         pooled = {
             level if labels[level] == 1 else f"{key}={level}": _pooled(
@@ -48,16 +49,14 @@ def compare_factors(
             for level in levels
         }
         by_level = {shown: _without(key, level, factors, frames) for shown, level in zip(pooled, levels, strict=True)}
-        groups.append(
-            tuple(
-                replace(found, is_identical=_are_identical(*(by_level[name] for name in found.names)))
-                if found.better == found.worse == 0
-                else found
-                for found in compare(pooled)
-            )
+        groups[key] = tuple(
+            replace(found, is_identical=_are_identical(*(by_level[name] for name in found.names)))
+            if found.better == found.worse == 0
+            else found
+            for found in compare(pooled)
         )
-    corrected = list(with_holm([comparison for group in groups for comparison in group]))
-    return [tuple(corrected.pop(0) for _ in group) for group in groups]
+    corrected = iter(with_holm([comparison for group in groups.values() for comparison in group]))
+    return {key: tuple(islice(corrected, len(group))) for key, group in groups.items()}
 
 
 _ByOthers = Mapping[tuple[str, ...], Sequence[ScoredFrames]]

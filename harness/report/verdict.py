@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from harness.report.advice import advice
-from harness.report.factors import compare_factors, grid_levels
+from harness.report.factors import compare_factors
 from harness.report.formats import interval_range, percent
 from harness.score.baselines import BASELINES
 from harness.score.comparison import Comparison, compare
@@ -70,8 +70,7 @@ def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
     groups = compare_factors(frames, scores.factors)
     if not groups:
         return [_fitting(*sentences) for sentences in _Contrast.of(compare(frames)).sentences()]
-    keys = grid_levels({name: scores.factors[name] for name in names})
-    factors = {key: _Contrast.of(group) for key, group in zip(keys, groups, strict=True)}
+    factors = {key: _Contrast.of(group) for key, group in groups.items()}
     if len(factors) > 2:
         return _many_factors(factors)
     return [

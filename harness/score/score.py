@@ -94,7 +94,7 @@ class ScoreRow:
     @property
     def best_baseline(self) -> str:
         """The best baseline on these frames that has not seen their labels; the first of equally good ones."""
-        return max((name for name in BASELINES if name not in SEES_LABELS), key=lambda name: self.baselines[name])
+        return _best_baseline(self.baselines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -289,13 +289,16 @@ def _matches(true: Flags, said: Flags) -> MatchCounts:
 
 
 def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
-    best = int(
-        np.argmax([0 if name in SEES_LABELS else hits.sum() for name, hits in zip(BASELINES, baselines.T, strict=True)])
-    )
+    best = list(BASELINES).index(_best_baseline(dict(zip(BASELINES, baselines.sum(axis=0), strict=True))))
     gains = _units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
+
+
+def _best_baseline(correct: Mapping[str, float]) -> str:
+    """The best baseline, by its rate or number of correct frames, that has not seen the labels; the first of equals."""
+    return max((name for name in BASELINES if name not in SEES_LABELS), key=lambda name: correct[name])
 
 
 def _count(flags: Flags) -> int:

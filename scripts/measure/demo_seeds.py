@@ -33,7 +33,7 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
         of_seed = tuple(outcome for outcome in scores.outcomes if outcome.configuration.endswith(f".seed{seed}"))
         alone = replace(scores, outcomes=of_seed)
         frames = {name: alone.frames_of(name) for name in scores.scored_configurations}
-        for (comparison,) in compare_factors(frames, scores.factors):
+        for (comparison,) in compare_factors(frames, scores.factors).values():
             comparisons.setdefault(f"{comparison.configuration} against {comparison.reference}", []).append(comparison)
     return Table(
         title="The demo's verdict under other seeds of the error",

@@ -26,11 +26,6 @@ class Region:
         return self.u0 >= self.u1 or self.v0 >= self.v1
 
     @property
-    def size(self) -> int:
-        """Number of its pixels."""
-        return max(self.u1 - self.u0, 0) * max(self.v1 - self.v0, 0)
-
-    @property
     def window(self) -> Window:
         """Its rows and columns as slices."""
         return slice(self.v0, self.v1), slice(self.u0, self.u1)
@@ -53,10 +48,6 @@ class Region:
     def times(self, factor: int) -> Region:
         """Return the region in an image with ``factor`` times more rows and columns."""
         return Region(u0=self.u0 * factor, v0=self.v0 * factor, u1=self.u1 * factor, v1=self.v1 * factor)
-
-    def moved(self, u: int, v: int) -> Region:
-        """Return the region moved ``u`` columns to the right and ``v`` rows down."""
-        return Region(u0=self.u0 + u, v0=self.v0 + v, u1=self.u1 + u, v1=self.v1 + v)
 
     def from_column(self, u0: int) -> Region:
         """Return the region with another first column."""

@@ -126,7 +126,7 @@ def test_a_difference_that_is_not_shown_is_told_with_the_largest_possible_one() 
     scores = _scores(right, factors=factors)
     frames = {name: scores.frames_of(name) for name in right}
     lines = verdict_lines(scores)
-    for line, (comparison,) in zip(lines[2:4], compare_factors(frames, factors), strict=True):
+    for line, (comparison,) in zip(lines[2:4], compare_factors(frames, factors).values(), strict=True):
         assert not comparison.is_identical  # equal sums over a grid are not
         assert " or ".join(comparison.names) in line
         assert f" {100 * max(-comparison.interval.low, comparison.interval.high):.1f} points" in line
