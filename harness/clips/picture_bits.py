@@ -16,7 +16,7 @@ def picture_bits_notes(greatest: Sequence[int]) -> Iterator[str]:
         return
     factor = 2 ** (_BITS - bits)
     yield (
-        f"the 16-bit pictures use {bits} bits (the greatest value of {len(greatest)} is {most}): of these, the 8 bits "
-        f"that are read keep {max(0, bits - _KEPT)}; multiply the values by {factor} before they are saved (files: "
+        f"the 16-bit pictures use {bits} bits (the greatest value found is {most}): of these, the 8 bits that "
+        f"are read keep {max(0, bits - _KEPT)}; multiply the values by {factor} before they are saved (files: "
         f"cv2.imwrite(file, cv2.imread(file, cv2.IMREAD_UNCHANGED) * {factor}))"
     )
