@@ -103,6 +103,14 @@ class StageKind:
         """Whether the stage is a gaze model that looks at several frames."""
         return hasattr(self.stage_class(choice.name), "estimate_sequence")
 
+    def finds_faces(self, name: str) -> bool:
+        """Whether heads of the detector called ``name`` can have a face."""
+        return getattr(self.stage_class(name), "finds_faces", True)
+
+    def needs_face(self, choice: StageChoice) -> bool:
+        """Whether the stage has no answer for a head without a face."""
+        return getattr(self.stage_class(choice.name), "needs_face", False)
+
     def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
         """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
         if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):

@@ -43,6 +43,7 @@ class DrawnHeads:
     """A head detector without heads of its own: uses only those drawn on the clip (``annotations/CLIP.drawn.csv``)."""
 
     Settings = NothingToSet
+    finds_faces = False
 
     def __init__(self, settings: NothingToSet, clip: Clip) -> None:
         """Nothing is read here: the drawn shapes come with the job."""

@@ -150,6 +150,7 @@ class TruthHeads(_OfTruth):
     """A head detector that returns the clip's true head boxes, each with its person's instance."""
 
     needed_by = 'heads.detector = "truth"'
+    finds_faces = False
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Return the true heads of the frame. They have an instance only if ``instances`` are the true ones."""

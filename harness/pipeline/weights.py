@@ -337,15 +337,23 @@ class MissingWeights:
         return [stage.described for stage in self.instead if stage]
 
 
-def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
-    """Return what is missing of the weights that the stages name; None if all are here."""
+def missing_weights(choices: Iterable[StageChoice], beside: Iterable[StageChoice] = ()) -> MissingWeights | None:
+    """Return what is missing of the weights that the stages name; None if all are here.
+
+    What could run instead fits these stages and those ``beside`` them: where one needs a face, the detector finds some.
+    """
+    choices = list(choices)
     without = [choice for choice in choices if _absent([choice])]
     if not without:
         return None
+    need_face = any(STAGES[choice.slot].needs_face(choice) for choice in (*choices, *beside))
     instead = []
     for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in without):
+        ready = ready_stages(STAGES[slot])
+        if slot == "heads" and need_face:
+            ready = [stage for stage in ready if STAGES[slot].finds_faces(stage.name)]
         # the same stage with other weights, else another network, else any
-        ready = sorted(ready_stages(STAGES[slot]), key=lambda stage: (stage.name != name, not stage.licences))
+        ready.sort(key=lambda stage: (stage.name != name, not stage.licences))
         instead.append(ready[0] if ready else None)
     return MissingWeights(models=_absent(without), instead=tuple(instead))
 

@@ -62,8 +62,13 @@ def _no_subject(run: _Run) -> Iterator[str]:
     yield "check the subject's rule in the manifest ([subjects.NAME])"
     if run.has_images:
         yield "see which heads were found (vfoa view RUN --failures)"
-        if set(run.values("heads", "detector")) == {"person_mask"}:
-            yield "find heads by their faces (--set heads.detector=yunet)"
+        yield from _faces(run)
+
+
+def _faces(run: _Run) -> Iterator[str]:
+    """Advice to find faces, where heads come from the masks of people alone."""
+    if set(run.values("heads", "detector")) == {"person_mask"}:
+        yield "find heads by their faces, which most networks need (--set heads.detector=yunet)"
 
 
 def _without_depth(what: str) -> Callable[[_Run], Iterator[str]]:
@@ -86,6 +91,7 @@ def _face_turned_away(run: _Run) -> Iterator[str]:
 
 def _no_direction(run: _Run) -> Iterator[str]:
     if run.has_images:
+        yield from _faces(run)
         yield "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures)"
     else:
         yield "neither gaze nor head was measured in these frames"

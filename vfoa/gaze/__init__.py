@@ -10,7 +10,10 @@ from vfoa.types import Gaze, Head, HeadPose, Image, NoGaze, StereoFrame, StereoR
 
 
 class GazeModel(Protocol):
-    """Estimates the gaze of a head from one frame. Built as ``Class(settings)``, with ``Class.Settings``."""
+    """Estimates the gaze of a head from one frame. Built as ``Class(settings)``, with ``Class.Settings``.
+
+    ``Class.needs_face = True`` says that it has no answer for a head without a face.
+    """
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | NoGaze | None:
         """Estimate one head's gaze; None if the model has no answer (for example, it finds no eyes).

@@ -81,6 +81,8 @@ class Adas0002:
     network's roll is 1 deg better on the photograph and 6 deg worse on the rendered face.
     """
 
+    needs_face = True
+
     class Settings(OnnxSettings):
         """The networks."""
 

@@ -29,6 +29,8 @@ SIGNATURE = Signature(
 class L2cs:
     """Gaze of one frame from a face, without head pose, landmarks or neighbouring frames."""
 
+    needs_face = True
+
     class Settings(OnnxSettings):
         """Settings of the crop. ``margin``: added to the face's box on each side, as a share of its width or height."""
 

@@ -9,7 +9,10 @@ from vfoa.types import Head, HeadPose, StereoFrame
 
 
 class HeadPoseModel(Protocol):
-    """Estimates the pose of a head from its image. Built as ``Class(settings)``, with ``Class.Settings``."""
+    """Estimates the pose of a head from its image. Built as ``Class(settings)``, with ``Class.Settings``.
+
+    ``Class.needs_face = True`` says that it has no answer for a head without a face.
+    """
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
         """Estimate one head's pose; None if the model has no answer."""

@@ -20,6 +20,8 @@ SIGNATURE = Signature(inputs={"input": (1, 3, 64, 64)}, outputs={"output": (1, 3
 class FsaNet:
     """Head pose as the mean of several FSA-Nets: two by default; the settings may name one or more."""
 
+    needs_face = True
+
     class Settings(RuntimeSettings):
         """Settings of the networks and the crop.
 

@@ -9,7 +9,10 @@ from vfoa.types import Head, Instances, StereoFrame
 
 
 class HeadDetector(Protocol):
-    """Finds heads. Built as ``Class(settings)``, with ``Class.Settings``."""
+    """Finds heads. Built as ``Class(settings)``, with ``Class.Settings``.
+
+    ``Class.finds_faces = False`` says that no head has a face; without it, heads may have one.
+    """
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Detect the heads of one frame, best first. ``instances`` holds the masks of the people."""

@@ -24,6 +24,8 @@ SCORE_FACTOR = 0.5
 class PersonMask:
     """A head detector that takes the top of each person's mask as the head (:func:`head_box`)."""
 
+    finds_faces = False
+
     class Settings(settings.Settings):
         """Label of the instances that are people, and the least height of a head's box in pixels."""
 

@@ -22,9 +22,11 @@ from harness.pipeline.weights import (
     fetch_model,
     find_model,
     locate_weights,
+    missing_weights,
     ready_stages,
     signature,
 )
+from harness.run.experiment import load_experiment
 from tests import graphs
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
@@ -354,6 +356,45 @@ def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_t
     (stage,) = (each for each in ready_stages(STAGES["segmentation"]) if each.name == "yolo_seg")
     table = dict(setting.removeprefix("segmentation.").split("=") for setting in stage.settings)
     assert locate_weights(chosen(segmentation=table)).keys() == {"yolov8n-seg_int8.onnx"}
+
+
+@pytest.mark.parametrize(
+    ("cues", "is_advised"),
+    [
+        ({}, True),
+        ({"gaze": {"model": "gaze360"}}, True),
+        ({"gaze": {"model": "adas_0002"}}, False),
+        ({"head_pose": {"model": "fsanet"}, "gaze": {"model": "gaze360"}}, False),
+        ({"gaze": {"model": "l2cs"}}, False),
+    ],
+)
+def test_heads_without_faces_are_not_advised_to_a_network_that_needs_a_face(
+    cues: dict[str, dict[str, Any]], is_advised: bool
+) -> None:
+    heads = chosen(heads={"detector": "yunet"})
+    together, apart = missing_weights([*heads, *chosen(**cues)]), missing_weights(heads, beside=chosen(**cues))
+    for missing in (together, apart):
+        assert missing
+        assert ("--set heads.detector=person_mask" in missing.alternatives) == is_advised
+
+
+@pytest.mark.parametrize("here", [None, *catalogue()])
+def test_what_is_advised_in_place_of_missing_weights_is_taken_and_needs_no_more(
+    here: str | None, tmp_path: Path
+) -> None:
+    if here:
+        (tmp_path / "given" / find_model(here).file).touch()
+    (default,) = load_experiment("default", clips=("studio_table",)).configurations
+    missing = missing_weights(default.stages)
+    assert missing
+    options = tuple(setting for stage in missing.instead if stage for setting in stage.settings)
+    (changed,) = load_experiment("default", clips=("studio_table",), overrides=options).configurations
+    left = missing_weights(changed.stages)
+    replaced = sum(stage is not None for stage in missing.instead)
+    assert len(left.instead if left else ()) == len(missing.instead) - replaced
+    heads = changed.choices["heads"]
+    assert heads
+    assert STAGES["heads"].finds_faces(heads.name)
 
 
 def test_the_list_says_what_is_here(tmp_path: Path) -> None:
