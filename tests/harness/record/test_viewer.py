@@ -59,6 +59,29 @@ def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp
     assert (left[0] != left[1]).mean() > 0.2
 
 
+class SlowClient:
+    """A client of a viewer that does not draw in time at first, then draws these pictures."""
+
+    def __init__(self, *pictures: bytes | None) -> None:
+        self.pictures = list(pictures)
+
+    def take_screenshot(self) -> bytes:
+        picture = self.pictures.pop(0)
+        if picture is None:
+            raise TimeoutError("Deadline expired")
+        return picture
+
+
+def test_a_picture_that_is_late_is_awaited(monkeypatch):
+    monkeypatch.setattr(viewer, "_POLL_S", 0.0)
+    client = SlowClient(None, b"first", None, b"last", b"last")
+    assert viewer._settled_picture(client) == b"last"
+    assert client.pictures == []
+    monkeypatch.setattr(viewer, "_DRAWN_S", 0.0)
+    with pytest.raises(VfoaError, match="settled picture"):
+        viewer._settled_picture(client)
+
+
 @needs_vulkan
 def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(frames, tmp_path, monkeypatch):
     recorded = write_run(tmp_path / "run", {"one": frames, "two": frames}, subjects=[ANN, "Ben"])
