@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ import pytest
 from harness.clips.naming import Names
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.record.composed import find_clips
-from harness.record.layers import ClipFiles, LayerNames, layer_names
+from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
@@ -169,7 +170,7 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
     names = {"subjects": {ANN: {}}, "targets": {"red cup": {}}}
     clip = {"name": "clip", "frames": numbers, "rate_hz": 25, "names": names}
     directory.write_manifest({"clips": [clip], "configurations": tables})
-    files = ClipFiles(run=run, clip="clip")
+    files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "subjects": [ANN], "targets": ["red cup"], **options}
     with ExitStack() as stack:
         recorders = {name: stack.enter_context(Recorder(files, layers[name], **options)) for name in frames}

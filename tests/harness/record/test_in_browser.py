@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urljoin, urlsplit
 
 import numpy as np
 import pytest
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 LOADED_S = 180.0
 LEFT_VIEW = (138, 92, 191, 128)
 """The place of the left image in the viewer, in a window of this test's size: x, y, width, height in pixels."""
+LEFT_VIEW_ALONE = (118, 92, 303, 202)
+"""Its place where the viewer's panels are hidden."""
 
 
 @pytest.fixture
@@ -132,6 +134,20 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
     browser.switch_to.window(viewer)
     _wait_for(browser, 13)
     assert _tabs_in_front(browser, tmp_path) == {ANN}
+
+
+def test_a_recording_with_jpeg_pictures_is_drawn_in_a_browser(
+    browser: Chrome, frames: list[Any], record_run: Callable[..., Any], viewer_files: dict[str, bytes]
+) -> None:
+    clip = find_clips(record_run(frames, jpeg=True).run, None, None)[0]
+    recording = replace(clip, subjects=(BEN, ANN)).compose()
+    with running(site({recording.name: recording}, viewer_files)) as server:
+        browser.get(server.address)
+        browser.get(urljoin(server.address, f"/open?recording={recording.name}&frame=14&subject={ANN}"))
+        shown = _wait_for(browser, 14)
+    alike = {each.frame.index: _likeness(shown, each.frame.left, LEFT_VIEW_ALONE) for each in frames}
+    assert alike[14] > 0.5
+    assert max(value for frame, value in alike.items() if frame != 14) < 0.3
 
 
 def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
@@ -257,9 +273,9 @@ def test_a_browser_that_does_not_decode_the_video_says_which_setting_helps(
         assert "--recording jpeg" in str(message.get_attribute("textContent"))
 
 
-def _likeness(picture: np.ndarray, left: np.ndarray) -> float:
+def _likeness(picture: np.ndarray, left: np.ndarray, place: tuple[int, int, int, int] = LEFT_VIEW) -> float:
     """The correlation of a left image with the place in the viewer where it is drawn, free of what is drawn over it."""
-    x, y, width, height = LEFT_VIEW
+    x, y, width, height = place
     drawn = picture[y : y + height, x : x + width].mean(axis=2)
     expected = np.asarray(Image.fromarray(left).resize((width, height), Image.Resampling.NEAREST)).mean(axis=2)
     bottom = slice(int(0.7 * height), None)

@@ -111,6 +111,26 @@ def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(fr
     assert in_front[0] == in_front[2] != in_front[1]
 
 
+@needs_vulkan
+def test_two_runs_of_one_clip_in_one_viewer_have_panes_of_their_own(frames, tmp_path, monkeypatch):
+    clients, connect = [], viewer._connect
+    monkeypatch.setattr(viewer, "_connect", lambda *what: clients.append(connect(*what)) or clients[-1])
+    runs = [write_run(tmp_path / name, {name: frames, f"{name} wide": frames}) for name in ("first", "second")]
+    recordings = [find_clips(each.run, None, None)[0].compose() for each in runs]
+    with viewer.opened(["--headless", "--window-size", "640x480"]) as go_to:
+        for turn in (0, 1, 0):
+            go_to(recordings[turn], 14, ())
+            names = {name for name in _names(clients[0]) if name.startswith(("first", "second"))}
+            own = runs[turn].configurations
+            assert names == {*own}, (turn, names)
+
+
+def _names(client) -> set[str]:
+    """The names of all containers and views."""
+    entries = [each for layout in client.get_blueprint().blueprint.values() for each in layout.values()]
+    return {str(each["display_name"]) for each in entries if isinstance(each, dict) and each.get("display_name")}
+
+
 def _active_tabs(client) -> set[str]:
     """The names of all containers that are the active tab of another."""
     layout = client.get_blueprint().blueprint
