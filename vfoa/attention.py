@@ -26,8 +26,21 @@ import numpy as np
 from pydantic import Field, PositiveInt, model_validator
 
 from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop
-from vfoa.settings import Settings
-from vfoa.types import CUES, Attention, Box3D, Cone, Cue, Float, NoAttention, Rays, Subject, Target, TargetAttention
+from vfoa.methods import MethodSettings
+from vfoa.types import (
+    CUES,
+    Attention,
+    Box3D,
+    Cone,
+    Cue,
+    Float,
+    NoAttention,
+    Rays,
+    Scene,
+    Subject,
+    Target,
+    TargetAttention,
+)
 
 Weighting = Literal["adaptive", "equal", "gaze", "head"]
 
@@ -49,14 +62,12 @@ WEIGHTS = {
 """(w_gaze, w_head). The first two are the paper's adaptive weights: eyes turned away from the head say more."""
 
 
-class AttentionSettings(Settings):
+class AttentionSettings(MethodSettings):
     """Settings of :func:`pay_attention`.
 
     Cones are full apex angles in degrees (``cones_deg``) or, as in the paper, base radii in centimetres at a height
     of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
     ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
-
-    ``method`` tells these settings from those of :mod:`vfoa.bayes`, :mod:`vfoa.logit` and :mod:`vfoa.nearest`.
 
     ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
     alone, so that a subject without it has no direction.
@@ -94,6 +105,26 @@ class AttentionSettings(Settings):
         if self.cones_deg is not None:
             return tuple(float(np.deg2rad(angle)) for angle in self.cones_deg)
         return tuple(fov_from_radius(radius / 100) for radius in self.cones_cm or ())
+
+
+class Cones:
+    """Cones of rays about gaze and head, as a :class:`vfoa.methods.AttentionMethod`."""
+
+    Settings = AttentionSettings
+    probabilistic = False
+    says_nowhere = False
+
+    def __init__(self, settings: AttentionSettings) -> None:
+        self._settings = settings
+
+    def start(self) -> None:
+        """No state."""
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[None, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[None, ...]]:
+        """Compute every subject's attention in one frame, each alone."""
+        return tuple(pay_attention(subject, scene.targets, self._settings) for subject in subjects), states
 
 
 def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: AttentionSettings) -> Attention:

@@ -10,29 +10,30 @@ about where their body faces. A large target is not favoured: its density is spr
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import unit
+from vfoa.methods import MethodSettings
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
-from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Subject, Target, TargetAttention
+from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 from vfoa.visible import SurfaceSettings, views_of
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
 """Smallest angular error: a model that claims less is given this one."""
 
 
-class BayesSettings(PosteriorSettings, SurfaceSettings):
+class BayesSettings(PosteriorSettings, SurfaceSettings, MethodSettings):
     """Settings of :func:`infer_attentions`: those of its parts, and the frames that each frame's answer uses."""
 
     method: Literal["bayes"]
@@ -44,45 +45,48 @@ class BayesSettings(PosteriorSettings, SurfaceSettings):
     frame_rate_hz: float = Field(default=25.0, gt=0)
     """Frame rate where frames have no times, or times that do not increase."""
 
-    @property
-    def frames_awaited(self) -> int:
-        """Number of later frames that a frame's answer needs, at ``frame_rate_hz``."""
-        return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing == "both" else 0
+
+Held = tuple[Belief, int | None]
+"""A person's belief, and its time in nanoseconds (None: unknown)."""
 
 
-class LooksAhead(Protocol):
-    """Settings of a method whose answers can wait for later frames."""
+class Posterior:
+    """The posterior over targets and nowhere, as a :class:`vfoa.methods.RevisingMethod`."""
 
-    @property
-    def look_ahead_s(self) -> float:
-        """How far ahead of a frame its answer looks, seconds."""
-        ...
+    Settings = BayesSettings
+    probabilistic = True
+    says_nowhere = True
 
-    @property
-    def frames_awaited(self) -> int:
-        """Number of later frames that a frame's answer needs, at the settings' frame rate."""
-        ...
+    def __init__(self, settings: BayesSettings) -> None:
+        self._settings = settings
+        self.look_ahead_s = settings.look_ahead_s if settings.smoothing == "both" else 0.0
+        self.frame_rate_hz = settings.frame_rate_hz
 
+    def start(self) -> None:
+        """No belief."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BeliefState:
-    """The belief of each track and its time in nanoseconds; empty without smoothing."""
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Held | None, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[Held | None, ...]]:
+        """Compute every subject's attention in one frame: :func:`infer_attentions`."""
+        return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
 
-    by_track: Mapping[int, tuple[Belief, int | None]] = field(default_factory=dict)
-
-    def of(self, tracks: Collection[int]) -> BeliefState:
-        """Return the beliefs of these tracks only: a track that has ended never comes back."""
-        return BeliefState(by_track={track: belief for track, belief in self.by_track.items() if track in tracks})
+    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
+        """Return the frames of a window with every subject's attention given all of them: :func:`smooth`."""
+        return smooth(window, self._settings)
 
 
 def infer_attentions(
     subjects: tuple[Subject, ...],
     targets: tuple[Target, ...],
-    state: BeliefState,
+    states: tuple[Held | None, ...],
     settings: BayesSettings,
     time_ns: int | None = None,
-) -> tuple[tuple[Attention, ...], BeliefState]:
-    """Compute every subject's attention in one frame, and the beliefs that the next frame starts from.
+) -> tuple[tuple[Attention, ...], tuple[Held | None, ...]]:
+    """Compute every subject's attention in one frame, and the belief that the next frame starts from.
+
+    ``states`` are the subjects' beliefs so far, None for a person who has none. A frame without a belief leaves it as
+    it was; with ``smoothing = "off"`` there never is one.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by their
@@ -93,22 +97,15 @@ def infer_attentions(
         for subject in subjects
         if subject.person.instance_id is not None and subject.person.eye_origin_left is not None
     }
-    results = []
-    beliefs = dict(state.by_track)
-    for subject in subjects:
-        attention = _infer(subject, targets, eyes, beliefs.get(subject.track_id), settings, time_ns)
-        if attention.belief is not None and settings.smoothing != "off":
-            beliefs[subject.track_id] = (attention.belief, time_ns)
-        results.append(attention)
-    return tuple(results), BeliefState(by_track=beliefs)
-
-
-def frames_awaited(results: Sequence[FrameResult], settings: LooksAhead) -> int:
-    """Number of later frames that a frame's answer needs, at the rate of these frames."""
-    seconds = (results[-1].scene.time_ns - results[0].scene.time_ns) / 1e9
-    if not settings.frames_awaited or seconds <= 0:
-        return settings.frames_awaited
-    return math.ceil(settings.look_ahead_s * (len(results) - 1) / seconds)
+    attentions = tuple(
+        _infer(subject, targets, eyes, before, settings, time_ns)
+        for subject, before in zip(subjects, states, strict=True)
+    )
+    after = tuple(
+        before if attention.belief is None or settings.smoothing == "off" else (attention.belief, time_ns)
+        for attention, before in zip(attentions, states, strict=True)
+    )
+    return attentions, after
 
 
 def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
@@ -147,7 +144,7 @@ def _infer(
     subject: Subject,
     targets: tuple[Target, ...],
     eyes: Mapping[int, Float],
-    before: tuple[Belief, int | None] | None,
+    before: Held | None,
     settings: BayesSettings,
     time_ns: int | None,
 ) -> Attention:

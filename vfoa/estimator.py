@@ -16,7 +16,8 @@ import vfoa.stereo
 from vfoa.config import STEPS, dotted_tables, is_in_region, read_steps
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
-from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
+from vfoa.methods import look_ahead_s, open_method
+from vfoa.pipeline import Attending, AttendSettings, Stages, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
@@ -61,6 +62,11 @@ class Estimator:
     key_frames
         Which frames of a sequence are segmented. None: every frame.
 
+    Raises
+    ------
+    VfoaError
+        If the method of attention needs later frames.
+
     Examples
     --------
     >>> estimator = vfoa.Estimator.open({"stereo.matcher": "bm", "attention.cones_cm": [10, 25]})
@@ -80,6 +86,7 @@ class Estimator:
         self.key_frames = key_frames or KeyFrameSettings()
         self.reconstruction = reconstruction or ReconstructionSettings()
         self.attend = attend or AttendSettings()
+        _check_immediate(self.attend)
 
     @classmethod
     def open(cls, settings: Mapping[str, Any] | None = None) -> Self:
@@ -100,11 +107,7 @@ class Estimator:
         chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
         stereo = _present(chosen)["stereo.matcher"][1]
         reconstruction, attend_settings = read_steps(tables, stereo, "settings")
-        if awaited := getattr(attend_settings.attention, "frames_awaited", 0):
-            raise VfoaError(
-                f"settings: attention.smoothing: needs {awaited} later frames; expected 'off' or 'forward' (`vfoa run` "
-                "smooths in both directions)"
-            )
+        _check_immediate(attend_settings)
         check_located(name for choice in chosen.values() if choice for name in weights_of(choice[1]))
         stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
         matcher = stages["stereo.matcher"]
@@ -150,7 +153,7 @@ class Follower:
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
-        self._memory, self._frames = Memory(), 0
+        self._attending, self._frames = Attending(estimator.attend), 0
         self._stages, every = estimator.stages, estimator.key_frames.every
         if every > 1:
             on_key_frames = KeyFrameSegmenter(
@@ -182,7 +185,7 @@ class Follower:
             raise VfoaError(f"frame {self._frames}: {error}") from None
         percepts = perceive(frame, self._stages)
         scene = reconstruct(percepts, estimator.reconstruction)
-        result, self._memory = attend(scene, self._memory, estimator.attend)
+        (result,) = self._attending.step(scene)
         self._frames += 1
         return Estimate(percepts=percepts, result=result)
 
@@ -220,6 +223,15 @@ def rectified_rig(
         )
     except ValueError as error:
         raise VfoaError(f"rectified_rig: {error}") from None
+
+
+def _check_immediate(settings: AttendSettings) -> None:
+    name, seconds = settings.attention.method, look_ahead_s(open_method(settings.attention))
+    if seconds:
+        raise VfoaError(
+            f"settings: attention.method: {name!r} needs {seconds:g} s of later frames with these settings; expected "
+            "settings that need none, such as attention.smoothing = 'forward' (`vfoa run` waits for later frames)"
+        )
 
 
 _Choice = tuple[Any, Settings]

@@ -14,20 +14,21 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
+from vfoa.methods import MethodSettings
 from vfoa.settings import Settings
-from vfoa.types import Attention, Float, FrameResult, NoAttention, Subject, Target, TargetAttention
+from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 
 
 class Weights(Settings):
@@ -107,7 +108,7 @@ def _shipped() -> dict[str, Any]:
     return tomllib.loads(files("vfoa").joinpath("logit.toml").read_text(encoding="utf-8"))
 
 
-class LogitSettings(Settings):
+class LogitSettings(MethodSettings):
     """Settings of :func:`weigh_attentions`."""
 
     method: Literal["logit"]
@@ -124,12 +125,7 @@ class LogitSettings(Settings):
     by_clip: dict[str, LogitWeights] = Field(default_factory=dict)
     """Weights of single clips, which ``left-out`` writes."""
 
-    @property
-    def frames_awaited(self) -> int:
-        """Number of later frames that a frame's answer needs, at ``frame_rate_hz``."""
-        return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing == "both" else 0
-
-    def for_clip(self, clip: str) -> LogitSettings:
+    def for_clip(self, clip: str) -> Self:
         """Return the settings with the weights of this clip, if it has its own."""
         if clip not in self.by_clip:
             return self
@@ -145,15 +141,31 @@ class LogitSettings(Settings):
         return weights
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Traces:
-    """The running means of each track."""
+class Logit:
+    """The conditional logit, as a :class:`vfoa.methods.RevisingMethod`."""
 
-    by_track: Mapping[int, Means] = field(default_factory=dict)
+    Settings = LogitSettings
+    probabilistic = True
+    says_nowhere = True
 
-    def of(self, tracks: Collection[int]) -> Traces:
-        """Return those of these tracks only: a track that has ended never comes back."""
-        return Traces(by_track={track: means for track, means in self.by_track.items() if track in tracks})
+    def __init__(self, settings: LogitSettings) -> None:
+        self._settings = settings
+        self.look_ahead_s = settings.look_ahead_s if settings.smoothing == "both" else 0.0
+        self.frame_rate_hz = settings.frame_rate_hz
+
+    def start(self) -> Means:
+        """No running means."""
+        return Means()
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Means, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[Means, ...]]:
+        """Compute every subject's attention in one frame: :func:`weigh_attentions`."""
+        return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
+
+    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
+        """Return the frames of a window with every subject's attention given the later ones: :func:`weigh_again`."""
+        return weigh_again(window, self._settings)
 
 
 def probabilities(utility: Float) -> Float:
@@ -166,11 +178,13 @@ def probabilities(utility: Float) -> Float:
 def weigh_attentions(
     subjects: tuple[Subject, ...],
     targets: tuple[Target, ...],
-    traces: Traces,
+    states: tuple[Means, ...],
     settings: LogitSettings,
     time_ns: int | None = None,
-) -> tuple[tuple[Attention, ...], Traces]:
+) -> tuple[tuple[Attention, ...], tuple[Means, ...]]:
     """Compute every subject's attention in one frame, and the running means that the next frame starts from.
+
+    ``states`` are the subjects' running means so far, ``Means()`` for a person who has none.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
@@ -182,19 +196,18 @@ def weigh_attentions(
         for person in people
         if person.instance_id is not None and person.eye_origin_left is not None
     }
-    by_track = dict(traces.by_track)
-    results = []
-    for subject in subjects:
-        before = by_track.get(subject.track_id, Means())
+    attentions, after = [], []
+    for subject, before in zip(subjects, states, strict=True):
         dt_s = seconds_between(before.time_ns, time_ns, settings)
         observed = observe(subject, targets, eyes, before, dt_s)
         if isinstance(observed, NoAttention):
-            results.append(Attention(subject=subject, missing=observed))
+            attentions.append(Attention(subject=subject, missing=observed))
+            after.append(before)
             continue
         seen, means = observed
-        by_track[subject.track_id] = replace(means, time_ns=time_ns)
-        results.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
-    return tuple(results), Traces(by_track=by_track)
+        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
+        after.append(replace(means, time_ns=time_ns))
+    return tuple(attentions), tuple(after)
 
 
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:

@@ -9,11 +9,11 @@ from pydantic import Field
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import angle_between, unit
-from vfoa.settings import Settings
-from vfoa.types import CUES, Attention, Cue, NoAttention, Subject, Target, TargetAttention
+from vfoa.methods import MethodSettings
+from vfoa.types import CUES, Attention, Cue, NoAttention, Scene, Subject, Target, TargetAttention
 
 
-class NearestSettings(Settings):
+class NearestSettings(MethodSettings):
     """Settings of :func:`look_at_nearest`."""
 
     method: Literal["nearest"]
@@ -23,6 +23,30 @@ class NearestSettings(Settings):
     weight 0 is never used."""
     limit_deg: float | None = Field(default=None, gt=0, le=180)
     """Greatest angle to the middle of a box at which it still is looked at; if not set, some target always is."""
+
+
+class Nearest:
+    """The target nearest in angle, as a :class:`vfoa.methods.AttentionMethod`."""
+
+    Settings = NearestSettings
+    probabilistic = False
+
+    def __init__(self, settings: NearestSettings) -> None:
+        self._settings = settings
+
+    @property
+    def says_nowhere(self) -> bool:
+        """Only within a limit: without it, some target always is looked at."""
+        return self._settings.limit_deg is not None
+
+    def start(self) -> None:
+        """No state."""
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[None, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[None, ...]]:
+        """Compute every subject's attention in one frame, each alone."""
+        return tuple(look_at_nearest(subject, scene.targets, self._settings) for subject in subjects), states
 
 
 def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: NearestSettings) -> Attention:

@@ -3,7 +3,7 @@
 perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
              Shapes that a person drew join the instances and heads of the models, and are cut out by depth.
 reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
-attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
+attend       scenes -> results: tracks, filtered cues, attention by a method. Ordered, with a memory, and cheap.
 
 The first two run out of order and in parallel; configurations that differ in attention repeat only the third. A
 temporal gaze model needs the neighbouring frames: perceive keeps its crops, and a
@@ -12,20 +12,22 @@ temporal gaze model needs the neighbouring frames: perceive keeps its crops, and
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor, wait
 from contextvars import copy_context
-from dataclasses import dataclass, field
-from typing import cast
+from dataclasses import dataclass
+from typing import Any, cast
 
-from vfoa.attention import AttentionSettings, pay_attention
-from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
+from vfoa.attention import AttentionSettings
+from vfoa.bayes import BayesSettings
 from vfoa.drawn import Drawing, Placed
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
-from vfoa.logit import LogitSettings, Traces, weigh_attentions
-from vfoa.nearest import NearestSettings, look_at_nearest
+from vfoa.logit import LogitSettings
+from vfoa.methods import RevisingMethod, look_ahead_s, open_method
+from vfoa.nearest import NearestSettings
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
@@ -34,7 +36,7 @@ from vfoa.stereo.region import needed_region
 from vfoa.tracking import TrackerState, TrackingSettings, track_people
 from vfoa.types import Disparity, FrameResult, Gaze, Head, HeadView, Instances, NoGaze, Percepts, Scene, StereoFrame
 
-__all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
+__all__ = ["AttendSettings", "Attending", "Stages", "perceive", "reconstruct"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,38 +132,70 @@ def _view(frame: StereoFrame, heads: tuple[Head, ...], stages: Stages) -> tuple[
 
 
 class AttendSettings(Settings):
-    """Settings of :func:`attend`."""
+    """Settings of :class:`Attending`."""
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
     attention: AttentionSettings | BayesSettings | LogitSettings | NearestSettings = AttentionSettings()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Memory:
-    """State that :func:`attend` carries from one frame to the next."""
+class Attending:
+    """Attends to the frames of a sequence in order, and holds the memory: tracks, filters, and each person's state.
 
-    tracker: TrackerState = field(default_factory=TrackerState)
-    gaze_filter: GazeFilterState = field(default_factory=GazeFilterState)
-    beliefs: BeliefState = field(default_factory=BeliefState)
-    traces: Traces = field(default_factory=Traces)
+    The result of a frame comes at once, unless the method needs later frames
+    (:class:`vfoa.methods.RevisingMethod`). Then it waits for the frames of that time and is revised with them. Results
+    come in blocks of that length, so that one revision serves a block, and always in the order of the frames.
+    """
 
+    def __init__(self, settings: AttendSettings) -> None:
+        self._settings = settings
+        self._method = open_method(settings.attention)
+        self._look_ahead_s = look_ahead_s(self._method)
+        self._tracker, self._gaze_filter = TrackerState(), GazeFilterState()
+        self._states: dict[int, Any] = {}
+        self._waiting: list[FrameResult] = []
 
-def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[FrameResult, Memory]:
-    """Follow the people of one frame and compute the attention of each."""
-    tracked, tracker = track_people(scene.people, memory.tracker, settings.tracking)
-    subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
-    beliefs, traces = memory.beliefs, memory.traces
-    followed = {track.id for track in tracker.tracks}
-    if isinstance(settings.attention, BayesSettings):
-        attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention, scene.time_ns)
-        beliefs = beliefs.of(followed)
-    elif isinstance(settings.attention, LogitSettings):
-        attentions, traces = weigh_attentions(subjects, scene.targets, traces, settings.attention, scene.time_ns)
-        traces = traces.of(followed)
-    elif isinstance(settings.attention, NearestSettings):
-        attentions = tuple(look_at_nearest(subject, scene.targets, settings.attention) for subject in subjects)
-    else:
-        attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
-    memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs, traces=traces)
-    return FrameResult(scene=scene, attentions=attentions), memory
+    def step(self, scene: Scene) -> list[FrameResult]:
+        """Attend to the next frame; return the frames whose results are ready, which may be none.
+
+        Raises
+        ------
+        ValueError
+            If the method does not answer for each subject in order, or does not revise each frame.
+        """
+        tracked, tracker = track_people(scene.people, self._tracker, self._settings.tracking)
+        subjects, gaze_filter = filter_cues(tracked, self._gaze_filter, self._settings.gaze_filter)
+        ids = [subject.track_id for subject in subjects]
+        before = tuple(self._states[track] if track in self._states else self._method.start() for track in ids)
+        attentions, after = self._method.attend(subjects, scene, before)
+        if [attention.subject.track_id for attention in attentions] != ids or len(after) != len(ids):
+            raise ValueError(
+                f"{len(attentions)} answers and {len(after)} states for {len(ids)} subjects; expected one of each, in "
+                "their order"
+            )
+        states = {**self._states, **dict(zip(ids, after, strict=True))}
+        self._states = {track.id: states[track.id] for track in tracker.tracks if track.id in states}
+        self._tracker, self._gaze_filter = tracker, gaze_filter
+        self._waiting.append(FrameResult(scene=scene, attentions=tuple(attentions)))
+        awaited = self._awaited() if self._look_ahead_s else 0
+        return self._release(len(self._waiting) - awaited) if len(self._waiting) > 2 * awaited else []
+
+    def finish(self) -> list[FrameResult]:
+        """Return the results that still wait, at the end of the sequence."""
+        return self._release(len(self._waiting)) if self._waiting else []
+
+    def _awaited(self) -> int:
+        """Number of later frames that a frame's answer needs, at the rate of the frames that wait."""
+        seconds = (self._waiting[-1].scene.time_ns - self._waiting[0].scene.time_ns) / 1e9
+        if seconds <= 0:
+            return math.ceil(self._look_ahead_s * cast("RevisingMethod[Any]", self._method).frame_rate_hz)
+        return math.ceil(self._look_ahead_s * (len(self._waiting) - 1) / seconds)
+
+    def _release(self, count: int) -> list[FrameResult]:
+        ready = list(self._waiting)
+        if self._look_ahead_s:
+            ready = cast("RevisingMethod[Any]", self._method).revise(ready)
+            if [result.scene.index for result in ready] != [result.scene.index for result in self._waiting]:
+                raise ValueError(f"{len(ready)} revised frames; expected the {len(self._waiting)} given, in order")
+        del self._waiting[:count]
+        return ready[:count]

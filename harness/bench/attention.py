@@ -12,10 +12,11 @@ import numpy as np
 from harness.bench.plain import plain_attention
 from harness.report.formats import Table
 from vfoa.attention import AttentionSettings, pay_attention
-from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
-from vfoa.logit import LogitSettings, Traces, weigh_attentions
-from vfoa.nearest import NearestSettings, look_at_nearest
-from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Subject, Target
+from vfoa.bayes import BayesSettings
+from vfoa.logit import LogitSettings
+from vfoa.methods import MethodSettings, open_method
+from vfoa.nearest import NearestSettings
+from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Scene, Subject, Target
 
 FRAME_NS = 40_000_000
 
@@ -54,48 +55,14 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
     )
 
 
-Frame = Callable[[tuple[Subject, ...], tuple[Target, ...], int], object]
-"""Computes the attention of all subjects to all targets at a time in nanoseconds, after the frames before it."""
-
-
-def _cones(*, cones_cm: tuple[float, ...]) -> Frame:
-    settings = AttentionSettings(cones_cm=cones_cm)
-    return lambda people, targets, time_ns: [pay_attention(person, targets, settings) for person in people]
-
-
-def _nearest() -> Frame:
-    settings = NearestSettings(method="nearest")
-    return lambda people, targets, time_ns: [look_at_nearest(person, targets, settings) for person in people]
-
-
-def _bayes() -> Frame:
-    settings, beliefs = BayesSettings(method="bayes", surface="box"), BeliefState()
-
-    def frame(people: tuple[Subject, ...], targets: tuple[Target, ...], time_ns: int) -> None:
-        nonlocal beliefs
-        _, beliefs = infer_attentions(people, targets, beliefs, settings, time_ns)
-
-    return frame
-
-
-def _logit() -> Frame:
-    settings, traces = LogitSettings(method="logit"), Traces()
-
-    def frame(people: tuple[Subject, ...], targets: tuple[Target, ...], time_ns: int) -> None:
-        nonlocal traces
-        _, traces = weigh_attentions(people, targets, traces, settings, time_ns)
-
-    return frame
-
-
-METHODS: dict[str, Callable[[], Frame]] = {
-    "cones, one (default)": lambda: _cones(cones_cm=(10.0,)),
-    "cones, two": lambda: _cones(cones_cm=(10.0, 25.0)),
-    "nearest": _nearest,
-    "logit, forward": _logit,
-    "bayes, forward": _bayes,
+METHODS: dict[str, MethodSettings] = {
+    "cones, one (default)": AttentionSettings(cones_cm=(10.0,)),
+    "cones, two": AttentionSettings(cones_cm=(10.0, 25.0)),
+    "nearest": NearestSettings(method="nearest"),
+    "logit, forward": LogitSettings(method="logit"),
+    "bayes, forward": BayesSettings(method="bayes", surface="box"),
 }
-"""A new sequence of frames under each method."""
+"""The settings of every row."""
 
 SIZES = ((6, 1), (6, 4), (20, 3))
 """Boxes and subjects of a frame."""
@@ -104,16 +71,24 @@ SIZES = ((6, 1), (6, 4), (20, 3))
 def time_methods(*, rounds: int = 40, frames: int = 2) -> dict[str, tuple[float, ...]]:
     """CPU milliseconds per person and frame of every method, for each of the sizes; the best of several rounds."""
     ms_by_method: dict[str, tuple[float, ...]] = {}
-    for name, begin in METHODS.items():
-        ms_by_method[name] = tuple(_ms_per_person(begin(), *size, rounds, frames) for size in SIZES)
+    for name, settings in METHODS.items():
+        ms_by_method[name] = tuple(_ms_per_person(settings, *size, rounds, frames) for size in SIZES)
     return ms_by_method
 
 
-def _ms_per_person(method: Frame, boxes: int, subjects: int, rounds: int, frames: int) -> float:
+def _ms_per_person(settings: MethodSettings, boxes: int, subjects: int, rounds: int, frames: int) -> float:
     people, targets = seeded_frame(boxes=boxes, subjects=subjects)
     times_ns = iter(range(0, (rounds * frames + 1) * FRAME_NS, FRAME_NS))
-    method(people, targets, next(times_ns))
-    timer = Timer(lambda: method(people, targets, next(times_ns)), timer=time.process_time)
+    method = open_method(settings)
+    states = tuple(method.start() for _ in people)
+
+    def attend() -> None:
+        nonlocal states
+        scene = Scene(index=0, time_ns=next(times_ns), targets=targets, people=tuple(each.person for each in people))
+        _, states = method.attend(people, scene, states)
+
+    attend()
+    timer = Timer(attend, timer=time.process_time)
     return 1e3 * min(timer.repeat(rounds, frames)) / frames / subjects
 
 

@@ -18,7 +18,7 @@ from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider
-from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
+from vfoa.pipeline import Attending, Stages, perceive, reconstruct
 from vfoa.types import Disparity, Float, Instances, Percepts, StereoFrame
 from vfoa.weights import check_located, weights_of
 
@@ -198,10 +198,9 @@ def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, hel
 
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
-    memory, ends = Memory(), []
+    attending, ends = Attending(configuration.attend), []
     for percepts in perceived:
-        scene = reconstruct(percepts, configuration.reconstruction)
-        _, memory = attend(scene, memory, configuration.attend)
+        attending.step(reconstruct(percepts, configuration.reconstruction))
         ends.append((time.perf_counter(), time.process_time()))
     return np.transpose(ends)
 

@@ -254,10 +254,8 @@ class Configuration:
 
     def for_clip(self, clip: str) -> Configuration:
         """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
-        filled, attention = self.changed(lambda choice: choice.for_clip(clip)), self.attend.attention
-        if isinstance(attention, LogitSettings):
-            attention = attention.for_clip(clip)
-        return replace(filled, attend=self.attend.model_copy(update={"attention": attention}))
+        attend = self.attend.model_copy(update={"attention": self.attend.attention.for_clip(clip)})
+        return replace(self.changed(lambda choice: choice.for_clip(clip)), attend=attend)
 
     def on(self, provider: Provider) -> Configuration:
         """Return the configuration with all its networks on one provider of ONNX Runtime."""

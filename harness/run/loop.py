@@ -6,11 +6,12 @@ continue.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import NamedTuple, Self
 
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
@@ -29,10 +30,8 @@ from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext, SinkFa
 from harness.run.records import to_record
 from harness.run.results_sink import ResultsSink
 from harness.sources import Clip, MeasuredClip
-from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
-from vfoa.logit import LogitSettings, weigh_again
-from vfoa.pipeline import AttendSettings, Memory, attend
+from vfoa.pipeline import Attending
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 
@@ -152,46 +151,8 @@ def attend_to(
     return runners
 
 
-T = TypeVar("T")
-
-
-class SmoothingBuffer(Generic[T]):
-    """Delays results, each with a companion, until smoothing is done; the order stays the same.
-
-    A result is returned at once, unless the settings look ahead. Then it waits for the frames of that time and is
-    smoothed with them. Results are returned in blocks of that length, so that one smoothing pass serves a block.
-    """
-
-    def __init__(self, settings: AttendSettings) -> None:
-        attention = settings.attention
-        self._settings = attention if isinstance(attention, BayesSettings | LogitSettings) else None
-        self._waiting: list[tuple[FrameResult, T]] = []
-
-    def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
-        """Add a result; yield the results that have waited long enough."""
-        self._waiting.append((result, companion))
-        awaited = frames_awaited([result for result, _ in self._waiting], self._settings) if self._settings else 0
-        if len(self._waiting) > 2 * awaited:
-            yield from self._release(len(self._waiting) - awaited)
-
-    def finish(self) -> Iterator[tuple[FrameResult, T]]:
-        """Yield the results that still wait, at the end of a clip."""
-        yield from self._release(len(self._waiting))
-
-    def _release(self, count: int) -> Iterator[tuple[FrameResult, T]]:
-        results = [result for result, _ in self._waiting]
-        if results and self._settings is not None and self._settings.frames_awaited:
-            again: Callable[..., list[FrameResult]] = (
-                weigh_again if isinstance(self._settings, LogitSettings) else smooth
-            )
-            results = guarded("attention", again, results, self._settings)
-        released = [(result, companion) for result, (_, companion) in zip(results, self._waiting, strict=True)][:count]
-        del self._waiting[:count]
-        yield from released
-
-
 class _Companion(NamedTuple):
-    """The data that goes to the sinks with a result."""
+    """The data that goes to the sinks with a frame's result, which may come later."""
 
     frame: StereoFrame | None
     percepts: Percepts | None
@@ -222,8 +183,8 @@ class ConfigurationRunner:
             directory=job.directory,
             run_id=job.run_id,
         )
-        self._memory, self._names = Memory(), SubjectNames()
-        self._smoothing: SmoothingBuffer[_Companion] = SmoothingBuffer(configuration.attend)
+        self._attending, self._names = Attending(configuration.attend), SubjectNames()
+        self._companions: deque[_Companion] = deque()
         self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
 
@@ -241,7 +202,7 @@ class ConfigurationRunner:
     ) -> None:
         if kind is None and self.error is None:
             try:
-                self._hand_over(self._smoothing.finish())
+                self._hand_over(guarded("attention", self._attending.finish))
             except VfoaError as late:
                 self.fail(late)
         try:
@@ -273,25 +234,24 @@ class ConfigurationRunner:
         percepts, scene, timings = perceived
         try:
             with timed(timings, "attention"):
-                result, self._memory = guarded("attention", attend, scene, self._memory, self._configuration.attend)
+                ready = guarded("attention", self._attending.step, scene)
             with timed(timings, "measures"):
                 measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
-            with timed(timings, "attention"):
-                companion = _Companion(shared.frame, percepts, measures, timings)
-                ready = list(self._smoothing.add(result, companion))
+            self._companions.append(_Companion(shared.frame, percepts, measures, timings))
             self._hand_over(ready)
         except VfoaError as error:
             if isinstance(error, StageError):
                 error.frame = shared.index
             self.fail(error)
 
-    def _hand_over(self, ready: Iterable[tuple[FrameResult, _Companion]]) -> None:
+    def _hand_over(self, ready: Iterable[FrameResult]) -> None:
         """Name the people and things of frames, and hand them to every sink.
 
         The time of the sinks counts as ``recording``, except that of the last one.
         """
         manifest = self._job.manifest
-        for result, (frame, percepts, measures, timings) in ready:
+        for result in ready:
+            frame, percepts, measures, timings = self._companions.popleft()
             names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
             fx_px = None if percepts is None else percepts.rig.fx_px
             record = to_record(manifest.name, self._configuration.name, result, names, measures, fx_px)

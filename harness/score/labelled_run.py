@@ -21,9 +21,9 @@ from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
-from vfoa.logit import LogitSettings, Traces, shipped_weights
+from vfoa.logit import LogitSettings, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
-from vfoa.logit_cues import Seen
+from vfoa.logit_cues import Means, Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Target
 
@@ -149,12 +149,14 @@ def labelled_people(
     Without ``judged``, the answers of simple rules are left out, too: NaN, and none.
     """
     settings = LogitSettings(method="logit", weights=shipped_weights())
-    traces = Traces()
+    means: dict[int, Means] = {}
     rows_of: dict[str, list[_Row]] = {}
     for record in records:
         targets = tuple(_target(target) for target in record.targets)
         subjects = {subject.track_id: _subject(subject) for subject in record.subjects}
-        attentions, traces = weigh(tuple(subjects.values()), targets, traces, settings, record.time_ns)
+        before = tuple(means.get(track, Means()) for track in subjects)
+        attentions, after = weigh(tuple(subjects.values()), targets, before, settings, record.time_ns)
+        means.update(zip(subjects, after, strict=True))
         seen_by = {attention.subject.track_id: attention.belief for attention in attentions}
         for name in labels.subjects:
             person = find_subject(record, name)

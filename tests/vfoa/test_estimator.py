@@ -75,6 +75,12 @@ def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> Non
     assert 0 < look.attention <= 1
 
 
+def test_a_method_that_needs_later_frames_is_refused(percepts: Percepts) -> None:
+    both = AttendSettings(attention=BayesSettings(method="bayes", smoothing="both", look_ahead_s=1.5))
+    with pytest.raises(vfoa.VfoaError, match=r"'bayes' needs 1\.5 s of later frames"):
+        vfoa.Estimator(true_stages(percepts, NEAR), attend=both)
+
+
 class TurningGaze(TrueGaze):
     """The gaze goes from the far target to the near one after two frames."""
 
@@ -123,7 +129,7 @@ def test_images_of_another_size_leave_the_memory_as_it_was(percepts: Percepts) -
         ({"sterio.matcher": "bm"}, "'stereo'"),
         ({"stereo.min_depth": 1}, "stereo.min_depth"),
         ({"gaze.model": "gaze360", "gaze.weights": "x.onnx"}, "gaze.model"),
-        ({"attention.method": "bayes", "attention.smoothing": "both"}, "attention.smoothing"),
+        ({"attention.method": "bayes", "attention.smoothing": "both"}, "attention.method"),
         ({"stereo.region": "needed", "reconstruction.stuff": ["road"]}, "stereo.region"),
         ({"segmentation.model": "yolo_seg", "segmentation.weights": "none-such.onnx"}, "none-such.onnx"),
     ],

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vfoa.geometry import entry_distance, perturb
-from vfoa.logit import LogitSettings, Traces, Weights, probabilities, shipped_weights, weigh_again, weigh_attentions
+from vfoa.logit import LogitSettings, Weights, probabilities, shipped_weights, weigh_again, weigh_attentions
 from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
@@ -47,10 +47,10 @@ def looking(gaze: Float | None, head: Float | None) -> Subject:
 
 
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
-    traces, found = Traces(), []
+    means, found = (Means(),), []
     for number, subject in enumerate(subjects):
         time_ns = number * 100_000_000
-        attentions, traces = weigh_attentions((subject,), TARGETS, traces, settings, time_ns)
+        attentions, means = weigh_attentions((subject,), TARGETS, means, settings, time_ns)
         scene = Scene(index=number, time_ns=time_ns, targets=TARGETS, people=(subject.person,))
         found.append(FrameResult(scene=scene, attentions=attentions))
     return found

@@ -14,7 +14,7 @@ from tests.true_stages import EYES, FAR, NEAR, PERSON, true_percepts, true_stage
 from vfoa.attention import AttentionSettings
 from vfoa.errors import VfoaError
 from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.pipeline import AttendSettings, Memory, attend, perceive, reconstruct
+from vfoa.pipeline import Attending, AttendSettings, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.tracking import TrackingSettings
 from vfoa.types import FrameResult, NoAttention, Percepts, StereoFrame
@@ -30,15 +30,14 @@ def run(
 ) -> list[FrameResult]:
     """Frames in which the person looks at one target after the other, through all of the pipeline."""
     size = (percepts.rig.height_px, percepts.rig.width_px, 3)
-    memory, results = Memory(), []
+    attending, results = Attending(settings or AttendSettings()), []
     for index, target in enumerate(looked_at):
         black = np.zeros(size, np.uint8)
         frame = StereoFrame(index=index, time_ns=0, left=black, right=black, rig=percepts.rig)
         scene = reconstruct(
             perceive(frame, true_stages(percepts, target, cues=cues)), ReconstructionSettings(eyes="patch")
         )
-        result, memory = attend(scene, memory, settings or AttendSettings())
-        results.append(result)
+        results += attending.step(scene)
     return results
 
 

@@ -14,7 +14,7 @@ from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
 from vfoa.bayes import BayesSettings, smooth
-from vfoa.pipeline import Memory, attend
+from vfoa.pipeline import Attending
 from vfoa.types import FrameResult
 
 FRAMES, LOOK_AHEAD_S = 8, 60
@@ -62,13 +62,13 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     configuration = experiment.configurations[0].for_clip("studio_talk")
     settings = configuration.attend.attention
     assert isinstance(settings, BayesSettings)
-    results, memory = [], Memory()
+    forward = settings.model_copy(update={"smoothing": "forward"})
+    results, attending = [], Attending(configuration.attend.model_copy(update={"attention": forward}))
     pipeline = Perception([configuration], load_manifest("studio_talk").open())
     for shared in pipeline.frames(range(1, FRAMES + 1)):
         found = shared.by_configuration["smoothed"]
         assert isinstance(found, tuple)
-        result, memory = attend(found[1], memory, configuration.attend)
-        results.append(result)
+        results += attending.step(found[1])
     revised = smooth(results, settings)
     assert written == [
         [

@@ -1,0 +1,202 @@
+"""Frames that wait for later ones come back in order and revised; each person's state goes with the track."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.scenes import make_box, make_person, make_target
+from vfoa.attention import AttentionSettings
+from vfoa.bayes import BayesSettings, smooth
+from vfoa.logit import LogitSettings, weigh_again
+from vfoa.methods import MethodSettings, look_ahead_s, open_method
+from vfoa.nearest import NearestSettings
+from vfoa.pipeline import Attending, AttendSettings
+from vfoa.types import Attention, FrameResult, Scene, Subject
+
+TARGETS = (make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2))))
+
+
+def bayes(smoothing: str, **more: object) -> BayesSettings:
+    told = {"method": "bayes", "surface": "box", "smoothing": smoothing, "look_ahead_s": 0.12, "error": "told"}
+    return BayesSettings.model_validate({**told, **more})
+
+
+def logit(smoothing: str) -> LogitSettings:
+    return LogitSettings.model_validate({"method": "logit", "smoothing": smoothing, "look_ahead_s": 0.12})
+
+
+def scenes(gazes: Sequence[float], times_ns: Sequence[int] | None = None) -> list[Scene]:
+    """One person, who looks at x = 2 ``gaze`` at the targets' depth."""
+    people = [make_person(gaze=(x, 0, 1)) for x in gazes]
+    times = times_ns or [0] * len(gazes)
+    return [
+        Scene(index=index, time_ns=time_ns, targets=TARGETS, people=(person,))
+        for index, (person, time_ns) in enumerate(zip(people, times, strict=True))
+    ]
+
+
+def blocks(settings: MethodSettings, frames: Sequence[Scene]) -> list[list[FrameResult]]:
+    """What each step gives, and the end."""
+    attending = Attending(AttendSettings(attention=settings))
+    return [*(attending.step(scene) for scene in frames), attending.finish()]
+
+
+def focuses(results: Sequence[FrameResult]) -> list[int | None]:
+    return [result.attentions[0].focus for result in results]
+
+
+def content(results: Sequence[FrameResult]) -> list[object]:
+    """Everything that is recorded of results, comparable."""
+    return [
+        (result.scene.index, each.subject.track_id, each.missing, each.focus, each.tied, repr(each.values))
+        for result in results
+        for each in result.attentions
+    ]
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        AttentionSettings(cones_deg=(10,)),
+        NearestSettings(method="nearest"),
+        bayes("off"),
+        bayes("forward"),
+        logit("forward"),
+    ],
+)
+def test_nothing_waits_that_does_not_look_ahead(method: MethodSettings) -> None:
+    *steps, rest = blocks(method, scenes([0.15] * 5))
+    assert [focuses(step) for step in steps] == [[2]] * 5
+    assert rest == []
+
+
+def test_a_first_frame_is_corrected_by_those_after_it() -> None:
+    frames = scenes([-0.1, *[0.15] * 7])
+    forward = [result for block in blocks(bayes("forward"), frames) for result in block]
+    revised = blocks(bayes("both"), frames)
+    assert focuses(forward)[0] == 1
+    assert [focuses(block) for block in revised if block] == [[2] * 4, [2] * 4]
+    assert [len(block) for block in revised] == [0, 0, 0, 0, 0, 0, 4, 0, 4]  # seven have come: three ahead of each
+
+
+@settings(deadline=None)
+@given(
+    gazes=st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=24),
+    rate_hz=st.sampled_from([None, 20, 25, 50]),
+    method=st.sampled_from([bayes("both", gaze_error_deg=25, evidence=1), logit("both")]),
+)
+def test_every_frame_is_revised_by_the_block_that_waits_with_it(
+    gazes: list[float], rate_hz: int | None, method: BayesSettings | LogitSettings
+) -> None:
+    """More than twice the time ahead waits: all but that time is revised with all that waits, and comes back."""
+    frames = scenes(gazes, [0] * len(gazes) if rate_hz is None else [i * 10**9 // rate_hz for i in range(len(gazes))])
+    forward = method.model_copy(update={"smoothing": "forward"})
+    waiting: list[FrameResult] = []
+    expected = []
+    for (result,), scene in zip(blocks(forward, frames)[:-1], frames, strict=True):
+        waiting.append(result)
+        seconds = (scene.time_ns - waiting[0].scene.time_ns) / 1e9
+        ahead = math.ceil(0.12 * (len(waiting) - 1) / seconds) if seconds > 0 else math.ceil(0.12 * 25)
+        count = len(waiting) - ahead if len(waiting) > 2 * ahead else 0
+        expected.append((smooth(waiting, method) if method.method == "bayes" else weigh_again(waiting, method))[:count])
+        waiting = waiting[count:]
+    expected.append(smooth(waiting, method) if method.method == "bayes" else weigh_again(waiting, method))
+    found = blocks(method, frames)
+    assert [content(block) for block in found] == [content(block) for block in expected]
+    assert [result.scene.index for block in found for result in block] == list(range(len(gazes)))
+
+
+class Counting:
+    """The state of a person is the number of frames before; the focus says it."""
+
+    Settings = MethodSettings
+    probabilistic = False
+    says_nowhere = False
+    last: tuple[int, ...] = ()
+
+    def start(self) -> int:
+        return 0
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[int, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[int, ...]]:
+        after = tuple(state + 1 for state in states)
+        return tuple(Attention(subject=each, focus=n) for each, n in zip(subjects, after, strict=True)), after
+
+
+def counting(monkeypatch: pytest.MonkeyPatch, method: object) -> Attending:
+    monkeypatch.setattr("vfoa.pipeline.open_method", lambda settings: method)
+    return Attending(AttendSettings())
+
+
+def test_a_state_goes_with_its_track_also_over_frames_without_the_person(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, right = make_person((0, 0, 50, 50)), make_person((200, 0, 250, 50))
+    frames = [(left,), (left, right), (), (right,), (left, right)]
+    attending = counting(monkeypatch, Counting())
+    found = [
+        {each.subject.track_id: each.focus for each in result.attentions}
+        for index, people in enumerate(frames)
+        for result in attending.step(Scene(index=index, time_ns=0, targets=(), people=people))
+    ]
+    assert found == [{1: 1}, {1: 2, 2: 1}, {}, {2: 2}, {1: 3, 2: 3}]
+
+
+def test_the_states_do_not_grow_with_the_people_who_have_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    attending = counting(monkeypatch, Counting())
+    for index in range(30):
+        person = make_person((100 * index, 0, 100 * index + 50, 50))
+        (result,) = attending.step(Scene(index=index, time_ns=0, targets=(), people=(person,)))
+        assert result.attentions[0].focus == 1
+        assert result.attentions[0].subject.track_id in attending._states
+    assert len(attending._states) == AttendSettings().tracking.ttl + 1
+
+
+def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Wrong(Counting):
+        def attend(self, subjects, scene, states):
+            attentions, after = super().attend(subjects, scene, states)
+            return attentions[::-1], after
+
+    scene = Scene(index=0, time_ns=0, targets=(), people=(make_person((0, 0, 9, 9)), make_person((50, 0, 60, 9))))
+    with pytest.raises(ValueError, match="in their order"):
+        counting(monkeypatch, Wrong()).step(scene)
+    assert counting(monkeypatch, Wrong()).step(replace(scene, people=scene.people[:1]))
+
+
+def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Forgetful(Counting):
+        look_ahead_s, frame_rate_hz = 0.04, 25.0
+
+        def revise(self, window):
+            return window[1:]
+
+    attending = counting(monkeypatch, Forgetful())
+    for scene in scenes([0, 0]):
+        assert attending.step(scene) == []
+    with pytest.raises(ValueError, match="revised frames"):
+        attending.finish()
+
+
+@pytest.mark.parametrize(
+    ("method", "promised"),
+    [
+        (AttentionSettings(), (False, False, 0)),
+        (NearestSettings(method="nearest"), (False, False, 0)),
+        (NearestSettings(method="nearest", limit_deg=10), (False, True, 0)),
+        (bayes("forward"), (True, True, 0)),
+        (bayes("both"), (True, True, 0.12)),
+        (logit("forward"), (True, True, 0)),
+        (logit("both"), (True, True, 0.12)),
+    ],
+)
+def test_each_method_says_what_its_answers_are(method: MethodSettings, promised: tuple[bool, bool, float]) -> None:
+    opened = open_method(method)
+    assert (opened.probabilistic, opened.says_nowhere, look_ahead_s(opened)) == promised
+    assert np.isscalar(look_ahead_s(opened))

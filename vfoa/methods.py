@@ -1,0 +1,96 @@
+"""Methods of attention: what a class must have to be one, and the names of those that there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, Self, TypeVar
+
+from vfoa.registry import Registry
+from vfoa.settings import Settings
+from vfoa.types import Attention, FrameResult, Scene, Subject
+
+State = TypeVar("State")
+
+
+class MethodSettings(Settings):
+    """Base class of the settings of every method."""
+
+    method: str
+    """The name of the method, as in :data:`METHODS`."""
+
+    def for_clip(self, clip: str) -> Self:
+        """Return the settings for one clip: a method may have weights of its own for it."""
+        return self
+
+
+class AttentionMethod(Protocol[State]):
+    """Says how much each subject looks at each target. Built as ``Class(settings)``, with ``Class.Settings``.
+
+    A method may have a state of each person, from one frame to the next: any value that is not changed in place. The
+    caller keeps it with the person's track, and drops it when the track ends.
+    """
+
+    @property
+    def probabilistic(self) -> bool:
+        """Whether the totals are probabilities; "nowhere" has the rest up to 1."""
+        ...
+
+    @property
+    def says_nowhere(self) -> bool:
+        """Whether no focus is the answer "nowhere"; otherwise it is no answer."""
+        ...
+
+    def start(self) -> State:
+        """Return the state of a person before the first frame."""
+        ...
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[State, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[State, ...]]:
+        """Return the attention of each subject in a frame, and the state of each after it.
+
+        ``states`` are those before it. All are in the order of the subjects; frames come in the order of time.
+        """
+        ...
+
+
+class RevisingMethod(AttentionMethod[State], Protocol[State]):
+    """A method that can revise its answers when it knows later frames."""
+
+    @property
+    def look_ahead_s(self) -> float:
+        """Seconds of later frames that a frame's answer needs; 0: none, and nothing is revised."""
+        ...
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frame rate where frames have no times."""
+        ...
+
+    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
+        """Return the frames of a window in the same order, each with the attention given all of them."""
+        ...
+
+
+METHODS = Registry(
+    kind="attention.method",
+    builtin={
+        "cones": "vfoa.attention:Cones",
+        "bayes": "vfoa.bayes:Posterior",
+        "logit": "vfoa.logit:Logit",
+        "nearest": "vfoa.nearest:Nearest",
+    },
+    group="vfoa.attention",
+)
+
+
+def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
+    """Return the method that these settings name."""
+    method: AttentionMethod[Any] = METHODS.load(settings.method)(settings)
+    return method
+
+
+def look_ahead_s(method: AttentionMethod[Any]) -> float:
+    """Return the seconds of later frames that an answer of a method needs; 0 for one that never revises."""
+    seconds: float = getattr(method, "look_ahead_s", 0.0)
+    return seconds
