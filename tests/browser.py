@@ -120,7 +120,7 @@ def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     browser.execute_script("arguments[0].scrollIntoView({block: 'start'})", canvas)
     WebDriverWait(browser, 60).until(lambda _: canvas.get_attribute("data-places"))
     places = json.loads(str(canvas.get_attribute("data-places")))
-    share = (frame - places["first"] + 0.5 - places["from"]) / (places["to"] - places["from"])
+    share = (frame - places["first"] + 0.5) / places["count"]
     x = places["left"] + share * places["width"] - canvas.size["width"] / 2
     y = places["rows"][configuration] - canvas.size["height"] / 2
     return ActionChains(browser, duration=0).move_to_element_with_offset(canvas, round(x), round(y))

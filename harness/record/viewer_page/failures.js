@@ -63,14 +63,12 @@ function mark() {
   }
 }
 
-async function go(failure) {
+function go(failure) {
   if (!failure) return;
   current = failure;
   history.replaceState(null, "", `#${addressOf(failure)}`);
   mark();
-  const answer = await fetch(failure.open, { method: "HEAD" }); // the viewer's address, with files and layout
-  if (!answer.ok) throw new Error(await (await fetch(failure.open)).text());
-  if (failure === current) await show(new URL(answer.url).searchParams);
+  showAddress(failure.open);
 }
 
 function step(by) {
@@ -78,7 +76,7 @@ function step(by) {
   if (!shown.length) return;
   const at = shown.indexOf(current);
   const next = at < 0 ? (by > 0 ? 0 : shown.length - 1) : (at + by + shown.length) % shown.length;
-  go(shown[next]).catch(complain);
+  go(shown[next]);
 }
 
 document.getElementById("next").addEventListener("click", () => step(1));

@@ -97,6 +97,18 @@ async function show(asked) {
   if (frame !== null) await goTo(viewer, application, frame, () => mine === serial);
 }
 
+/** Show what an address of /open leads to. The report that opened this page calls it as well. */
+async function showAddress(address) {
+  const mine = (serial += 1);
+  try {
+    const answer = await fetch(address, { method: "HEAD" }); // the viewer's address, with files and layout
+    if (!answer.ok) throw new Error(await (await fetch(address)).text());
+    if (mine === serial) await show(new URL(answer.url).searchParams);
+  } catch (error) {
+    complain(error);
+  }
+}
+
 function isInFront(viewer, application) {
   const shown = fieldsOf(viewer.viewer_state()).get(IN_FRONT);
   if (!application || !shown) return !application;

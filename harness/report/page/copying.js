@@ -7,7 +7,7 @@ export const csvText = (rows) =>
   rows.map((row) => row.map((cell) => (CELL.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell)).join(",")).join("\n") + "\n";
 
 export const copyCsv = (rows) => copied(new Blob([csvText(rows)], { type: "text/plain" }), "csv");
-export const copySvg = (svg) => svg ? copySvgText(svgText(svg)) : say("Nothing is drawn here yet.");
+export const copySvg = (svg) => svg ? copied(new Blob([svgText(svg)], { type: "text/plain" }), "svg") : say("Nothing is drawn here yet.");
 export const copyPng = async (svg) => {
   if (!svg) return say("Nothing is drawn here yet.");
   try {
@@ -16,8 +16,6 @@ export const copyPng = async (svg) => {
     return say(`This figure could not be turned into a PNG (${error.message}); copy it as SVG instead.`);
   }
 };
-export const copyCanvas = (canvas) => canvas.toBlob((blob) => copied(blob, "png"));
-export const copySvgText = (text) => copied(new Blob([text], { type: "text/plain" }), "svg");
 
 async function copied(blob, kind) {
   try {

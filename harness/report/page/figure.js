@@ -45,7 +45,6 @@ const SHAPES = [
   (x, y, r) => `M${x} ${y + 1.3 * r}L${x + 1.2 * r} ${y - r}H${x - 1.2 * r}z`,
 ];
 export const hue = (number) => `c${number % 8}`;
-export const DASHES = ["", "7 3", "2 3", "8 3 2 3"];
 export const marker = (x, y, number, r = 4.5) => path(SHAPES[number % SHAPES.length](x, y, r), { class: `mark ${hue(number)}` });
 
 export function legendOf(configurations) {

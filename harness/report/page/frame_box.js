@@ -2,7 +2,7 @@
 
 import { drawn, element } from "./dom.js";
 import { labelLink } from "./label.js";
-import { recordingAddress, VIEWER, viewCommand } from "./recordings.js";
+import { openRecording, recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, packedJson } from "./packs.js";
 import { nameOf, stateOf, valueAt, withValues } from "./store.js";
@@ -48,7 +48,13 @@ function why({ lane, i }) {
 function link({ track, lane, i }) {
   const address = recordingAddress(track, lane, i);
   if (!address) return [];
-  return [element("p", {}, element("a", { href: address, target: VIEWER }, "Open the recording at this frame"))];
+  const opens = element("a", { href: address, target: VIEWER }, "Open the recording at this frame");
+  opens.addEventListener("click", (event) => {
+    if (event.ctrlKey || event.metaKey || event.shiftKey) return; // a tab of its own
+    event.preventDefault();
+    openRecording(track, lane, i);
+  });
+  return [element("p", {}, opens)];
 }
 
 // The picture of a wrong frame: the objects found, the truth (solid, thick, a tick) and the answer (dashed, a cross)

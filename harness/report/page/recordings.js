@@ -1,9 +1,10 @@
-// Recordings: their address on a served page, and the command that opens them.
+// Recordings: the tab that shows them on a served page, and the command that opens them.
 
 import { data } from "./packs.js";
 
 // One tab of the viewer is enough for all recordings.
 export const VIEWER = "vfoa-viewer";
+let [tab, last] = [null, null];
 
 export function recordingAddress(track, lane, i) {
   const name = data.recordings?.[data.clips[track.clip].name]?.[lane.name];
@@ -11,8 +12,28 @@ export function recordingAddress(track, lane, i) {
 }
 
 export function openRecording(track, lane, i) {
+  if (followInRecording(track, lane, i)) {
+    tab.focus();
+    return;
+  }
+  last = recordingAddress(track, lane, i);
+  if (last) tab = window.open(last, VIEWER);
+}
+
+// If the viewer's tab is open, it shows this frame as well. Returns whether it is open.
+export function followInRecording(track, lane, i) {
   const address = recordingAddress(track, lane, i);
-  if (address) window.open(address, VIEWER);
+  if (!address || !tab || tab.closed) return false;
+  if (address !== last) {
+    last = address;
+    const whole = new URL(address, location).href;
+    try {
+      tab.showAddress(whole);
+    } catch {
+      tab.location.replace(whole); // it still starts, or shows another page
+    }
+  }
+  return true;
 }
 
 // A page on disk is in its run's directory.
