@@ -17,6 +17,8 @@ from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
+from harness.run.results import read_results
+from harness.run.tables import write_tables
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
@@ -136,6 +138,7 @@ def _finish(
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join(finished)
+    write_tables(directory, finished, lambda pair: read_results(directory.partial(pair, "jsonl")))
     directory.write_manifest(
         {
             **of_run,

@@ -135,6 +135,8 @@ PARSERS: Sequence[Parser] = (
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
     # Runs and the cache
     Parser("results", "results.jsonl", _RESULTS, lambda path: list(read_results(path))),
+    Parser("answers", "mine.parquet", states.write_table, states.read_run),
+    Parser("instances", "instances.parquet", states.write_table, states.read_run),
     Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),
     Parser("thumbnails", "clip__one.jsonl", states.write_thumbnails, states.open_thumbnails),
     Parser("cache entry", "entry.bin", states.write_entry, states.load_entry, names_file=False),

@@ -25,6 +25,7 @@ from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.score.finished_run import FinishedRun
 from harness.score.labelled_run import read_labelled
 from harness.score.outcomes import Reference
@@ -134,6 +135,22 @@ def open_run(path: Path) -> Any:
     records, reference = list(run.records()), run.reference()
     read_labelled(RunDirectory(path.parent), None)
     return score(records, reference)
+
+
+def _table(run: Path, name: str) -> Path:
+    (path,) = run.rglob(name)
+    return path
+
+
+def write_table(path: Path) -> None:
+    path.write_bytes(_table(_run(path.parent), path.name).read_bytes())
+
+
+def read_run(path: Path) -> Any:
+    """The records of a run with this table, of the same name as one of its own."""
+    run = _run(once(path, _run))
+    shutil.copyfile(path, _table(run, path.name))
+    return list(read_records(RunDirectory(run)))
 
 
 def write_thumbnails(path: Path) -> None:

@@ -1,0 +1,174 @@
+"""The records of a run, read from its tables (:mod:`harness.run.tables`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from itertools import pairwise, zip_longest
+from pathlib import Path
+from typing import Any
+
+from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.run.directory import Pair, RunDirectory
+from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.tables import Row, find_tables, open_table, read_columns
+from vfoa.errors import VfoaError
+
+_KEPT_GROUPS = 40
+"""Row groups of scenes, and of directions, that a reader keeps decoded for the next configurations."""
+
+_OF_OBJECT, _OF_PERSON = ([each.name for each in fields(kind)] for kind in (TargetMeasure, PersonMeasure))
+
+
+def read_records(directory: RunDirectory) -> Iterator[FrameRecord]:
+    """Read the records of a finished run from its tables, by clip, configuration and frame as the experiment has them.
+
+    Raises
+    ------
+    VfoaError
+        If a table is missing, damaged, of another version, or does not fit the others; the message names the file.
+    """
+    kept = lru_cache(maxsize=_KEPT_GROUPS)
+    scenes, directions = kept(_read_scene), kept(_read_directions)
+    for pair, paths in find_tables(directory):
+        with open_table(paths["frames"], "frames") as file:
+            groups = file.num_row_groups
+        for group in range(groups):
+            seen = scenes(paths["frames"].parent, group)
+            frames = tuple(frame.number for frame in seen)
+            looks = directions(paths["directions"].parent, group, frames)
+            answers = _by_frame(paths["answers"], "answers", group, frames)
+            for parts in zip(seen, looks, answers, strict=True):
+                try:
+                    yield _record(pair, *parts)
+                except ValueError as error:
+                    raise VfoaError(f"{paths['answers']}: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class _SeenFrame:
+    """What the tables of a scene say about one frame. ``measures`` has no people yet; they are of the directions."""
+
+    number: int
+    time_ns: int
+    masks_from: int | None
+    masks_age_s: float | None
+    targets: tuple[TargetRecord, ...]
+    people: list[Row]
+    measures: FrameMeasures | None
+
+
+_Looks = tuple[list[Row], tuple[PersonMeasure, ...]]
+"""The rows of directions of one frame, and the measures of its people."""
+
+
+def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
+    path = folder / "frames.parquet"
+    rows = list(zip(*read_columns(path, "frames", group), strict=True))
+    frames = tuple(row[0] for row in rows)
+    if descents := [frame for before, frame in pairwise(frames) if frame <= before]:
+        raise VfoaError(f"{path}: expected ascending frames, found frame {descents[0]} after a later one or itself")
+    instances, objects, people = (
+        _by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "objects", "people")
+    )
+    return [
+        _SeenFrame(
+            number=number,
+            time_ns=time_ns,
+            masks_from=masks_from,
+            masks_age_s=masks_age_s,
+            targets=tuple(_target(row) for row in targets),
+            people=persons,
+            measures=_scene_measures(disparity, things) if has_truth else None,
+        )
+        for (number, time_ns, masks_from, masks_age_s, has_truth, *disparity), targets, things, persons in zip(
+            rows, instances, objects, people, strict=True
+        )
+    ]
+
+
+def _read_directions(folder: Path, group: int, frames: tuple[int, ...]) -> list[_Looks]:
+    looks, people = (
+        _by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("directions", "true_people")
+    )
+    return [
+        (directions, tuple(PersonMeasure(**dict(zip(_OF_PERSON, row, strict=True))) for row in measured))
+        for directions, measured in zip(looks, people, strict=True)
+    ]
+
+
+def _by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> list[list[Row]]:
+    """The rows of a table in a row group by frame, without the frame's number."""
+    found: dict[int, list[Row]] = {frame: [] for frame in frames}
+    numbers, *columns = read_columns(path, table, group)
+    for number, row in zip(numbers, zip(*columns, strict=True), strict=True):
+        if number not in found:
+            raise VfoaError(f"{path}: frame {number} is not in this part of frames.parquet")
+        found[number].append(row)
+    return list(found.values())
+
+
+def _target(row: Row) -> TargetRecord:
+    instance_id, name, label, score, box_px, points, center_m, half_size_m, axes = row
+    box = None
+    if None not in (center_m, half_size_m, axes):
+        box = BoxRecord(center_m=center_m, half_size_m=half_size_m, axes=(axes[:3], axes[3:6], axes[6:]))
+    return TargetRecord(
+        instance_id=instance_id, name=name, label=label, score=score, box_px=box_px, points=points, box=box
+    )
+
+
+def _scene_measures(disparity: Sequence[Any], objects: list[Row]) -> FrameMeasures:
+    error_px, over_2_px, known = disparity
+    return FrameMeasures(
+        disparity=None if known is None else DisparityMeasure(error_px=error_px, over_2_px=over_2_px, known=known),
+        targets=tuple(TargetMeasure(**dict(zip(_OF_OBJECT, row, strict=True))) for row in objects),
+        people=(),
+    )
+
+
+def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row]) -> FrameRecord:
+    directions, people = looks
+    return FrameRecord(
+        clip=pair[0],
+        configuration=pair[1],
+        frame=seen.number,
+        time_ns=seen.time_ns,
+        targets=seen.targets,
+        subjects=tuple(
+            _subject(seen.number, *rows) for rows in zip_longest(seen.people, directions, answers, fillvalue=(None,))
+        ),
+        measures=replace(seen.measures, people=people) if seen.measures is not None else None,
+        masks_from=seen.masks_from,
+        masks_age_s=seen.masks_age_s,
+    )
+
+
+def _subject(frame: int, person: Row, direction: Row, answer: Row) -> SubjectRecord:
+    """The subject of a row of people, of directions and of answers each."""
+    if not person[0] == direction[0] == answer[0]:
+        raise ValueError(f"frame {frame}: expected the tracks of people and directions, found {answer[0]}")
+    track_id, name, instance_id, head_box_px = person
+    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, head_width_m = direction
+    _, missing, focus, tied, targets, of_gaze, of_head, totals, fit = answer
+    return SubjectRecord(
+        track_id=track_id,
+        name=name,
+        instance_id=instance_id,
+        head_box_px=head_box_px,
+        eye_origin_m=eye_origin_m,
+        gaze=gaze,
+        gaze_sigma_rad=gaze_sigma_rad,
+        head=head,
+        missing=missing,
+        attention=tuple(
+            AttentionRecord(instance_id=target, gaze=by_gaze, head=by_head, total=total)
+            for target, by_gaze, by_head, total in zip(targets, of_gaze, of_head, totals, strict=True)
+        ),
+        focus=focus,
+        tied=tied,
+        fit=fit,
+        no_gaze=no_gaze,
+        head_width_m=head_width_m,
+    )

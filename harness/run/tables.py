@@ -1,0 +1,453 @@
+"""The frames of a run as Parquet files, for programs; what is the same for several configurations is stored once.
+
+    scenes/SCENE/CLIP/{frames,instances,objects,people}.parquet     what was found in the images
+    directions/DIRECTIONS/CLIP/{directions,true_people}.parquet     where people look
+    answers/CONFIGURATION/CLIP.parquet                              what they look at
+
+SCENE and DIRECTIONS are digests of the settings that decide them. Each table begins with the clip and these names, so
+that tables can be joined. The rows of a frame keep their order, a row group has 600 frames, and null means unknown.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from itertools import count, islice, product
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.files.io import opened
+from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.run.directory import Pair, RunDirectory
+from harness.run.records import FrameRecord
+from vfoa.errors import VfoaError
+from vfoa.types import DirectionFit
+
+if TYPE_CHECKING:
+    import pyarrow as pa  # type: ignore[import-untyped]
+    from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped]
+
+FORMAT = b"1"
+GROUP_FRAMES = 600
+"""Most frames of a row group; the row groups of all tables of a clip have the same frames."""
+
+SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")
+DIRECTIONS = ("head_pose", "gaze", "gaze_filter")
+"""Tables of a configuration that decide a scene, and those that with the scene decide the directions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column: its type ("?": may be null; ``vec3``: a list of three doubles), and what it means."""
+
+    type: str
+    meaning: str
+
+
+_NAMES = {
+    "clip": Column("string", "Name of the clip."),
+    "scene": Column("string", "Digest of the settings of the scene, as in the path."),
+    "directions": Column("string", "Digest of the settings of the directions, as in the path."),
+    "configuration": Column("string", "Name of the configuration."),
+}
+_FRAME = Column("int64", "Number of the frame in the source.")
+_TRACK = Column("int32", "Number of the person in the clip, from 1.")
+
+
+def _of(*names: str) -> dict[str, Column]:
+    """The columns that name a table, and the frame."""
+    return {**{name: _NAMES[name] for name in names}, "frame": _FRAME}
+
+
+TABLES: Mapping[str, Mapping[str, Column]] = {
+    "frames": {
+        **_of("clip", "scene"),
+        "time_ns": Column("int64", "Time of the frame, ns."),
+        "masks_from": Column("int64?", "Key frame whose masks were carried to this one; null: found in this one."),
+        "masks_age_s": Column("double?", "Seconds from that frame to this one."),
+        "has_truth": Column("bool", "Whether stages were measured against ground truth."),
+        "disparity_error_px": Column("double?", "Median error of the disparity, px; null: none is known."),
+        "disparity_over_2_px": Column("double?", "Share of pixels whose error is above 2 px."),
+        "disparity_known": Column("double?", "Share of the pixels with ground truth that have a disparity."),
+    },
+    "instances": {
+        **_of("clip", "scene"),
+        "instance_id": Column("int32", "Number of the object or person in the frame."),
+        "name": Column("string", "The manifest's name, or `label#id`; may repeat."),
+        "label": Column("string", "Class."),
+        "score": Column("double", "Score of the segmenter, 0 to 1."),
+        "box_px": Column("vec4?", "Box in the left image: u0, v0, u1, v1, px; null: the clip has no images."),
+        "points": Column("int32", "Number of 3D points."),
+        "center_m": Column("vec3?", "Centre of the 3D box in the left camera's frame, m; null: no box."),
+        "half_size_m": Column("vec3?", "Half extents of the 3D box along its axes, m."),
+        "axes": Column("vec9?", "Axes of the 3D box, three unit vectors one after the other."),
+    },
+    "objects": {
+        **_of("clip", "scene"),
+        "truth_id": Column("int32", "Number of the true object or person."),
+        "label": Column("string", "Its class."),
+        "instance_id": Column("int32?", "Instance found for it; null: none."),
+        "mask_iou": Column("double", "IoU of the masks."),
+        "box_iou": Column("double?", "IoU of the 3D boxes, along the camera's axes."),
+        "center_error_m": Column("double?", "Distance of the boxes' centres, m."),
+    },
+    "people": {
+        **_of("clip", "scene"),
+        "track_id": _TRACK,
+        "name": Column("string?", "The manifest's name of the person; null: not known."),
+        "instance_id": Column("int32?", "Instance of the person; null: none."),
+        "head_box_px": Column("vec4?", "Box of the head in the left image, px; null: the clip has no images."),
+    },
+    "directions": {
+        **_of("clip", "scene", "directions"),
+        "track_id": _TRACK,
+        "eye_origin_m": Column("vec3?", "Point between the eyes in the left camera's frame, m."),
+        "gaze": Column("vec3?", "Unit vector of the gaze after the filter, the left camera's frame."),
+        "gaze_sigma_rad": Column("double?", "Error that the gaze model claims, rad."),
+        "no_gaze": Column("string?", "The gaze model's reason to give none, such as `face_turned_away`."),
+        "head": Column("vec3?", "Unit vector of the head's direction after the filter."),
+        "head_width_m": Column("double?", "Width of the head's box at the depth of the eyes, m."),
+    },
+    "true_people": {
+        **_of("clip", "scene", "directions"),
+        "name": Column("string", "Name of the true person."),
+        "head_box_iou": Column("double", "IoU of the head boxes; 0: no head was found."),
+        "eye_error_m": Column("double?", "Distance of the eye origins, m."),
+        "head_error_deg": Column("double?", "Angle between the directions of the head, before the filter, deg."),
+        "gaze_error_deg": Column("double?", "Angle between the gaze directions, before the filter, deg."),
+    },
+    "answers": {
+        **_of(*_NAMES),
+        "track_id": _TRACK,
+        "missing": Column("string?", "Why there is no answer: `no_eyes_3d`, `no_direction`; null: there is one."),
+        "focus": Column("int32?", "Instance with the most attention; null: nowhere, or no answer."),
+        "tied": Column("list<int32>", "Other instances with exactly the same attention."),
+        "targets": Column("list<int32>", "Instances, in the order of the three lists of attention."),
+        "gaze": Column("list<double?>", "Attention to each target from the gaze, 0 to 1; null: not measured."),
+        "head": Column("list<double?>", "Attention to each target from the head, 0 to 1; null: not measured."),
+        "total": Column("list<double>", "Attention to each target, 0 to 1."),
+        "fit": Column(
+            "fit?", "How well the directions fit the posterior (`vfoa.types.DirectionFit`); null: no posterior."
+        ),
+    },
+}
+"""The columns of each table."""
+
+_PLACES = {
+    "scenes": ("frames", "instances", "objects", "people"),
+    "directions": ("directions", "true_people"),
+    "answers": ("answers",),
+}
+"""Folders of a run, and their tables."""
+
+Row = tuple[Any, ...]
+
+_PERSON = attrgetter("track_id", "name", "instance_id", "head_box_px")
+_LOOK = attrgetter("track_id", "eye_origin_m", "gaze", "gaze_sigma_rad", "no_gaze", "head", "head_width_m")
+_TRUE_OBJECT = attrgetter(*(each.name for each in fields(TargetMeasure)))
+_TRUE_PERSON = attrgetter(*(each.name for each in fields(PersonMeasure)))
+
+
+def _measures(record: FrameRecord) -> FrameMeasures:
+    return record.measures or FrameMeasures(disparity=None, targets=(), people=())
+
+
+def _frame_rows(record: FrameRecord) -> Iterator[Row]:
+    disparity = _measures(record).disparity
+    measured = (disparity.error_px, disparity.over_2_px, disparity.known) if disparity else (None, None, None)
+    about = (record.frame, record.time_ns, record.masks_from, record.masks_age_s)
+    yield (*about, record.measures is not None, *measured)
+
+
+def _instance_rows(record: FrameRecord) -> Iterator[Row]:
+    for target in record.targets:
+        box, solid = target.box, (None, None, None)
+        yield (
+            *(record.frame, target.instance_id, target.name, target.label, target.score, target.box_px, target.points),
+            *((box.center_m, box.half_size_m, [*box.axes[0], *box.axes[1], *box.axes[2]]) if box else solid),
+        )
+
+
+def _answer_rows(record: FrameRecord) -> Iterator[Row]:
+    for subject in record.subjects:
+        attention = subject.attention
+        yield (
+            *(record.frame, subject.track_id, subject.missing, subject.focus, subject.tied),
+            [value.instance_id for value in attention],
+            [value.gaze for value in attention],
+            [value.head for value in attention],
+            [value.total for value in attention],
+            asdict(subject.fit) if subject.fit else None,
+        )
+
+
+_ROWS: Mapping[str, Callable[[FrameRecord], Iterable[Row]]] = {
+    "frames": _frame_rows,
+    "instances": _instance_rows,
+    "objects": lambda record: ((record.frame, *_TRUE_OBJECT(each)) for each in _measures(record).targets),
+    "people": lambda record: ((record.frame, *_PERSON(subject)) for subject in record.subjects),
+    "directions": lambda record: ((record.frame, *_LOOK(subject)) for subject in record.subjects),
+    "true_people": lambda record: ((record.frame, *_TRUE_PERSON(each)) for each in _measures(record).people),
+    "answers": _answer_rows,
+}
+"""The rows of a frame in each table, without the columns that name the table."""
+
+
+def _scene(record: FrameRecord) -> object:
+    """What the tables of the scene say about a frame."""
+    return (*_frame_rows(record), record.targets, _measures(record).targets, *map(_PERSON, record.subjects))
+
+
+def _directions(record: FrameRecord) -> object:
+    return (record.frame, *map(_LOOK, record.subjects), _measures(record).people)
+
+
+def write_tables(
+    directory: RunDirectory, pairs: Iterable[Pair], records: Callable[[Pair], Iterable[FrameRecord]]
+) -> None:
+    """Write the tables of a run, whose manifest is there; those of an earlier attempt are replaced.
+
+    Parameters
+    ----------
+    records
+        Gives the records of a (clip, configuration) in the order of their frames, as often as it is called.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+    configurations = directory.read_manifest()["configurations"]
+    for place in _PLACES:
+        shutil.rmtree(directory.path / place, ignore_errors=True)
+    written: dict[Path, int] = {}
+    for pair in pairs:
+        for attempt in count():
+            keys = _keys(pair, configurations[pair[1]], attempt)
+            if _write(_paths(directory.path, keys), keys, records(pair), written):
+                break
+
+
+def _keys(pair: Pair, settings: Mapping[str, Any], attempt: int) -> dict[str, str]:
+    """The names of a pair's tables. Equal settings have equal names, but for attempts after the first."""
+    parts = {name: settings.get(name) for name in SCENE} | ({"attempt": attempt} if attempt else {})
+    scene = _digest(parts)
+    directions = _digest({"scene": scene, **{name: settings.get(name) for name in DIRECTIONS}})
+    return {"clip": pair[0], "scene": scene, "directions": directions, "configuration": pair[1]}
+
+
+def _digest(value: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _paths(root: Path, keys: Mapping[str, str]) -> dict[str, Path]:
+    """The file of each table."""
+    clip = keys["clip"]
+    scene, directions = root / "scenes" / keys["scene"] / clip, root / "directions" / keys["directions"] / clip
+    shared = {"scenes": scene, "directions": directions}
+    tables = {table: folder / f"{table}.parquet" for place, folder in shared.items() for table in _PLACES[place]}
+    return {**tables, "answers": root / "answers" / keys["configuration"] / f"{clip}.parquet"}
+
+
+def _write(
+    paths: Mapping[str, Path], keys: Mapping[str, str], records: Iterable[FrameRecord], written: dict[Path, int]
+) -> bool:
+    """Write the tables of a pair, but for scenes and directions that an earlier pair has written.
+
+    ``written`` has a hash of their content by folder. Return False, and leave no file, if the content of these records
+    is another one: a stage may answer differently when it is asked twice.
+    """
+    from pyarrow.parquet import ParquetWriter
+
+    hashes = {paths["frames"].parent: (0, _scene), paths["directions"].parent: (0, _directions)}
+    drafts = {path: path.with_suffix(".partial") for path in paths.values() if path.parent not in written}
+    with ExitStack() as stack:
+        writers = {}
+        for table, path in paths.items():
+            if path in drafts:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                about = {f"vfoa.{name}": value for name, value in keys.items() if name in TABLES[table]}
+                schema = _schema(table).with_metadata({"vfoa.format": FORMAT, **about})
+                writer = ParquetWriter(drafts[path], schema, compression="zstd", write_page_checksum=True)
+                writers[table] = stack.enter_context(writer)
+        remaining = iter(records)
+        while group := list(islice(remaining, GROUP_FRAMES)):
+            for folder, (value, content) in hashes.items():
+                hashes[folder] = (hash((value, *map(content, group))), content)
+            for table, writer in writers.items():
+                writer.write_table(_table(table, keys, [row for record in group for row in _ROWS[table](record)]))
+    if any(written.get(folder, value) != value for folder, (value, _) in hashes.items()):
+        for draft in drafts.values():
+            draft.unlink()
+        return False
+    for path, draft in drafts.items():
+        draft.replace(path)
+    written.update({folder: value for folder, (value, _) in hashes.items()})
+    return True
+
+
+def _table(table: str, keys: Mapping[str, str], rows: Sequence[Row]) -> pa.Table:
+    import pyarrow as pa
+
+    schema = _schema(table)
+    named = [name for name in schema.names if name in keys]
+    columns = list(zip(*rows, strict=True)) or [()] * (len(schema.names) - len(named))
+    values = [*([keys[name]] * len(rows) for name in named), *columns]
+    arrays = [pa.array(each, field.type) for each, field in zip(values, schema, strict=True)]
+    for name, array in zip(schema.names, arrays, strict=True):
+        _check_finite(name, array)
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _check_finite(name: str, array: pa.Array) -> None:
+    """Refuse NaN and infinity, also within lists and structs."""
+    import pyarrow as pa
+
+    if pa.types.is_list(array.type):
+        _check_finite(name, array.flatten())
+    elif pa.types.is_struct(array.type):
+        for leaf in array.flatten():
+            _check_finite(name, leaf)
+    elif pa.types.is_floating(array.type) and not np.isfinite(array.drop_null().to_numpy()).all():
+        raise ValueError(f"{name}: found a number that is not finite")
+
+
+_LENGTHS = {"vec3": 3, "vec4": 4, "vec9": 9}
+
+
+@cache
+def _schema(table: str) -> Any:
+    import pyarrow as pa
+
+    integers = pa.list_(pa.field("element", pa.int32(), nullable=False))
+    doubles = pa.list_(pa.field("element", pa.float64(), nullable=False))
+    fit = [pa.field(each.name, pa.float64(), nullable=each.name != "tail") for each in fields(DirectionFit)]
+    types = {
+        **{name: pa.type_for_alias(name) for name in ("string", "int32", "int64", "double", "bool")},
+        "list<int32>": integers,
+        "list<double>": doubles,
+        "list<double?>": pa.list_(pa.float64()),
+        **dict.fromkeys(_LENGTHS, doubles),
+        "fit": pa.struct(fit),
+    }
+    return pa.schema(
+        pa.field(name, types[column.type.removesuffix("?")], nullable=column.type.endswith("?"))
+        for name, column in TABLES[table].items()
+    )
+
+
+def find_tables(directory: RunDirectory) -> Iterator[tuple[Pair, dict[str, Path]]]:
+    """Find the files of the tables of every finished (clip, configuration), in the order of the experiment.
+
+    Raises
+    ------
+    VfoaError
+        If one of the answers is missing or damaged, or the run is of an earlier version.
+    """
+    manifest = directory.read_manifest()
+    if not (directory.path / "answers").is_dir():
+        raise VfoaError(
+            f"{directory.path}: has no tables of frames (answers/): it is of an earlier version; run it again"
+        )
+    failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
+    for clip, configuration in product((clip["name"] for clip in manifest["clips"]), manifest["configurations"]):
+        if (clip, configuration) not in failed:
+            path = directory.path / "answers" / configuration / f"{clip}.parquet"
+            with open_table(path, "answers") as file:
+                about = {key.decode(): value.decode() for key, value in file.schema_arrow.metadata.items()}
+            if missing := [name for name in ("scene", "directions") if f"vfoa.{name}" not in about]:
+                raise VfoaError(f"{path}: expected its {' and '.join(missing)} in the file's metadata, found none")
+            keys = {name: about[f"vfoa.{name}"] for name in ("scene", "directions")}
+            yield (clip, configuration), _paths(directory.path, {**keys, "clip": clip, "configuration": configuration})
+
+
+@contextmanager
+def open_table(path: Path, table: str) -> Iterator[ParquetFile]:
+    """Open the file of a table.
+
+    Raises
+    ------
+    VfoaError
+        If it is missing, damaged or of another version, also if that shows in the block.
+    """
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetFile
+
+    try:
+        with opened(path) as content, ParquetFile(content, page_checksum_verification=True) as file:
+            found, expected = file.schema_arrow, _schema(table)
+            if (version := (found.metadata or {}).get(b"vfoa.format")) != FORMAT:
+                raise VfoaError(f"{path}: expected a table of format {FORMAT.decode()}, found {version}")
+            if not found.equals(expected):
+                raise VfoaError(f"{path}: expected the columns {expected.names}, found {found.names} or other types")
+            yield file
+    except (ValueError, pa.ArrowException, OSError) as error:
+        raise VfoaError(f"{path}: damaged: {' '.join(str(error).split())}") from None
+
+
+def read_table(directory: RunDirectory, table: str) -> pa.Table:
+    """Read one table (:data:`TABLES`) of all clips and configurations of a finished run.
+
+    Raises
+    ------
+    VfoaError
+        If a file is missing, damaged or of another version; the message names it.
+    """
+    import pyarrow as pa
+
+    parts = []
+    for path in dict.fromkeys(paths[table] for _, paths in find_tables(directory)):
+        with open_table(path, table) as file:
+            parts.append(file.read(use_threads=False).replace_schema_metadata())
+    return pa.concat_tables(parts)
+
+
+def read_columns(path: Path, table: str, group: int) -> list[list[Any]]:
+    """Read the columns of a row group as plain values, without those that name the table.
+
+    Lists are tuples, and a fit is a :class:`vfoa.types.DirectionFit`. Raises the errors of :func:`open_table`.
+    """
+    own = {name: column for name, column in TABLES[table].items() if name not in _NAMES}
+    with open_table(path, table) as file:
+        if group >= file.num_row_groups:
+            raise VfoaError(f"{path}: found {file.num_row_groups} row groups; expected those of frames.parquet")
+        part = file.read_row_group(group, columns=list(own), use_threads=False)
+    columns = [_values(part.column(name).combine_chunks()) for name in own]
+    for (name, column), values in zip(own.items(), columns, strict=True):
+        length = _LENGTHS.get(column.type.removesuffix("?"))
+        if length and any(value is not None and len(value) != length for value in values):
+            raise VfoaError(f"{path}: {name}: expected lists of {length} numbers")
+    return columns
+
+
+def _values(array: pa.Array) -> list[Any]:
+    import pyarrow as pa
+
+    values: list[Any]
+    if pa.types.is_list(array.type):
+        flat, at = _values(array.flatten()), 0
+        values = []
+        for length in array.value_lengths().fill_null(0).to_numpy().tolist():
+            values.append(tuple(flat[at : at + length]))
+            at += length
+    elif pa.types.is_struct(array.type):
+        names = [field.name for field in array.type]
+        columns = [_values(each) for each in array.flatten()]
+        values = [DirectionFit(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)]
+    elif pa.types.is_string(array.type):
+        coded = array.dictionary_encode()
+        words = [*coded.dictionary.to_pylist(), None]  # the last for a column of nulls
+        values = [words[place] for place in coded.indices.fill_null(0).to_numpy().tolist()]
+    else:
+        values = (array.fill_null(0) if array.null_count else array).to_numpy(zero_copy_only=False).tolist()
+    if not array.null_count:
+        return values
+    return [None if null else value for null, value in zip(array.is_null().to_pylist(), values, strict=True)]

@@ -1,0 +1,107 @@
+"""Records of frames as Hypothesis draws them: every field with every kind of value that it may have."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
+from vfoa.types import DirectionFit
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+vectors = st.tuples(numbers, numbers, numbers)
+boxes_px = st.tuples(numbers, numbers, numbers, numbers)
+ids = st.integers(1, 2**16 - 1)
+fits = st.builds(
+    DirectionFit,
+    tail=numbers,
+    claimed_error_rad=st.none() | numbers,
+    implied_error_rad=st.none() | numbers,
+    implied_share=st.none() | numbers,
+)
+measures = st.builds(
+    FrameMeasures,
+    disparity=st.none()
+    | st.builds(DisparityMeasure, error_px=st.none() | numbers, over_2_px=st.none() | numbers, known=numbers),
+    targets=st.lists(
+        st.builds(
+            TargetMeasure,
+            truth_id=ids,
+            label=st.text(),
+            instance_id=st.none() | ids,
+            mask_iou=numbers,
+            box_iou=st.none() | numbers,
+            center_error_m=st.none() | numbers,
+        ),
+        max_size=2,
+    ).map(tuple),
+    people=st.lists(
+        st.builds(
+            PersonMeasure,
+            name=st.text(),
+            head_box_iou=numbers,
+            eye_error_m=st.none() | numbers,
+            head_error_deg=st.none() | numbers,
+            gaze_error_deg=st.none() | numbers,
+        ),
+        max_size=2,
+    ).map(tuple),
+)
+
+
+@st.composite
+def records(draw: st.DrawFn) -> FrameRecord:
+    """Any record that the pipeline may make."""
+    instances = draw(st.lists(ids, unique=True, min_size=1, max_size=4))
+    boxes = st.builds(BoxRecord, center_m=vectors, half_size_m=vectors, axes=st.tuples(vectors, vectors, vectors))
+    targets = [
+        draw(
+            st.builds(
+                TargetRecord,
+                instance_id=st.just(instance),
+                name=st.text(),
+                label=st.text(),
+                score=numbers,
+                box_px=st.none() | boxes_px,
+                points=st.integers(0, 10**6),
+                box=st.none() | boxes,
+            )
+        )
+        for instance in instances
+    ]
+    values = st.builds(
+        AttentionRecord,
+        instance_id=st.sampled_from(instances),
+        gaze=st.none() | numbers,
+        head=st.none() | numbers,
+        total=numbers,
+    )
+    subjects = st.builds(
+        SubjectRecord,
+        track_id=ids,
+        name=st.none() | st.text(),
+        instance_id=st.none() | ids,
+        head_box_px=st.none() | boxes_px,
+        eye_origin_m=st.none() | vectors,
+        gaze=st.none() | vectors,
+        gaze_sigma_rad=st.none() | numbers,
+        head=st.none() | vectors,
+        missing=st.none() | st.sampled_from(["no_eyes_3d", "no_direction"]),
+        attention=st.lists(values, max_size=3).map(tuple),
+        focus=st.none() | st.sampled_from(instances),
+        tied=st.lists(ids, max_size=2).map(tuple),
+        fit=st.none() | fits,
+        no_gaze=st.none() | st.just("face_turned_away"),
+        head_width_m=st.none() | numbers,
+    )
+    return FrameRecord(
+        clip=draw(st.text()),
+        configuration=draw(st.text()),
+        frame=draw(st.integers(-(2**62), 2**62)),
+        time_ns=draw(st.integers(0, 2**62)),
+        targets=tuple(targets),
+        subjects=tuple(draw(st.lists(subjects, max_size=2))),
+        measures=draw(st.none() | measures),
+        masks_from=draw(st.none() | st.integers(0, 2**62)),
+        masks_age_s=draw(st.none() | numbers),
+    )
