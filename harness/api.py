@@ -19,6 +19,7 @@ from harness.report.formats import to_csv
 from harness.report.write import rescore
 from harness.run.directory import MOST, RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
+from harness.run.tables import TABLES, read_table
 from harness.score.comparison import compare_runs as _compare_runs
 from harness.score.comparison import compare_with_baseline
 from vfoa.errors import VfoaError
@@ -100,6 +101,28 @@ class RunResults:
         """``comparisons.csv``: every two configurations. See :data:`harness.report.csv_tables.COMPARISON_COLUMNS`."""
         return self._table("comparisons.csv")
 
+    @cached_property
+    def answers(self) -> pd.DataFrame:
+        """What everybody looks at: a row per person, frame and configuration.
+
+        Columns: ``TABLES["answers"]`` of :mod:`harness.run.tables`. Integers are nullable.
+
+        Raises
+        ------
+        VfoaError
+            If a table is missing or damaged, or the run is of an earlier version, which wrote none.
+        """
+        return self._parquet("answers")
+
+    @cached_property
+    def scenes(self) -> dict[str, pd.DataFrame]:
+        """What the answers come from, by table: frames, instances, objects, people, directions, true_people.
+
+        Columns: :data:`harness.run.tables.TABLES`. ``clip``, ``scene`` and ``frame`` join them with the answers;
+        configurations of the same masks, depth and heads share a scene. Raises the errors of :attr:`answers`.
+        """
+        return {name: self._parquet(name) for name in TABLES if name != "answers"}
+
     @property
     def failures(self) -> pd.DataFrame:
         """The wrong frames: clip, configuration, frame, time_s, subject, truth, predicted, error_type."""
@@ -161,6 +184,13 @@ class RunResults:
         if not path.is_file():
             raise VfoaError(f"{path}: no such table; `vfoa score {self.path}` writes it")
         return _read(path, *words)
+
+    def _parquet(self, name: str) -> pd.DataFrame:
+        import pyarrow as pa  # type: ignore[import-untyped]
+
+        nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype()}
+        table: pd.DataFrame = read_table(self.directory, name).to_pandas(types_mapper=nullable.get)
+        return table
 
 
 def load_run(path: str | Path) -> RunResults:

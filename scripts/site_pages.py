@@ -143,9 +143,22 @@ def settings_page() -> str:
     return "\n".join(lines)
 
 
+_OF_FRAMES = {
+    "answers": ("answers/CONFIGURATION/CLIP.parquet", "a row is a person in a frame under one configuration."),
+    "frames": ("scenes/SCENE/CLIP/frames.parquet", "a row is a frame."),
+    "instances": ("scenes/SCENE/CLIP/instances.parquet", "a row is an object or a person in a frame."),
+    "people": ("scenes/SCENE/CLIP/people.parquet", "a row is a person who is followed in a frame, as in answers."),
+    "objects": ("scenes/SCENE/CLIP/objects.parquet", "a row is a true object against the instance found for it."),
+    "directions": ("directions/DIRECTIONS/CLIP/directions.parquet", "a row is a person in a frame, as in answers."),
+    "true_people": ("directions/DIRECTIONS/CLIP/true_people.parquet", "a row is a true person against what was found."),
+}
+"""The tables of frames: their files in a run's directory, and their rows."""
+
+
 def columns_page() -> str:
     """Every column of the tables for programs."""
     from harness.report import csv_tables as columns
+    from harness.run.tables import TABLES
 
     tables = {
         "frr.csv": (columns.frr_columns(), "A row is a subject, a clip, or all of them, under one configuration."),
@@ -156,6 +169,16 @@ def columns_page() -> str:
     for name, (meanings, about) in tables.items():
         lines += [f"## {name}", "", about, "", "| Column | Meaning |", "|---|---|"]
         lines += [f"| `{column}` | {_cell(meaning)} |" for column, meaning in meanings.items()]
+        lines.append("")
+    lines += [
+        "# Tables of frames",
+        "",
+        'Parquet; "?" marks a type that may be null, `vec3` a list of three numbers.',
+        "",
+    ]
+    for name, (place, about) in _OF_FRAMES.items():
+        lines += [f"## {name}", "", f"`{place}`: {about}", "", "| Column | Type | Meaning |", "|---|---|---|"]
+        lines += [f"| `{key}` | {_cell(each.type)} | {_cell(each.meaning)} |" for key, each in TABLES[name].items()]
         lines.append("")
     return "\n".join(lines)
 

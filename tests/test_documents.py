@@ -17,9 +17,10 @@ import harness
 from harness.cli import app
 from harness.files.folders import names
 from harness.pipeline.settings_reference import setting_keys
+from harness.run.tables import TABLES
 from scripts.pictures import PICTURES
 from scripts.quoted_figures import renewed
-from scripts.site_pages import commands_page, settings_page
+from scripts.site_pages import columns_page, commands_page, settings_page
 from tests.repository import REPOSITORY
 
 PAGES = sorted(
@@ -122,6 +123,15 @@ def test_the_generated_pages_have_every_setting_and_every_command() -> None:
     ] == []
     assert [
         name for name, command in COMMANDS.commands.items() if not command.hidden if f"## vfoa {name}" not in page
+    ] == []
+
+
+def test_the_page_of_columns_has_every_column_of_the_tables_of_frames() -> None:
+    page = columns_page().partition("# Tables of frames")[2]
+    sections = {part.partition("\n")[0]: part for part in page.split("\n## ")[1:]}
+    assert sections.keys() == TABLES.keys()
+    assert [
+        (name, key) for name, columns in TABLES.items() for key in columns if f"| `{key}` |" not in sections[name]
     ] == []
 
 

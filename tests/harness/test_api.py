@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -14,6 +16,9 @@ from harness.clips.add import add_clip
 from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
 from harness.run.directory import RunDirectory
 from harness.run.experiment import RecordingKind
+from harness.run.results import read_results
+from harness.run.table_records import read_records
+from harness.run.tables import TABLES
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT as TALK
@@ -60,6 +65,49 @@ def test_every_column_of_every_table_is_documented(run: harness.RunResults) -> N
     assert list(run.frr.columns) == list(frr_columns())
     assert list(run.frames.columns) == list(FRAMES_COLUMNS)
     assert list(run.comparisons.columns) == list(COMPARISON_COLUMNS)
+    assert {"answers": run.answers, **run.scenes}.keys() == TABLES.keys()
+    for name, table in {"answers": run.answers, **run.scenes}.items():
+        assert list(table.columns) == list(TABLES[name])
+
+
+def test_the_frames_of_a_run_are_read_back_from_their_tables(run: harness.RunResults) -> None:
+    records = list(read_results(run.directory.results))
+    assert list(read_records(run.directory)) == records
+    subjects = [subject for record in records for subject in record.subjects]
+    assert run.answers["focus"].tolist() == [subject.focus or pd.NA for subject in subjects]
+    assert run.answers["focus"].dtype == "Int32"
+    assert len(run.scenes["frames"]) == 6  # both configurations share a scene
+    assert run.scenes["objects"]["mask_iou"].tolist() == [1.0] * len(run.scenes["instances"])
+
+
+BLOCKS = re.findall(
+    r"^```python\n(.*?)^```",
+    (REPOSITORY / "docs/tutorials/python.md").read_text(encoding="utf-8").partition("## A table of your own")[2],
+    re.DOTALL | re.MULTILINE,
+)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"import (\w+)", block)[0])
+def test_a_table_of_ones_own_is_made_as_documented(
+    block: str, run: harness.RunResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip(re.findall(r"import (\w+)", block)[0])
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "demo").symlink_to(run.path)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(block, names)
+    table = names["table"]
+    if not isinstance(table, pd.Series):
+        table = (table.df() if hasattr(table, "df") else table.to_pandas()).set_index(list(KEYS))["share"]
+    frames = run.frames[["clip", "configuration", "frame", "subject", "predicted"]].drop_duplicates()
+    shares = frames.groupby(["configuration", "clip", "subject"])["predicted"].value_counts(normalize=True)
+    assert {
+        (*key[:3], key[3].replace("(nothing hit)", "nowhere")): share for key, share in shares.items()
+    } == pytest.approx(dict(table.items()))
+
+
+KEYS = ("configuration", "clip", "name", "target")
 
 
 def test_the_tables_agree_with_each_other(run: harness.RunResults) -> None:
