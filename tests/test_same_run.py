@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -17,7 +18,7 @@ def _run(folder: Path, *, rate: str = "0.5", value: float = 1.0, still: float = 
     write_text(folder / "frr.csv", f"clip,frr\nalley,{rate}\n")
     recording = rr.RecordingStream("test", recording_id=str(folder))
     recording.save(folder / "alley.rrd")
-    recording.log("/still", rr.Scalars(still), static=True)
+    recording.log("/still", rr.Scalars([still, math.nan]), static=True)
     times = [rr.TimeColumn("frame", sequence=(1, 2))]
     recording.send_columns("/moving", indexes=times, columns=rr.Scalars.columns(scalars=[value, 2 * value]))
     recording.disconnect()
