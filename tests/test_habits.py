@@ -78,5 +78,5 @@ def test_a_wheel_runs_the_demo_outside_the_checkout(installed: Path, tmp_path: P
     where = _run(installed.with_name("python"), tmp_path, "-c", "import vfoa, harness; print(vfoa.__file__)")
     assert str(REPOSITORY) not in where
     printed = _run(installed, tmp_path, "run", "demo", "--clip", "studio_crowd", "--limit", "2", "--workers", "1")
-    assert "Best of 4: " in printed
+    assert "Best of 6: " in printed
     assert "sgbm-two" in (tmp_path / "runs/demo/frr.csv").read_text(encoding="utf-8")

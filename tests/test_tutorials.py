@@ -30,8 +30,9 @@ OWN_TEST = ("label-fit-run", "real-person")
 """Pages that need genuine data: tests/harness/score/test_fit_logit.py and tests/test_real_person.py."""
 PAGES = sorted(page for page in (REPOSITORY / "docs" / "tutorials").glob("*.md") if page.stem not in OWN_TEST)
 SHORT = ("--limit", "3", "--workers", "1")
-CLIPS = 'clips = ["studio_crowd", "studio_report_1"]'
+CLIPS = 'clips = ["demo_crowd", "demo_1"]'
 """Two of the demo's ten clips: one that pages name, and one that is drawn by chance."""
+CONFIGURATIONS = ("bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest")
 SERVING = ("--serve", "--web", "annotate")
 
 
@@ -54,10 +55,8 @@ def test_the_demo_prints_one_screen_that_ends_with_the_next_commands(demo: tuple
     lines = demo[1].splitlines()
     assert len(lines) <= 30
     assert max(map(len, lines)) <= 80
-    assert [
-        f" {name} " for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two") if demo[1].count(f" {name} ") != 1
-    ] == []
-    assert "Best of 4: " in demo[1]
+    assert [f" {name} " for name in CONFIGURATIONS if demo[1].count(f" {name} ") != 1] == []
+    assert "Best of 6: " in demo[1]
     assert lines[-2:] == [
         "Report (all tables: frr.md): runs/demo/report.html",
         "Scrub a failure: vfoa view runs/demo --failures",

@@ -29,6 +29,10 @@ from vfoa.types import Instances
 TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
 
 
+CONFIGURATIONS = ("bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest")
+"""Those of the demo."""
+
+
 def _run(
     out: Path, *, workers: int = 1, recorded: bool = False, jpeg: bool = False, limit: int = 3, **override: str
 ) -> RunDirectory:
@@ -52,7 +56,7 @@ def test_a_run_holds_every_frame_of_every_configuration(finished: RunDirectory) 
     expected = [
         (clip, configuration, frame)
         for clip in ("studio_table", "studio_talk")
-        for configuration in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
+        for configuration in CONFIGURATIONS
         for frame in (1, 2, 3)
     ]
     assert found == expected
@@ -94,8 +98,8 @@ def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDi
     before = finished.results.stat().st_mtime_ns
     _run(finished.path, recorded=True)
     assert finished.results.stat().st_mtime_ns == before
-    with pytest.raises(VfoaError, match=r"holds another run \(different: attention\.n_rays"):
-        _run(finished.path, recorded=True, attention__n_rays="8")
+    with pytest.raises(VfoaError, match=r"holds another run \(different: head_pose\.error_deg"):
+        _run(finished.path, recorded=True, head_pose__error_deg="8")
     with pytest.raises(VfoaError, match=r"holds another run \(different: recording\)"):
         _run(finished.path, recorded=True, jpeg=True)
     assert finished.results.stat().st_mtime_ns == before
@@ -139,7 +143,7 @@ def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, t
         del unfinished[later]
     directory.write_manifest({**unfinished, "recording": None})
     lines = finished.results.read_text().splitlines(keepends=True)
-    for pair in [("studio_table", name) for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")]:
+    for pair in [("studio_table", name) for name in CONFIGURATIONS]:
         kept = [line for line in lines if f'"clip":"{pair[0]}","configuration":"{pair[1]}"' in line]
         write_text(directory.partial(pair, "jsonl"), "".join(kept))
         write_text(directory.partial(pair, "csv"), "")
