@@ -7,8 +7,10 @@ fewer documents than ELAN writes: those with a schema's address, and annotations
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -85,7 +87,7 @@ class _Annotation:
     parent: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class _Document:
     """What is read of a document: times by slot, ms, tiers of annotations by id, and each film's offset by address."""
 
@@ -122,17 +124,26 @@ class _Document:
 
     def _times_of(self, name: str) -> tuple[int | None, int | None]:
         """An annotation that refers to another one has its times, or an equal share if several refer to it."""
-        tier = next((tier for tier in self.tiers.values() if name in tier), {})
-        annotation = tier[name]
+        annotation, place, count = self._places[name]
         if annotation.parent is None:
             first, last = annotation.slots or ("", "")
             return self.times[first], self.times[last]
         start, end = self._times_of(annotation.parent)
         if start is None or end is None:
             return None, None
-        siblings = [sibling for sibling, other in tier.items() if other.parent == annotation.parent]
-        place, count = siblings.index(name), len(siblings)
         return start + (end - start) * place // count, start + (end - start) * (place + 1) // count
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[_Annotation, int, int]]:
+        """Each annotation by id, its place among those of its tier that refer to the same one, and their number."""
+        places = {}
+        for tier in reversed(self.tiers.values()):  # the first tier with an id counts
+            siblings = defaultdict[str | None, list[str]](list)
+            for name, annotation in tier.items():
+                siblings[annotation.parent].append(name)
+            for names in siblings.values():
+                places.update({name: (tier[name], place, len(names)) for place, name in enumerate(names)})
+        return places
 
 
 def _parse(path: Path) -> _Document:
@@ -190,10 +201,10 @@ def _share_times(annotations: Iterable[_Annotation], times: dict[str, int | None
     """Give times to the slots without one: evenly between their neighbours in a tier, as ELAN shows a subdivision."""
     next_from = {annotation.slots[0]: annotation.slots[1] for annotation in annotations if annotation.slots}
     for first in [slot for slot in next_from if times.get(slot) is not None]:
-        chain = [first]
-        while chain[-1] in next_from and times.get(slot := next_from[chain[-1]]) is None and slot not in chain:
-            chain.append(slot)
-        start, end = times[first], times.get(next_from.get(chain[-1], ""))
+        chain, last = {first: None}, first
+        while last in next_from and times.get(slot := next_from[last]) is None and slot not in chain:
+            chain[slot], last = None, slot
+        start, end = times[first], times.get(next_from.get(last, ""))
         if len(chain) > 1 and start is not None and end is not None:
             times.update({slot: start + (end - start) * place // len(chain) for place, slot in enumerate(chain)})
 

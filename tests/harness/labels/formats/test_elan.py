@@ -258,6 +258,63 @@ def test_annotations_that_divide_another_one_have_equal_parts_of_it(tmp_path: Pa
     assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 4, "cup"), row(5, 6, "none"))
 
 
+MANY = 20_000
+
+
+def _divided(*tiers: list[tuple[str, str, str]]) -> str:
+    """A document with an annotation "top" of 240 ms, and tiers of (id, id it refers to, value), the last one girl's."""
+    names = [*(f"between {number}" for number in range(1, len(tiers))), "girl"]
+    body = "".join(
+        f'<TIER TIER_ID="{name}" LINGUISTIC_TYPE_REF="divided">'
+        + "".join(
+            f'<ANNOTATION><REF_ANNOTATION ANNOTATION_ID="{own}" ANNOTATION_REF="{other}"><ANNOTATION_VALUE>{value}'
+            "</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>"
+            for own, other, value in annotations
+        )
+        + "</TIER>"
+        for name, annotations in zip(names, tiers, strict=True)
+    )
+    return (
+        '<ANNOTATION_DOCUMENT><TIME_ORDER><TIME_SLOT TIME_SLOT_ID="a" TIME_VALUE="0"/><TIME_SLOT TIME_SLOT_ID="b" '
+        'TIME_VALUE="240"/></TIME_ORDER><TIER TIER_ID="looks"><ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="top" '
+        'TIME_SLOT_REF1="a" TIME_SLOT_REF2="b"><ANNOTATION_VALUE>all</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION>'
+        f"</ANNOTATION></TIER>{body}</ANNOTATION_DOCUMENT>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("tiers", "expected"),
+    [
+        # a division of a division: thirds of 240 ms, of which the last has two halves
+        (
+            [
+                [("1", "top", ""), ("2", "top", ""), ("3", "top", "")],
+                [("4", "1", "bird"), ("5", "2", "cup"), ("6", "3", "none"), ("7", "3", "bird")],
+            ],
+            ["bird", "bird", "cup", "cup", "none", "bird"],
+        ),
+        # far more parts than frames: those without one are left out
+        (
+            [[(str(part), "top", "cup" if 3 * part < MANY else "none") for part in range(MANY)]],
+            ["cup", "cup", "none", "none", "none", "none"],
+        ),
+    ],
+    ids=["nested", "many"],
+)
+def test_divisions_of_any_number_and_depth_are_read(
+    tiers: list[list[tuple[str, str, str]]], expected: list[str], tmp_path: Path
+) -> None:
+    imported = Elan().read(write_text(tmp_path / "a.eaf", _divided(*tiers)), exchange())
+    labels = [imported.labels.at(frame, "girl") for frame in range(1, 7)]
+    assert [label and label.target for label in labels] == expected
+
+
+def test_annotations_that_refer_to_each_other_are_refused(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.eaf", _divided([("1", "2", "bird"), ("2", "1", "cup")]))
+    with pytest.raises(VfoaError, match=r"a\.eaf: tier 'girl' refers to"):
+        Elan().read(path, exchange())
+
+
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
