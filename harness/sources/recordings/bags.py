@@ -27,7 +27,7 @@ from harness.sources.recordings.containers import (
     unpack_message,
     zstd_size,
 )
-from harness.sources.recordings.messages import BY_NAME, MessageType, message_type
+from harness.sources.recordings.messages import BY_NAME, MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
@@ -219,7 +219,8 @@ class BagContainer:
             if topic.type.kind is None:
                 topic.count += connection.msgcount
             else:
-                (always if topic.type.kind in _ALWAYS else images).append(connection)
+                is_video = window is not None and topic.type.kind == "compressed" and _is_video(reader, connection)
+                (always if is_video or topic.type.kind in _ALWAYS else images).append(connection)
         if always:
             yield from self._index_messages(number, reader.messages(always), topics)
         if images:
@@ -246,6 +247,15 @@ class BagContainer:
             place = before + 1 if before_ns == log_ns else 0
             last[connection.topic] = log_ns, place
             topics.add(topics.topics[connection.topic], log_ns, bytes(data), (number, log_ns, place))
+
+
+def _is_video(reader: Any, connection: Connection) -> bool:
+    """Whether the first compressed image of a connection is a packet of a video."""
+    try:
+        _, _, data = next(reader.messages([connection]))
+        return codec_of(picture(_message_type(connection), bytes(data), connection.topic).form) is not None
+    except Exception:  # there is none, or it is damaged, which its index reports
+        return False
 
 
 def _close(readers: dict[Path, Any]) -> None:

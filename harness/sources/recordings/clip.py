@@ -144,7 +144,7 @@ class RecordingClip:
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
             for topic in self._streams
-            if topic is not None and topic.type.kind == "video"
+            if topic is not None and topic.kind == "video"
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
         self.frames = range(1, len(self._frames) + 1)

@@ -158,17 +158,19 @@ class TopicIndex:
         VfoaError
             If a message of a camera cannot be decoded.
         """
-        kind = topic.type.kind
         is_in_window = self._window is None or log_time_ns in self._window
-        if not is_in_window and kind in (None, "raw", "compressed"):
+        if not is_in_window and topic.type.kind in (None, "raw"):
+            return
+        where = f"{self._files[address[0]]}: {topic.name}"
+        if topic.header is None and topic.type.kind in IMAGES:
+            topic.header = replace(picture(topic.type, data, where), data=b"")
+        kind = topic.kind
+        if not is_in_window and kind == "compressed":
             return
         if is_in_window:
             topic.count += 1
         if kind is None:
             return
-        where = f"{self._files[address[0]]}: {topic.name}"
-        if topic.header is None and kind in IMAGES:
-            topic.header = replace(picture(topic.type, data, where), data=b"")
         has_header = kind in IMAGES or kind == "calibration"
         stamp = log_time_ns if self._by_log_time or not has_header else stamp_ns(topic.type, data, where)
         place = Place(stamp, *address)

@@ -15,13 +15,13 @@ from typing import Any, BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from harness.files.io import opened
 from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
-from harness.sources.recordings.messages import MessageType, message_type
+from harness.sources.recordings.messages import MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
@@ -169,7 +169,7 @@ class McapContainer:
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
         for number, path in enumerate(self.files):
             summary, losses = read_summary(path), list[str]()
-            chunks = None if window is None else _chunks(summary, window)
+            chunks = None if window is None else _chunks(path, summary, window)
             for offset, place, message in walk_messages(path, summary, losses, chunks):
                 channel = summary.channels.get(message.channel_id)
                 if channel is not None:  # else it was in a chunk that is lost
@@ -198,7 +198,7 @@ def files_in(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
 
 
-def _chunks(summary: Summary, window: range) -> list[int] | None:
+def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:
     """Offsets of the chunks to read for a window, by a file's index.
 
     Beside those of the window: for each channel of calibrations and poses, the last chunk before the window with one of
@@ -210,6 +210,9 @@ def _chunks(summary: Summary, window: range) -> list[int] | None:
     kinds = {channel.id: channel_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
     if not chunks or "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
         return None
+    compressed = [number for number, kind in kinds.items() if kind == "compressed"]
+    if any(_is_video(path, summary, number, chunks) for number in compressed):
+        return None
     wanted = {
         chunk.chunk_start_offset
         for chunk in chunks
@@ -220,6 +223,18 @@ def _chunks(summary: Summary, window: range) -> list[int] | None:
         before = [chunk for chunk in holding if chunk.message_start_time < window.start]
         wanted.update(chunk.chunk_start_offset for chunk in (before[-1:] or holding[:1]))
     return sorted(wanted)
+
+
+def _is_video(path: Path, summary: Summary, channel: int, chunks: Sequence[ChunkIndex]) -> bool:
+    """Whether the first compressed image of a channel is a packet of a video."""
+    first = [chunk.chunk_start_offset for chunk in chunks if channel in chunk.message_index_offsets][:1]
+    of = summary.channels[channel]
+    kind = channel_type(of, summary.schemas.get(of.schema_id))
+    try:
+        message = next(found for _, _, found in walk_messages(path, summary, [], first) if found.channel_id == channel)
+        return codec_of(picture(kind, _content(message, of.message_encoding), of.topic).form) is not None
+    except Exception:  # there is none, or it is damaged, which its index reports
+        return False
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -48,8 +48,7 @@ def read_image(kind: MessageType, data: bytes, where: str) -> Image:
     content = picture(kind, data, where)
     if content.size_px is None and codec_of(content.form) is not None:
         raise VfoaError(
-            f"{where}: a packet of a video ({content.form}) as a compressed image; expected a picture (jpeg, png): "
-            "record the video as foxglove_msgs/CompressedVideo or by ffmpeg_image_transport"
+            f"{where}: a packet of a video ({content.form}) on a topic that began with a picture; expected one of them"
         )
     return decode_rgb(content.data, where) if content.size_px is None else rgb(content, where)
 

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, READ, MessageType, Picture
+from harness.sources.recordings.messages import IMAGES, READ, Kind, MessageType, Picture, codec_of
 from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -42,6 +42,13 @@ class Topic:
     places: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
     header: Picture | None = None
+
+    @property
+    def kind(self) -> Kind | None:
+        """The camera data that it carries: that of its type, or a video whose packets are compressed images."""
+        if self.type.kind == "compressed" and self.header is not None and codec_of(self.header.form) is not None:
+            return "video"
+        return self.type.kind
 
     @property
     def is_image(self) -> bool:

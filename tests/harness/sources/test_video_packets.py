@@ -13,7 +13,7 @@ from harness.sources.recordings import video
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
 from tests.adapter_contract import check_contract
-from tests.depth_recordings import CODERS, Encoder, Lens, Shot, messages, write_video_take
+from tests.depth_recordings import CODERS, Encoder, Format, Lens, Shot, messages, write_video_take
 from tests.disk import moving_picture
 from vfoa.errors import VfoaError
 
@@ -99,6 +99,39 @@ def test_packets_of_ffmpeg_transport_with_reordered_frames(tmp_path: Path, encod
     clip = open_clip(path, stamps="header")
     for number in [*clip.frames, 20, 2, 9]:
         assert_is(clip.frame(number).left, number - 1)
+
+
+def write_compressed(folder: Path, container: Format, form: str, packets: Packets) -> Path:
+    """Packets of a video as compressed images of ROS, one frame each 40 ms, and depth."""
+    with messages(folder, container) as (path, write):
+        write.camera("/rgb/camera_info", START_NS, LENS)
+        for number, data, _ in packets:
+            write.image("/depth_to_rgb/image_raw", stamp(number), DEPTH_MM, "16UC1")
+            write.compressed("/rgb/image_raw/compressed", stamp(number), form, data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("container", "codec", "form"),
+    [
+        ("mcap", "h264", "h264"),
+        ("db3", "h264", "bgr8; h264 compressed"),
+        ("bag", "h265", "H265"),
+        ("mcap", "vp9", "vp9"),
+    ],
+)
+def test_packets_in_compressed_images_are_a_video(tmp_path: Path, container: Format, codec: str, form: str) -> None:
+    path = write_compressed(tmp_path, container, form, coded(codec))
+    clip = open_clip(path)
+    assert list(clip.frames) == list(range(1, COUNT + 1))
+    for number in [*clip.frames, 25, 3, 14, 13]:
+        frame = clip.frame(number)
+        assert frame.time_ns == stamp(number - 1)
+        assert_is(frame.left, number - 1)
+    part = open_clip(path, start_s=0.56)
+    assert len(part.frames) == COUNT - 14
+    for number in (1, 4, 2):  # of which the key frame lies before the window
+        assert_is(part.frame(number).left, 13 + number)
 
 
 def test_a_window_begins_between_key_frames(tmp_path: Path) -> None:
