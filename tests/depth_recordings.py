@@ -60,7 +60,7 @@ class Messages:
         self._store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
         self._store.register(get_types_from_msg(PACKET, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"))
         self._store.register(get_types_from_msg(EXTRINSICS, "realsense2_camera_msgs/msg/Extrinsics"))
-        self._connections: dict[str, Any] = {}
+        self._connections: dict[tuple[str, str], Any] = {}
 
     def image(
         self, topic: str, stamp_ns: int, pixels: NDArray[Any], encoding: str, frame: str = "optical", log_ns: int = 0
@@ -154,11 +154,11 @@ class Messages:
         return self._store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
 
     def write(self, topic: str, kind: str, log_ns: int, **fields: Any) -> None:
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
+        if (topic, kind) not in self._connections:
+            self._connections[topic, kind] = self._writer.add_connection(topic, kind, typestore=self._store)
         message = self._store.types[kind](**fields)
         serialize = self._store.serialize_ros1 if self._is_ros1 else self._store.serialize_cdr
-        self._writer.write(self._connections[topic], log_ns, serialize(message, kind))
+        self._writer.write(self._connections[topic, kind], log_ns, serialize(message, kind))
 
 
 @contextmanager

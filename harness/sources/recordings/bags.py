@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -161,7 +161,7 @@ _SCHEMAS = {MessageDefinitionFormat.IDL: "ros2idl", MessageDefinitionFormat.NONE
 class BagContainer:
     """A bag of one or several parts (see :class:`harness.sources.recordings.containers.Container`).
 
-    A message is found by its log time and its position among its topic's messages of that time.
+    A message is found by its log time and its position among its topic's messages of that type and time.
     """
 
     def __init__(self, path: Path) -> None:
@@ -200,7 +200,11 @@ class BagContainer:
         # errors of struct, SQLite, the decompressors, or an index outside of the list
         with reported_as(f"{part}: {topic.name} at {place.offset} ns can no longer be read"), self._lock:
             reader = self._reader(part)
-            connections = [connection for connection in reader.connections if connection.topic == topic.name]
+            connections = [
+                connection
+                for connection in reader.connections
+                if connection.topic == topic.name and _message_type(connection).name == topic.type.name
+            ]
             messages = reader.messages(connections, place.offset, place.offset + 1)
             return bytes([data for _, _, data in messages][place.place])
 
@@ -214,21 +218,26 @@ class BagContainer:
         reader = self._reader(self._parts[number])
         always: list[Connection] = []
         images: list[Connection] = []
+        topic_of = {
+            connection.id: topics.meet(connection.topic, _message_type(connection)) for connection in reader.connections
+        }
         for connection in reader.connections:
-            topic = topics.meet(connection.topic, _message_type(connection))
+            topic = topic_of[connection.id]
             if topic.type.kind is None:
                 topic.count += connection.msgcount
             else:
                 is_video = window is not None and topic.type.kind == "compressed" and _is_video(reader, connection)
                 (always if is_video or topic.type.kind in _ALWAYS else images).append(connection)
         if always:
-            yield from self._index_messages(number, reader.messages(always), topics)
+            yield from self._index_messages(number, reader.messages(always), topics, topic_of)
         if images:
             bounds = () if window is None else (window.start, window.stop)
-            yield from self._index_messages(number, reader.messages(images, *bounds), topics)
+            yield from self._index_messages(number, reader.messages(images, *bounds), topics, topic_of)
 
-    def _index_messages(self, number: int, messages: Iterator[Any], topics: TopicIndex) -> Iterator[str]:
-        last: dict[str, tuple[int, int]] = {}
+    def _index_messages(
+        self, number: int, messages: Iterator[Any], topics: TopicIndex, topic_of: Mapping[int, Topic]
+    ) -> Iterator[str]:
+        last: dict[tuple[str, str], tuple[int, int]] = {}
         log_ns: int | None = None
         while True:
             try:
@@ -243,10 +252,12 @@ class BagContainer:
                 yield f"{self._parts[number].name}: {what} {after} ({first_line(error)}): everything after it is lost"
                 return
             log_ns = time_ns
-            before_ns, before = last.get(connection.topic, (None, 0))
+            topic = topic_of[connection.id]
+            key = topic.name, topic.type.name
+            before_ns, before = last.get(key, (None, 0))
             place = before + 1 if before_ns == log_ns else 0
-            last[connection.topic] = log_ns, place
-            topics.add(topics.topics[connection.topic], log_ns, bytes(data), (number, log_ns, place))
+            last[key] = log_ns, place
+            topics.add(topic, log_ns, bytes(data), (number, log_ns, place))
 
 
 def _is_video(reader: Any, connection: Connection) -> bool:

@@ -133,7 +133,7 @@ class RecordingClip:
         span_ns = self._container.span_ns() if is_part else None
         window = window_of(span_ns, settings.start_s, settings.end_s, self._where)
         index = self._container.index(window, by_log_time=settings.stamps == "log")
-        topics = index.topics.values()
+        topics = index.topics
         if not any(topic.is_image and topic.places for topic in topics):
             if index.losses:
                 what = "image" if topics else "message"

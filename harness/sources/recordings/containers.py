@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -141,14 +142,17 @@ class TopicIndex:
 
     def __init__(self, files: Sequence[Path], window: range | None, *, by_log_time: bool) -> None:
         self._files, self._window, self._by_log_time = files, window, by_log_time
-        self.topics: dict[str, Topic] = {}
+        self.topics: list[Topic] = []
+        """All topics, once :meth:`sorted` has been called."""
         self.losses: list[str] = []
+        self._topics: dict[tuple[str, str, str], Topic] = {}
 
     def meet(self, name: str, kind: MessageType) -> Topic:
-        """Return the topic of this name; a new one if it is not known yet."""
-        if name not in self.topics:
-            self.topics[name] = Topic(name, kind)
-        return self.topics[name]
+        """Return the topic of this name and type of messages; a new one if it is not known yet.
+
+        The schemas of a type may differ, as those of two recorders do in comments: the first one counts.
+        """
+        return self._topics.setdefault((name, kind.message_encoding, kind.name), Topic(name, kind))
 
     def add(self, topic: Topic, log_time_ns: int, data: bytes, address: tuple[int, int, int]) -> None:
         """Index one message; ``address`` is its file's index and the two numbers by which its container finds it.
@@ -180,9 +184,26 @@ class TopicIndex:
             topic.packets.append((place, begins_video(topic.type, data, where)))
 
     def sorted(self) -> TopicIndex:
-        """The same, with the places of each topic in the order of their stamps."""
-        for topic in self.topics.values():
+        """The same, with the places of each topic in the order of their stamps.
+
+        Of several types of images (or calibrations) under one name, the one with the most counts; of equal ones, raw.
+        """
+        alike = defaultdict[tuple[str, str | None], list[Topic]](list)
+        for topic in self._topics.values():
             topic.places.sort()
+            alike[topic.name, "image" if topic.is_image else topic.kind].append(topic)
+        for (name, role), topics in alike.items():
+            if role not in ("image", "calibration"):
+                self.topics += topics
+                continue
+            kept = max(topics, key=lambda topic: (len(topic.places), topic.kind == "raw"))
+            self.topics.append(kept)
+            self.losses += [
+                f"{name}: {len(topic.places)} messages of {topic.type.name} are left out, {len(kept.places)} of "
+                f"{kept.type.name} are read"
+                for topic in topics
+                if topic is not kept and topic.places
+            ]
         return self
 
 

@@ -8,15 +8,29 @@ import struct
 import tracemalloc
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
 from scipy.spatial.transform import Rotation
 
 from harness.sources.recordings import bags, containers
 from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
 from tests.adapter_contract import check_contract
-from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
+from tests.depth_recordings import (
+    COLOUR,
+    DEPTH,
+    FORMATS,
+    DepthForm,
+    Format,
+    Lens,
+    Shot,
+    messages,
+    write_depth,
+    write_take,
+)
 from tests.disk import moving_picture, write_text
 from vfoa.errors import VfoaError
 from vfoa.stereo import MATCHERS
@@ -24,6 +38,7 @@ from vfoa.stereo import MATCHERS
 START_NS, STEP_NS = 1_700_000_000_000_000_007, 33_333_333
 WIDTH, HEIGHT = 64, 48
 LENS = Lens(width=WIDTH, height=HEIGHT, fx=60.0, cx=31.5, cy=23.5)
+COUNT = 4
 ALL: tuple[Format, ...] = (*FORMATS, "db3 zstd file", "db3 zstd message")
 
 
@@ -334,3 +349,76 @@ def test_depth_of_another_camera_than_the_pairs_is_left_out_and_said(tmp_path: P
     clip = open_clip(path, depth="/cam/aligned_depth_to_color/image_raw", camera=numbers)
     assert clip.frame(1).right is None
     np.testing.assert_allclose(clip.frame(1).depth_m, in_metres(depth_mm(1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("raw", [1, COUNT])
+def test_images_of_two_types_on_one_topic_are_those_of_the_type_with_the_most(
+    tmp_path: Path, kind: Format, raw: int
+) -> None:
+    """A topic that another node also published, compressed; of equally many, the raw ones count."""
+    shots = [shot(number) for number in range(1, COUNT + 1)]
+    with messages(tmp_path, kind) as (path, write):
+        for number, each in enumerate(shots):
+            write.camera("/camera/color/camera_info", each.stamp_ns, each.lens)
+            write_depth(write, each, "raw")
+            done, png = cv2.imencode(".png", each.colour[:, :, ::-1] // 2)
+            assert done
+            write.compressed(COLOUR, each.stamp_ns, "png", png.tobytes())
+            if number < raw:
+                write.image(COLOUR, each.stamp_ns, each.colour, "rgb8")
+    clip = open_clip(path)
+    assert len(clip.frames) == COUNT
+    for number, each in zip(clip.frames, shots, strict=True):
+        assert np.array_equal(clip.frame(number).left, each.colour if raw == COUNT else each.colour // 2)
+    less, more = ("CompressedImage", "Image") if raw == COUNT else ("Image", "CompressedImage")
+    of = "messages of sensor_msgs/msg"
+    (note,) = (note for note in clip.notes if of in note)
+    assert note.endswith(f"{COLOUR}: {raw} {of}/{less} are left out, {COUNT} of sensor_msgs/msg/{more} are read")
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_other_messages_on_the_topic_of_the_images_are_passed_over(tmp_path: Path, kind: Format) -> None:
+    with messages(tmp_path, kind) as (path, write):
+        for each in map(shot, range(1, COUNT + 1)):
+            write.write(COLOUR, "std_msgs/msg/String", each.stamp_ns, data="exposure 12 ms")
+            write.camera(COLOUR, each.stamp_ns, each.lens)  # a name that a driver's settings repeated
+            write.image(COLOUR, each.stamp_ns, each.colour, "rgb8")
+            write_depth(write, each, "raw")
+    clip = open_clip(path, left_info=COLOUR)
+    assert clip.notes == ()
+    assert [number for number in clip.frames if np.array_equal(clip.frame(number).left, shot(number).colour)] == [
+        *clip.frames
+    ]
+    assert len(clip.frames) == COUNT
+
+
+def test_two_schemas_of_one_type_on_one_topic_are_one_topic(tmp_path: Path) -> None:
+    """What two recorders wrote, joined: the definitions differ in a comment, or one of them is empty."""
+    with messages(tmp_path, "mcap") as (folder, write):
+        for each in map(shot, range(1, COUNT + 1)):
+            write.camera("/camera/color/camera_info", each.stamp_ns, each.lens)
+            write.image(COLOUR, each.stamp_ns, each.colour, "rgb8")
+            write_depth(write, each, "raw")
+    (whole,) = folder.glob("*.mcap")
+    joined = tmp_path / "joined.mcap"
+    with whole.open("rb") as source, joined.open("wb") as target:
+        writer = McapWriter(target)
+        writer.start()
+        channels: dict[tuple[str, int], int] = {}
+        for number, (schema, channel, message) in enumerate(make_reader(source).iter_messages()):
+            assert schema is not None
+            key = channel.topic, number // 3 % 3
+            if key not in channels:
+                text = (schema.data, b"# of another recorder\n" + schema.data, b"")[key[1]]
+                channels[key] = writer.register_channel(
+                    channel.topic, channel.message_encoding, writer.register_schema(schema.name, schema.encoding, text)
+                )
+            writer.add_message(channels[key], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    assert len({number for (topic, number) in channels if topic == COLOUR}) > 1
+    clip = open_clip(joined)
+    assert clip.notes == ()
+    for number in clip.frames:
+        assert np.array_equal(clip.frame(number).left, shot(number).colour)
+    assert len(clip.frames) == COUNT
