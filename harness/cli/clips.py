@@ -42,6 +42,13 @@ def add_clip(
     fx: Annotated[float | None, typer.Option(help="Of a rectified pair instead: focal length, pixels.")] = None,
     cx: Annotated[float | None, typer.Option(help="Column of the principal point, pixels.")] = None,
     cy: Annotated[float | None, typer.Option(help="Row of the principal point, pixels.")] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(
+            "--fov-deg",
+            help="Instead of these three: horizontal field of view of one image, degrees (data sheet of the camera).",
+        ),
+    ] = None,
     baseline: Annotated[
         float | None,
         typer.Option(help="Distance of the two cameras, metres; alone, it replaces the one of the calibration file."),
@@ -72,7 +79,7 @@ def add_clip(
         Path(path),
         name=name,
         adapter=adapter,
-        source=source | _calibration(calibration, numbers),
+        source=source | _calibration(calibration, numbers, fov),
         subjects=_names(subjects, "person"),
         targets=_names(targets, None),
     )
@@ -82,19 +89,26 @@ def add_clip(
         _print(added)
 
 
-def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> dict[str, Any]:
+def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov_deg: float | None) -> dict[str, Any]:
     """The settings of a calibration given on the command line."""
     from vfoa.errors import VfoaError
 
     files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
     missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
     baseline = {} if numbers["baseline_m"] is None else {"baseline_m": numbers["baseline_m"]}
+    if fov_deg is not None:
+        found = ["--calibration"] if files else [f"--{name}" for name in ("fx", "cx", "cy") if name not in missing]
+        if found:
+            raise VfoaError(f"--fov-deg and {' '.join(found)}: found both; expected one of them")
+        return {"camera": {"fov_deg": fov_deg, **baseline}}
     if missing == ["fx", "cx", "cy"] or len(missing) == len(numbers):
         return baseline | ({"calibration": files[0] if len(files) == 1 else files} if files else {})
     if files:
         raise VfoaError("--calibration and --fx --cx --cy: found both; expected one of them")
     if missing and missing != ["baseline"]:
-        raise VfoaError(f"--{missing[0]}: missing; expected all of --fx --cx --cy, and --baseline of a pair")
+        raise VfoaError(
+            f"--{missing[0]}: missing; expected all of --fx --cx --cy (or --fov-deg), and --baseline of a pair"
+        )
     return {"camera": {name: value for name, value in numbers.items() if value is not None}}
 
 

@@ -51,7 +51,7 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
         missing = "; ".join(recognised.incomplete) or (
             "no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the manifest: "
             "calibration = in [source]), or --fx --cx --cy, and --baseline of a rectified pair, in pixels and metres "
-            "(the table [source.camera])"
+            "(the table [source.camera]), or --fov-deg, from the camera's data sheet, in place of the first three"
         )
         raise VfoaError(f"{path}: {recognised.layout}; {missing}")
     return distinct[0]

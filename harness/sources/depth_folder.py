@@ -75,7 +75,8 @@ class DepthFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._files = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
-        self.frames, self.notes = tuple(self._files.colours), self._files.notes
+        self.frames = tuple(self._files.colours)
+        self.notes = (*self._files.notes, *(settings.camera.notes if settings.camera else ()))
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:

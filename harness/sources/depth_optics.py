@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from typing import Self
+
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from harness.sources.calibration import Calibration, check_camera
-from harness.sources.rectification import RawCamera, Undistorter, rays
+from harness.sources.rectification import ImageSize, RawCamera, Undistorter, rays
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import Float, Map, StereoRig
@@ -15,28 +18,64 @@ from vfoa.types import Float, Map, StereoRig
 class Intrinsics(Settings):
     """A camera without lens distortion, pixels; fy defaults to fx.
 
-    ``baseline_m`` makes it the left camera of a rectified pair, whose right one has the same principal point.
+    ``fov_deg``, the horizontal field of view of one image, stands for the other numbers: square pixels, and the
+    principal point in the middle. ``baseline_m`` makes it the left camera of a rectified pair, whose right one has the
+    same principal point.
     """
 
-    fx_px: float = Field(gt=0)
-    cx_px: float
-    cy_px: float
+    fx_px: float | None = Field(default=None, gt=0)
+    cx_px: float | None = None
+    cy_px: float | None = None
     fy_px: float | None = Field(default=None, gt=0)
+    fov_deg: float | None = Field(default=None, ge=5, le=170)
     baseline_m: float | None = Field(default=None, gt=0)
 
-    def pair(self, where: str) -> Calibration:
-        """Return the rectified pair; without a baseline raise a :class:`VfoaError` that begins with ``where``."""
+    @model_validator(mode="after")
+    def _numbers_or_field_of_view(self) -> Self:
+        numbers = {"fx_px": self.fx_px, "cx_px": self.cx_px, "cy_px": self.cy_px, "fy_px": self.fy_px}
+        given = [key for key, number in numbers.items() if number is not None]
+        if self.fov_deg is not None and given:
+            raise ValueError(f"found fov_deg and {', '.join(given)}; expected fov_deg alone, or fx_px, cx_px and cy_px")
+        missing = [key for key in ("fx_px", "cx_px", "cy_px") if key not in given]
+        if self.fov_deg is None and missing:
+            raise ValueError(f"{', '.join(missing)}: missing; expected fx_px, cx_px and cy_px, or fov_deg")
+        return self
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note that the focal length is only as good as the field of view that was given."""
+        if self.fov_deg is None:
+            return ()
+        return (
+            f"The focal length is made from a field of view of {self.fov_deg:g} degrees, without lens distortion: an "
+            "error of the field of view scales every distance.",
+        )
+
+    def pair(self, where: str, size: ImageSize) -> Calibration:
+        """Return the rectified pair for images of the (width, height) that ``size`` gives.
+
+        Raises
+        ------
+        VfoaError
+            Without a baseline; the message begins with ``where``.
+        """
         if self.baseline_m is None:
             raise VfoaError(f"{where}: source.camera.baseline_m: missing; expected the pair's baseline in metres")
-        return Calibration.of_equal_cameras(self._k, self.baseline_m)
+        return Calibration.of_equal_cameras(self._k(size), self.baseline_m)
 
     def camera(self, size_px: tuple[int, int]) -> RawCamera:
         """Return it as a camera for images of this (width, height)."""
-        return pinhole(self._k, size_px)
+        return pinhole(self._k(lambda: size_px), size_px)
 
-    @property
-    def _k(self) -> Float:
-        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px or self.fx_px, self.cy_px], [0, 0, 1]])
+    def _k(self, size: ImageSize) -> Float:
+        if self.fov_deg is None:
+            fx, fy, cx, cy = self.fx_px, self.fy_px or self.fx_px, self.cx_px, self.cy_px
+        else:
+            width, height = size()
+            # an image reaches from -0.5 to width - 0.5: pixel coordinates are those of pixels' middles
+            fx = fy = width / 2 / math.tan(math.radians(self.fov_deg) / 2)
+            cx, cy = (width - 1) / 2, (height - 1) / 2
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
 
 
 def check_one_calibration(calibration: object, camera: Intrinsics | None) -> None:

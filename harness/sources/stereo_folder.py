@@ -85,8 +85,13 @@ class StereoFolderClip:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes: frames left out, and a calibration scaled to another resolution."""
+        camera = self._settings.camera
         try:
-            return (*self._views.notes, *scaling_note(self._cameras, self._size_px()))
+            return (
+                *self._views.notes,
+                *(camera.notes if camera else ()),
+                *scaling_note(self._cameras, self._size_px()),
+            )
         except VfoaError:  # the first frame cannot be read; reading it gives the error
             return self._views.notes
 
@@ -140,7 +145,7 @@ class StereoFolderClip:
     def _read_cameras(self, folder: Path) -> Cameras:
         settings = self._settings
         if settings.camera is not None:
-            return settings.camera.pair(str(folder))
+            return settings.camera.pair(str(folder), self._size_px)
         files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
         paths = [folder / file for file in files or ()]
         return read_cameras(paths, self._size_px, settings)

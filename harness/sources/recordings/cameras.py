@@ -72,7 +72,8 @@ class PairCameras:
         self.notes: tuple[str, ...] = ()
         self._for_all_times: Rectifier | None = None
         if settings.camera is not None:
-            self._for_all_times = Rectifier(settings.camera.pair(where))
+            self._for_all_times = Rectifier(settings.camera.pair(where, size))
+            self.notes = settings.camera.notes
         elif settings.calibration is not None:
             path = folder / settings.calibration
             self._for_all_times = Rectifier(
@@ -247,7 +248,7 @@ class DepthCamera:
             self._depth.name: self._info(topics, self._depth, self._colour, settings.depth_info),
         }
         self._registration: tuple[tuple[RawCamera, StereoRig], DepthRegistration] | None = None
-        self.notes: tuple[str, ...] = ()
+        self.notes = settings.camera.notes if settings.camera and None in self._infos.values() else ()
         if self._colour_from_depth is not None:
             self.notes = (
                 f"{self._depth.name} is not aligned with {self._colour.name}: it is registered by the recording's "

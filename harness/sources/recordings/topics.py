@@ -125,8 +125,8 @@ def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: s
                 return beside[0]
     raise VfoaError(
         f"{where}: no single calibration topic belongs to {images[0].name}; found {listed(cameras)}; expected "
-        "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy, and "
-        "--baseline of a pair ([source.camera])"
+        "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy (or "
+        "--fov-deg), and --baseline of a pair ([source.camera])"
     )
 
 

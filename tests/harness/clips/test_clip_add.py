@@ -110,7 +110,7 @@ def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--fx", "100"), "--cx: missing; expected all of --fx --cx --cy, and --baseline"),
+        (("--fx", "100"), "--cx: missing; expected all of --fx --cx --cy (or --fov-deg), and --baseline"),
         ((*NUMBERS, "--calibration", "c.yml"), "found both; expected one of them"),
         (NUMBERS, "unknown key 'source.camera'"),
         (("--set", "pass"), "--set pass: expected KEY=VALUE, such as pass=final"),
