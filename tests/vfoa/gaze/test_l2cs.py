@@ -29,9 +29,12 @@ def bin_logits(angle_deg: float) -> np.ndarray:
     return np.log(probabilities)[None]
 
 
-def constant_gaze(folder: Path, horizontal_deg: float, vertical_deg: float, names: tuple[str, str]) -> L2cs:
+def constant_gaze(
+    folder: Path, horizontal_deg: float, vertical_deg: float, names: tuple[str, str], *, averaged: bool = False
+) -> L2cs:
     outputs = dict(zip(names, (bin_logits(horizontal_deg), bin_logits(vertical_deg)), strict=True))
-    return L2cs(L2cs.Settings(weights=graphs.constant(folder / "gaze.onnx", INPUT, outputs)))
+    weights = graphs.constant(folder / "gaze.onnx", INPUT, outputs)
+    return L2cs(L2cs.Settings(weights=weights, mirrored=averaged))
 
 
 def head_at(u: float, v: float) -> Head:
@@ -71,6 +74,11 @@ def test_known_bins_are_a_known_direction_whatever_the_outputs_are_called(
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
+def test_a_network_that_sees_the_same_in_both_images_looks_to_neither_side(tmp_path: Path) -> None:
+    found = direction(constant_gaze(tmp_path, 30, 20, ("yaw", "pitch"), averaged=True))
+    np.testing.assert_allclose(found, (0, -np.sin(np.radians(20)), -np.cos(np.radians(20))), atol=1e-6)
+
+
 def test_a_gaze_straight_ahead_meets_the_camera_from_anywhere(tmp_path: Path) -> None:
     model = pickle.loads(pickle.dumps(constant_gaze(tmp_path, 0, 0, ("pitch", "yaw"))))
     for u, v in ((20, 30), (280, 60), (150, 180)):
@@ -102,7 +110,7 @@ def test_the_input_is_the_face_in_rgb_by_imagenets_statistics(tmp_path: Path) ->
     weights = graphs.write(tmp_path / "face.onnx", nodes, INPUT, {"horizontal": (1, 90), "vertical": (1, 90)})
     image = np.zeros((200, 300, 3), np.uint8)
     image[60:140, 120:180] = [182, 0, 75]  # red 1 deviation above its mean, blue half a deviation below
-    gaze = L2cs(L2cs.Settings(weights=weights)).estimate(frame_of(image), head_at(149.5, 99.5), None)
+    gaze = L2cs(L2cs.Settings(weights=weights, mirrored=False)).estimate(frame_of(image), head_at(149.5, 99.5), None)
     assert gaze is not None
     theta = np.degrees(np.arctan2(-gaze.direction[0], -gaze.direction[2]))
     phi = np.degrees(np.arcsin(-gaze.direction[1]))
@@ -110,8 +118,10 @@ def test_the_input_is_the_face_in_rgb_by_imagenets_statistics(tmp_path: Path) ->
     assert phi == pytest.approx(40 * (75 - 103.53) / 57.375, abs=0.5)
 
 
+# measured: 8.9 and .04; the network's own two answers differ
+@pytest.mark.parametrize(("averaged", "most_deg"), [(False, 15), (True, 0.1)])
 def test_mobilegaze_looks_where_real_heads_point_and_the_other_way_in_a_mirror(
-    shared_models: Path, shared_data: Path
+    averaged: bool, most_deg: float, shared_models: Path, shared_data: Path
 ) -> None:
     weights = shared_models / "mobilegaze" / "mobileone_s0_gaze.onnx"
     photographs = sorted((shared_data / "faces").glob("*.jpg"))
@@ -119,7 +129,7 @@ def test_mobilegaze_looks_where_real_heads_point_and_the_other_way_in_a_mirror(
         pytest.skip(f"needs {weights} and photographs of faces in {shared_data / 'faces'}")
     poses = json.loads((shared_data / "faces" / "pose.json").read_text())
     yunet = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx")))
-    model = L2cs(L2cs.Settings(weights=str(weights)))
+    model = L2cs(L2cs.Settings(weights=str(weights), mirrored=averaged))
     from_head_deg, from_mirrored_deg = [], []
     for photograph in photographs:
         frame = frame_of(read_rgb(photograph))
@@ -133,4 +143,5 @@ def test_mobilegaze_looks_where_real_heads_point_and_the_other_way_in_a_mirror(
         from_head_deg.append(np.degrees(angle_between(gaze.direction, head_direction)))
         from_mirrored_deg.append(np.degrees(angle_between(gaze.direction, mirrored_direction(in_mirror.direction))))
     assert np.median(from_head_deg) < 22  # measured: 19; with the two outputs exchanged, more than 40
-    assert np.median(from_mirrored_deg) < 15  # measured: 10
+    assert np.median(from_mirrored_deg) < most_deg
+    assert averaged or np.median(from_mirrored_deg) > 5
