@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,14 @@ def ids_of(recording: Path) -> RecordingIds:
 
 
 def has_video(recording: Path) -> bool:
-    """Whether images of a file are AV1 video."""
+    """Whether images of a file are AV1 video; a file is read once, and again after it was written."""
+    status = recording.stat()
+    return _has_video(recording, (status.st_size, status.st_mtime_ns, status.st_ino))
+
+
+@lru_cache(maxsize=1024)
+def _has_video(recording: Path, stamp: tuple[int, ...]) -> bool:
+    """As :func:`has_video`, for the file with this stamp; errors are not kept."""
     with reading(recording):
         return any(True for _ in RrdReader(recording).stream().filter(components="VideoStream:codec"))
 

@@ -17,7 +17,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from harness.record import entities, layer_file
+from harness.record import entities, layer_file, reading
 from harness.record.appearance import attention_by_name
 from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
@@ -26,6 +26,7 @@ from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
 from harness.run.directory import new_run_id
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
+from vfoa.errors import VfoaError
 
 ANN = "Ann Müller/left"
 
@@ -348,3 +349,21 @@ def test_an_entity_may_have_values_of_its_own(tmp_path, read_back):
     log.send()
     stream.disconnect()
     assert read_back(tmp_path / "test.rrd").at("/heart", "rate_hz") == {1: [1.5], 2: []}
+
+
+def test_whether_a_file_has_video_is_read_once_until_it_is_written_again(frames, record_run, monkeypatch):
+    with_video, without = (record_run(frames, jpeg=jpeg).paths[0].read_bytes() for jpeg in (False, True))
+    path = record_run(frames, jpeg=True).paths[0]
+    opened = []
+    read = reading.RrdReader
+    monkeypatch.setattr(reading, "RrdReader", lambda file: opened.append(file) or read(file))
+    path.write_bytes(with_video)
+    assert [reading.has_video(path) for _ in range(3)] == [True] * 3
+    assert opened == [path]
+    path.write_bytes(without)
+    assert [reading.has_video(path) for _ in range(3)] == [False] * 3
+    assert opened == [path] * 2
+    path.write_bytes(without[: len(without) // 2])
+    for _ in range(2):
+        with pytest.raises(VfoaError, match=path.name):
+            reading.has_video(path)
