@@ -68,7 +68,7 @@ def table_rows(path: Path) -> list[Row]:
         If the file cannot be read or is not a table (with the line), if numbers have decimal commas and decimal points,
         or a column with content has no name.
     """
-    text = _text(path)
+    text = table_text(path)
     if stated := _SEPARATOR_LINE.match(text):
         text, above, separator = text[stated.end() :], 1, stated[1]
     else:
@@ -82,8 +82,14 @@ def table_rows(path: Path) -> list[Row]:
     return rows
 
 
-def _text(path: Path) -> str:
-    """The text of a table, decoded."""
+def table_text(path: Path) -> str:
+    """The text of a table, decoded.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, is a workbook, or is not text.
+    """
     content = read_bytes(path)
     if content.startswith(_WORKBOOKS):
         raise VfoaError(f"{path}: a workbook of a spreadsheet program; expected CSV: 'CSV UTF-8' in Excel's Save As")

@@ -129,6 +129,7 @@ PARSERS: Sequence[Parser] = (
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
         for name, file_name in (("csv", "theirs.csv"), ("elan", "theirs.eaf"))
     ),
+    Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),

@@ -60,6 +60,11 @@ DRAWN = (
     "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
     "1,mug,box,1,2,30.5,40,\n9,mug,box,4,2,33,40,1\n2,book,point,7,8,,,\n1,anna,head,5,6,25,36,\n"
 )
+ELAN_TEXT = (
+    "girl\t\t00:00:00.030\t0.03\t00:00:00.130\t0.13\t00:00:00.100\t0.1\tbird\n",
+    "Begin Time - msec\tEnd Time - msec\tDuration - msec\tgirl\tboy\n30\t130\t100\tbird\t\n0\t40\t40\t\tgirl\n",
+)
+
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '
     '"1": {"code": "nod", "type": "Point event"}}, "observations": {"talk": {"media_info": {"offset": {"1": 0.5}}, '

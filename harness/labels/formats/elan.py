@@ -1,4 +1,4 @@
-"""ELAN (.eaf): a tier per subject, an annotation per range, its value the target.
+"""ELAN (.eaf; also its exported text, read only): a tier per subject, an annotation per range, its value the target.
 
 Notes, image points and suggestions are in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
 ``girl:state``), in annotations of the same times. Written through pympi (Lubbers and Torreira, pympi-ling), which reads
@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml
+from harness.labels.formats.elan_text import TextAnnotation, is_elan_text, read_elan_text
 from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line, to_spans
 from harness.labels.labels import Label, Labels
 from harness.labels.rows import SUGGESTED, parse_point
@@ -35,7 +36,7 @@ class Elan:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file's annotations; referring annotations have the times of the ones they refer to."""
-        document = _parse(path)
+        document = _parse(path, exchange)
         names = {tier: exchange.names.translate(tier) for tier in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
         beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
@@ -146,10 +147,10 @@ class _Document:
         return places
 
 
-def _parse(path: Path) -> _Document:
+def _parse(path: Path, exchange: Exchange) -> _Document:
     data = read_bytes(path)
-    if not data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<") and b"\t" in data[:4096]:
-        raise VfoaError(f"{path}: not XML but a table, such as ELAN exports; expected the .eaf document itself")
+    if is_elan_text(data[:4096]):
+        return _of_text(path, read_elan_text(path, has_offset=exchange.offset is not None))
     root = parse_xml(data, path)
     if root.tag != "ANNOTATION_DOCUMENT":
         raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
@@ -163,6 +164,17 @@ def _parse(path: Path) -> _Document:
             address = medium.get("MEDIA_URL") or medium.get("RELATIVE_MEDIA_URL") or ""
             films.setdefault(address, medium.get("TIME_ORIGIN") or "0")
     return _Document(path=path, times=times, tiers=tiers, films=films)
+
+
+def _of_text(path: Path, annotations: Iterable[TextAnnotation]) -> _Document:
+    """The document of exported annotations: a time slot for each of their ends."""
+    times: dict[str, int | None] = {}
+    tiers = defaultdict[str, dict[str, _Annotation]](dict)
+    for number, annotation in enumerate(annotations):
+        slots = f"{number} start", f"{number} end"
+        times.update(zip(slots, (annotation.start_ms, annotation.end_ms), strict=True))
+        tiers[annotation.tier][f"{number}"] = _Annotation(value=annotation.value, slots=slots)
+    return _Document(path=path, times=times, tiers=tiers, films={})
 
 
 def _tier(tier: Element, path: Path) -> dict[str, _Annotation]:

@@ -99,7 +99,7 @@ def test_a_mistake_is_one_line_with_its_place(
         ("<annotations/>", r"a\.eaf: found <annotations>; expected ELAN's"),
         ("<ANNOTATION_DOCUMENT/>", r"a\.eaf: no tier is named after a subject; found none"),
         ("<ANNOTATION_DOCUMENT><TIER/></ANNOTATION_DOCUMENT>", r"a\.eaf: <TIER> without TIER_ID"),
-        ("girl\t0.000\t0.080\tbird\n", r"a\.eaf: not XML but a table, such as ELAN exports"),
+        ("girl\tsomething\tbird\n", r"a\.eaf: no two columns of times"),
     ],
 )
 def test_another_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -318,3 +318,84 @@ def test_annotations_that_refer_to_each_other_are_refused(tmp_path: Path) -> Non
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
+
+
+TEXT_ROWS = (("girl", 30, 130, "bird"), ("camera", 0, 240, "pan"), ("girl", 130, 200, "none"), ("boy", 0, 40, "girl"))
+"""Annotations as ELAN exports them: those of the first test here, and another tier."""
+UNITS = {
+    "hh:mm:ss.ms": lambda ms: f"00:00:{ms / 1000:06.3f}",
+    "ss.msec": lambda ms: str(ms / 1000),
+    "msec": str,
+}
+
+
+def _row_of(start: int, end: int, units: tuple[str, ...], kinds: int) -> list[str]:
+    return [UNITS[unit](ms) for ms in (start, end, end - start)[:kinds] for unit in units]
+
+
+def _exported(units: tuple[str, ...], kinds: int, *, has_participant: bool = True) -> str:
+    between = [""] if has_participant else []
+    rows = [[tier, *between, *_row_of(start, end, units, kinds), value] for tier, start, end, value in TEXT_ROWS]
+    return "".join("\t".join(cells) + "\n" for cells in rows)
+
+
+def _by_tier(units: tuple[str, ...], words: tuple[str, str, str], separator: str) -> str:
+    tiers = ["girl", "boy", "camera"]
+    header = [f"{word} - {unit}" for word in words for unit in units] + tiers
+    rows = [
+        [*_row_of(start, end, units, 3), *(value if tier == other else "" for other in tiers)]
+        for tier, start, end, value in TEXT_ROWS
+    ]
+    films = '"#file:///C:/a.mp4 -- offset: 0"\n'
+    return films + "".join(separator.join(cells) + "\n" for cells in (header, *rows))
+
+
+ENGLISH, FRENCH = ("Begin Time", "End Time", "Duration"), ("Temps de départ", "temps de fin", "Durée")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        _exported(("hh:mm:ss.ms", "ss.msec"), 3),  # what ELAN offers
+        _exported(("hh:mm:ss.ms",), 2, has_participant=False),
+        _exported(("ss.msec", "msec"), 3),
+        _exported(("msec",), 3),
+        _by_tier(("hh:mm:ss.ms", "ss.msec", "msec"), ENGLISH, "\t"),
+        _by_tier(("msec",), FRENCH, "\t"),
+        _by_tier(("hh:mm:ss.ms",), FRENCH, ","),
+    ],
+    ids=["as offered", "no participant", "seconds", "milliseconds", "columns", "French", "CSV"],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_exported_text_is_read_as_the_document(text: str, encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(text.encode(encoding))
+    imported = Elan().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 1, "girl", "boy"), row(2, 4, "bird"), row(5, 5, "none"))
+    assert imported.notes == (f"{path}: tier 'camera' belongs to no subject and is left out.",)
+    moved = Elan().read(path, exchange(offset=0.04))
+    assert moved.labels.ranges == (row(1, 3, "bird"), row(4, 4, "none"))
+
+
+def test_exported_numbers_are_values_after_times(tmp_path: Path) -> None:
+    text = _exported(("hh:mm:ss.ms", "ss.msec"), 3).replace("bird", "7").replace("none", "12").replace("pan", "3")
+    names = {"7": "bird", "12": "none"}
+    path = write_text(tmp_path / "a.txt", text.replace("boy", "other"))
+    assert Elan().read(path, exchange(renamed=names)).labels.ranges == (row(2, 4, "bird"), row(5, 5, "none"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("girl\t\t00:00:00.030\tbird\n", "no two columns of times; expected begin and end: in ELAN's export"),
+        ("girl\t\t0.03\t0.1\t0.5\tbird\n", r"a\.txt:1: times \[30, 100, 500\] ms; expected begin, end and duration"),
+        ("girl\t\t0.3\t0.1\tbird\n", r"a\.txt:1: times \[300, 100\] ms; expected begin, end"),
+        ("00:00:00.030\t00:00:00.130\tbird\n", "no column of tiers before the times"),
+        ("Begin Time - ss.msec\tDuration - ss.msec\tgirl\n0.03\t0.1\tbird\n", "expected begin and end"),
+        ('"#file:///a.mp4 -- offset: 500"\ngirl\t\t0.03\t0.1\t0.07\tbird\n', r"a\.txt:1: .* 500 ms.*--offset SECONDS"),
+    ],
+)
+def test_exported_text_that_is_ambiguous_says_what_to_export(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=message) as error:
+        Elan().read(write_text(tmp_path / "a.txt", text), exchange())
+    assert "\n" not in str(error.value)
