@@ -119,6 +119,17 @@ def head_direction_crop(yaw_rad: ArrayLike, pitch_rad: ArrayLike) -> Float:
     return np.stack([-np.sin(yaw), -np.cos(yaw) * np.sin(pitch), -np.cos(yaw) * np.cos(pitch)], axis=-1)
 
 
+def head_angles(crop_from_head: ArrayLike) -> tuple[float, float, float]:
+    """Yaw, pitch and roll in radians of a head's rotation (3, 3), as :func:`head_direction_crop` has them.
+
+    The head's own axes are those of the crop when it faces the camera upright: x to the image's right, y to the chin,
+    z to the back of the head. roll > 0 turns it clockwise in the image. At a yaw of 90 degrees, pitch and roll are one.
+    """
+    rotation = np.asarray(crop_from_head, dtype=np.float64)
+    yaw = math.asin(float(np.clip(rotation[0, 2], -1, 1)))
+    return yaw, math.atan2(rotation[1, 2], rotation[2, 2]), math.atan2(-rotation[0, 1], rotation[0, 0])
+
+
 def gaze_direction_crop(theta_rad: ArrayLike, phi_rad: ArrayLike) -> Float:
     """Direction (..., 3) in the crop's axes of a gaze in Gaze360's angles: theta > 0 image-left, phi > 0 up.
 

@@ -23,6 +23,7 @@ MODELS = Registry(
     kind="head_pose.model",
     builtin={
         "fsanet": "vfoa.head_pose.fsanet:FsaNet",
+        "3ddfa_v2": "vfoa.head_pose.tddfa_v2:TddfaV2",
     },
     group="vfoa.head_pose",
 )

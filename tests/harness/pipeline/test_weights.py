@@ -31,7 +31,7 @@ from tests import graphs
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
 from vfoa.gaze import adas, l2cs
-from vfoa.head_pose import fsanet
+from vfoa.head_pose import fsanet, tddfa_v2
 from vfoa.heads import yunet
 from vfoa.onnx import Model, RuntimeSettings
 from vfoa.segmentation import mask_classification, mask_rcnn, panoptic_fpn, rf_detr_seg, yolo_seg
@@ -44,6 +44,7 @@ SIGNATURES = {
     "adas-head-pose": adas.HEAD_POSE,
     "heads.yunet": yunet.SIGNATURE,
     "head_pose.fsanet": fsanet.SIGNATURE,
+    "head_pose.3ddfa_v2": tddfa_v2.SIGNATURE,
     "gaze.l2cs": l2cs.SIGNATURE,
     "stereo.hitnet": hitnet.SIGNATURE,
     "segmentation.rf_detr_seg": rf_detr_seg.SIGNATURE,
