@@ -165,11 +165,18 @@ def say_unknown_names(scores: Scores) -> None:
             )
 
 
+LINE_EVERY_S = 60.0
+"""Seconds between two lines of progress where stderr is no terminal: a log of a cluster or of CI."""
+
+
 @contextmanager
 def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function to call after each frame with the clip's name."""
+    """Yield a function to call after each frame with the clip's name; it draws a bar, or prints a line a minute."""
     from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
+    if not sys.stderr.isatty():
+        yield _frame_lines(total)
+        return
     started = time.monotonic()
     columns = MofNCompleteColumn(), TextColumn("{task.fields[rate]:.1f} frames/s"), TimeRemainingColumn()
     with _bar(what, total, *columns, rate=0.0) as (bar, task):
@@ -179,6 +186,23 @@ def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
             bar.update(task, advance=1, description=shown(clip), rate=rate)
 
         yield advance
+
+
+def _frame_lines(total: int) -> Callable[[str], None]:
+    """A function to call after each frame with the clip's name: it prints how far the run is, a line a minute."""
+    started = last = time.monotonic()
+    done = 0
+
+    def advance(clip: str) -> None:
+        nonlocal last, done
+        done += 1
+        now = time.monotonic()
+        if done < total and now - last >= LINE_EVERY_S:
+            last, rate = now, done / (now - started)
+            left_min = (total - done) / rate / 60
+            say(f"{clip}: {done} of {total} frames, {rate:.1f} frames/s, about {left_min:.0f} min left", err=True)
+
+    return advance
 
 
 @contextmanager

@@ -1,0 +1,49 @@
+"""How far a run is, where nobody watches a terminal."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from harness.cli import terminal
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The clock of the progress, seconds."""
+    clock = [100.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
+    return clock
+
+
+def test_a_log_gets_a_line_a_minute_with_rate_and_time_left(
+    now: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with terminal.frames_bar(600, "run") as advance:
+        for _ in range(600):
+            now[0] += 0.5
+            advance("kitchen")
+    out, err = capsys.readouterr()
+    assert out == ""
+    lines = [tuple(map(float, re.findall(r"[0-9.]+", line))) for line in err.splitlines()]
+    # frames, of all, frames a second, minutes left
+    assert lines == [(120, 600, 2, 4), (240, 600, 2, 3), (360, 600, 2, 2), (480, 600, 2, 1)]
+    assert all(line.startswith("kitchen: ") for line in err.splitlines())
+
+
+def test_a_short_run_prints_no_progress(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal.frames_bar(3, "run") as advance:
+        for _ in range(3):
+            now[0] += 19
+            advance("kitchen")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_last_frame_prints_nothing_since_the_table_follows(
+    now: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with terminal.frames_bar(1, "run") as advance:
+        now[0] += 1000
+        advance("kitchen")
+    assert capsys.readouterr() == ("", "")
