@@ -55,8 +55,8 @@ def fetch(
 ) -> None:
     """Fetch models from their own sites into the cache directory; an interrupted download resumes.
 
-    Licences and sizes are printed first. A network in OpenVINO's format is converted to ONNX. A model that cannot be
-    fetched is named and does not stop the others; the exit code is 2 then.
+    Licences and sizes are printed first. Networks in OpenVINO's format, and 3DDFA_V2's checkpoint, are converted
+    to ONNX. A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.run import experiment_of
     from harness.cli.terminal import bytes_bar

@@ -56,6 +56,7 @@ class CatalogueEntry(Settings):
     home: str
     address: str | None = None
     openvino: OpenVinoFiles | None = None
+    checkpoint: PublishedFile | None = None
     note: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
     other_sha256: tuple[str, ...] = ()
@@ -71,14 +72,15 @@ class CatalogueEntry(Settings):
     def _check_what_is_fetched(self) -> Self:
         if self.address is not None and self.sha256 is None:
             raise ValueError("address: expected sha256 beside it: without one, a login page would pass for the model")
-        if self.openvino is not None and (self.address is not None or self.sha256 is None):
-            raise ValueError("openvino: expected sha256 of the conversion beside it, and no address")
+        for key, is_converted in (("openvino", self.openvino), ("checkpoint", self.checkpoint)):
+            if is_converted and (self.address is not None or self.sha256 is None):
+                raise ValueError(f"{key}: expected sha256 of the conversion beside it, and no address")
         return self
 
     @property
     def can_be_fetched(self) -> bool:
         """Whether ``vfoa models fetch`` brings it."""
-        return self.address is not None or self.openvino is not None
+        return any((self.address, self.openvino, self.checkpoint))
 
     def is_file_of(self, path: Path) -> bool:
         """Whether a file is this model by its checksum; True if none is known."""
@@ -129,7 +131,7 @@ def find_model(name: str) -> CatalogueEntry:
 def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
     """Download a model's file, if it is not on this machine yet, and return its path.
 
-    A network that is published in OpenVINO's format is converted to ONNX.
+    A network that is published in OpenVINO's format, or as a checkpoint of PyTorch, is converted to ONNX.
 
     Raises
     ------
@@ -151,7 +153,15 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
     if entry.non_commercial and not accept_licence:
         raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
     if entry.openvino is not None:
-        _fetch_openvino(entry.openvino, target, sha256=entry.sha256, progress=progress)
+        from harness.pipeline import openvino_ir
+
+        files = {target.with_suffix(".xml"): entry.openvino.xml, target.with_suffix(".bin"): entry.openvino.bin}
+        _fetch_converted(files, openvino_ir.convert, target, sha256=entry.sha256, progress=progress)
+    elif entry.checkpoint is not None:
+        from harness.pipeline import tddfa_checkpoint
+
+        files = {target.with_suffix(".pth"): entry.checkpoint}
+        _fetch_converted(files, tddfa_checkpoint.convert, target, sha256=entry.sha256, progress=progress)
     elif entry.address is not None:
         download(entry.address, target, checksum=entry.sha256, progress=progress)
     else:
@@ -162,28 +172,33 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
     return target
 
 
-def _fetch_openvino(files: OpenVinoFiles, target: Path, *, sha256: str | None, progress: Progress | None) -> None:
-    """Download a network in OpenVINO's format, convert it to ``target``, and remove what was downloaded."""
+def _fetch_converted(
+    files: Mapping[Path, PublishedFile],
+    convert: Callable[..., bytes],
+    target: Path,
+    *,
+    sha256: str | None,
+    progress: Progress | None,
+) -> None:
+    """Download published files, convert them to ``target``, and remove what was downloaded."""
     from harness.files.download import download
-    from harness.pipeline.openvino_ir import convert
 
-    parts = {target.with_suffix(".xml"): files.xml, target.with_suffix(".bin"): files.bin}
     done = 0
 
     def report(of_file: int, _: int | None) -> None:
         if progress is not None:
-            progress(done + of_file, files.xml.bytes + files.bin.bytes)
+            progress(done + of_file, sum(file.bytes for file in files.values()))
 
-    for path, file in parts.items():
+    for path, file in files.items():
         download(file.address, path, checksum=file.sha384, algorithm="sha384", progress=report)
         done += file.bytes
     try:
-        content = convert(*parts)
+        content = convert(*files)
         if (found := hashlib.sha256(content).hexdigest()) != sha256:
             raise VfoaError(f"{target}: wrong checksum of the conversion: found sha256 {found}, expected {sha256}")
         atomic_write(target, content)
     finally:
-        for path in parts:
+        for path in files:
             path.unlink(missing_ok=True)
 
 
