@@ -131,6 +131,7 @@ PARSERS: Sequence[Parser] = (
     ),
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
+    Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),

@@ -70,6 +70,13 @@ BORIS_PROJECT = (
     '"1": {"code": "nod", "type": "Point event"}}, "observations": {"talk": {"media_info": {"offset": {"1": 0.5}}, '
     '"events": [[0.5, "girl", "bird", "", "shut", 2], [0.6, "girl", "nod", "", ""], [0.9, "girl", "bird", "", ""]]}}}'
 )
+BORIS_EXPORTS = (
+    "Observation id\tTime offset (s)\tSubject\tBehavior\tModifier #1\tBehavior type\tStart (s)\tStop (s)\t"
+    "Comment start\n"
+    "talk\t0.5\tgirl\tbird\t\tSTATE\t0.500\t0.900\tshut\ntalk\t0.5\tgirl\tnod\t\tPOINT\t0.600\t0.600\t\n",
+    "Time offset (s),0.5,,,\n,,,,\nTime,Subject,Behavior,Comment,Status\n"
+    "0.5,girl,bird,shut,START\n0.9,girl,bird,,STOP\n",
+)
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
 STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"

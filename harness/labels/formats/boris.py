@@ -1,5 +1,7 @@
 """BORIS's project file (``.boris``, JSON, also gzipped): its observations, whose state events start and stop in turn.
 
+Tables that BORIS exports are read as a part of their project (:mod:`harness.labels.formats.boris_exports`).
+
 An event is ``[time, subject, behaviour, modifiers, comment]``, since BORIS 8 with a frame number, and in an observation
 of pictures with the number of the picture, from 1, and its path. The start and the stop of a state have the same
 subject, behaviour and modifiers. Times hold the time offset of the observation and, if it says so, the creation time of
@@ -20,6 +22,7 @@ from typing import Any
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_json
+from harness.labels.formats.boris_exports import read_export
 from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, one_line
 from harness.labels.labels import Label, Timeline
 from vfoa.errors import VfoaError, check_known
@@ -34,7 +37,6 @@ _NO_FOCAL_SUBJECT = "No focal subject"
 _NOT_CHOSEN = ("", "None")
 _KEY = re.compile(r" \(.*\)$")
 """The key of a modifier, which older versions write behind it."""
-_EXPORTED = re.compile(rb"\bBehaviou?r\b.*\b(Start \(s\)|Status|Behavior type)", re.DOTALL)
 _SHOWN = 4
 
 
@@ -109,10 +111,8 @@ def _load(path: Path) -> dict[str, Any]:
             data = unpack.decompress(data, _LARGEST_BYTES)
     except zlib.error as error:
         raise VfoaError(f"{path}: not a BORIS project: {error}") from None
-    if _EXPORTED.search(data[:4096]) or data.startswith(b"PK"):
-        raise VfoaError(
-            f"{path}: a table that BORIS exports; expected its project, the .boris file with the observation"
-        )
+    if (exported := read_export(path, data)) is not None:
+        return exported
     project = parse_json(data, path)
     if not isinstance(project, dict):
         raise VfoaError(f"{path}: found {type(project).__name__}; expected a BORIS project")

@@ -266,18 +266,141 @@ def test_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
     assert imported.labels.ranges == (row(10, 20, "bird"), row(30, 40, "cup"))
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        "Observation id\tSubject\tBehavior\tBehavior type\tStart (s)\tStop (s)\no\tgirl\tbird\tSTATE\t0.0\t1\n",
-        "Observation id\to\t\n\nTime\tMedia file path\tSubject\tBehavior\tStatus\n3.3\ta.mp4\tgirl\tbird\tSTART\n",
-        "PK\x03\x04 a workbook",
-    ],
-    ids=["aggregated", "tabular", "xlsx"],
+AGGREGATED = "Observation id,Observation date,Description,Observation type,Source,Time offset (s),Coding duration,"
+AGGREGATED += "Media duration (s),FPS (frame/s),Subject,Observation duration by subject by observation,Behavior,"
+AGGREGATED += (
+    "Behavioral category,Modifier #1,Modifier #2,Behavior type,Start (s),Stop (s),Duration (s),Media file name,"
 )
-def test_an_exported_table_is_named_as_one(content: str, tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"a\.tsv: a table that BORIS exports; expected its project"):
+AGGREGATED += "Image index start,Image index stop,Image file path start,Image file path stop,Comment start,Comment stop"
+TABULAR = "Observation id,Observation date,Description,Observation duration,Observation type,Source,Time offset (s),"
+TABULAR += "Media duration (s),FPS,Subject,Behavior,Behavioral category,Modifier #1,Behavior type,Time,Media file name,"
+TABULAR += "Image index,Image file path,Comment"
+"""The columns of BORIS 8 and 9, of two sets of modifiers and of one."""
+NAMES_7 = (
+    "Observation id,Observation date,Description,Media file,Total length,FPS,a,Subject,Behavior,Behavioral category,"
+)
+NAMES_7 += "Modifiers,Behavior type,Start (s),Stop (s),Duration (s),Comment start,Comment stop"
+ABOVE_7 = (
+    "Observation id\to\t\t\n\t\t\t\nMedia file(s)\t\t\t\n\t\t\t\nPlayer #1\tfront.mp4\t\t\n\t\t\t\n"
+    "Time offset (s)\t2.0\t\t\n"
+)
+NAMES_7_TABULAR = "Time\tMedia file path\tTotal length\tFPS\tSubject\tBehavior\tBehavioral category\tComment\tStatus"
+ALL_OF_TALK = (
+    ("girl", "cup", 0.0, 0.08, ""),
+    ("girl", "bird", 0.08, 0.16, "eyes shut"),
+    ("boy", "cup", 0.03, 0.12, ""),
+)
+
+
+def _table(names: str, separator: str, *rows: dict[str, object], above: str = "") -> str:
+    listed = names.split("," if "," in names else "\t")
+    cells = (listed, *([str(row.get(name, "")) for name in listed] for row in rows))
+    return above + "".join(separator.join(each) + "\n" for each in cells)
+
+
+def _aggregated(begin_s: float = 0.0, **more: object) -> list[dict[str, object]]:
+    states = [
+        {"Start (s)": f"{begin_s + start:.3f}", "Stop (s)": f"{begin_s + stop:.3f}", "Behavior type": "STATE"}
+        | {"Subject": who, "Behavior": what, "Comment start": said, "Observation id": "o", **more}
+        for who, what, start, stop, said in ALL_OF_TALK
+    ]
+    nod = {"Behavior type": "POINT", "Start (s)": "0.1", "Stop (s)": "0.1", "Behavior": "nod", "Subject": "girl"}
+    return [*states, {"Observation id": "o", **more, **nod}]
+
+
+def _tabular(begin_s: float = 0.0, type_column: str = "Behavior type", **more: object) -> list[dict[str, object]]:
+    ends = [
+        (begin_s + time, {type_column: kind, "Subject": who, "Behavior": what, "Comment": said})
+        for who, what, start, stop, said in ALL_OF_TALK
+        for time, kind in ((start, "START"), (stop, "STOP"))
+    ]
+    nod = (begin_s + 0.1, {type_column: "POINT", "Subject": "girl", "Behavior": "nod"})
+    return [
+        {"Observation id": "o", "Time": f"{time:.3f}", **cells, **more}
+        for time, cells in sorted([*ends, nod], key=lambda end: end[0])
+    ]
+
+
+SOURCE = {
+    "Source": "player #1:C:\\v\\side.mp4;/v/front.mp4|player #2:other.mp4",
+    "Media duration (s)": "10.000;5.000|15.000",
+}
+EXPORTS = {
+    "aggregated": _table(AGGREGATED, "\t", *_aggregated()),
+    "aggregated CSV": _table(AGGREGATED, ",", *_aggregated(5.0, **{"Time offset (s)": "5.0"})),
+    "aggregated, a queue": _table(AGGREGATED, "\t", *_aggregated(10.0, **SOURCE)),
+    "aggregated of BORIS 7": _table(NAMES_7, "\t", *_aggregated(**{"Media file": "/v/front.mp4"})),
+    "live": _table(AGGREGATED, ",", *_aggregated(**{"Observation type": "Live observation", "Source": "NA"})),
+    "tabular": _table(TABULAR, ",", *_tabular()),
+    "tabular, offset and queue": _table(TABULAR, "\t", *_tabular(13.0, **SOURCE, **{"Time offset (s)": "3"})),
+    "tabular of BORIS 7": _table(NAMES_7_TABULAR, "\t", *_tabular(2.0, "Status"), above=ABOVE_7),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_exported_tables_are_read_as_the_project(name: str, encoding: str, tmp_path: Path) -> None:
+    path = write_bytes(tmp_path / "a.tsv", EXPORTS[name].encode(encoding))
+    imported = Boris().read(path, exchange(films={"front.mp4": 0.0}))
+    assert imported.labels.ranges == ROWS
+    assert f"{path}: 1 point events have no length and are left out." in imported.notes
+
+
+def test_modifiers_of_an_export_are_chosen_by_number(tmp_path: Path) -> None:
+    rows = _aggregated(**{"Modifier #1": "fast"})
+    for each in rows:
+        each |= {"Modifier #2": each["Behavior"], "Behavior": "look"}
+    path = write_text(tmp_path / "a.tsv", _table(AGGREGATED, "\t", *rows[:3]))
+    with pytest.raises(VfoaError, match=r"expected --modifier 1 .* --modifier none"):
+        Boris().read(path, exchange())
+    assert Boris().read(path, exchange(modifier="2")).labels.ranges == ROWS
+
+
+def test_an_observation_of_an_export_is_chosen(tmp_path: Path) -> None:
+    other = _aggregated(1.0, **{"Observation id": "p"})
+    path = write_text(tmp_path / "a.csv", _table(AGGREGATED, ",", *_aggregated(), *other))
+    with pytest.raises(VfoaError, match="found the observations 'o', 'p'; expected --observation NAME"):
+        Boris().read(path, exchange())
+    assert Boris().read(path, exchange(observation="o")).labels.ranges == ROWS
+
+
+def test_exported_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
+    rows = [
+        {"Observation id": "o", "Subject": "girl", "Behavior": what, "Behavior type": "STATE"}
+        | {"Start (s)": "NA", "Stop (s)": "NA", "Image index start": first, "Image index stop": stop}
+        for what, first, stop in (("bird", 1, 3), ("cup", 3, 5))
+    ]
+    path = write_text(tmp_path / "a.tsv", _table(AGGREGATED, "\t", *rows))
+    assert Boris().read(path, exchange()).labels.ranges == (row(1, 2, "bird"), row(3, 4, "cup"))
+
+
+def test_the_film_of_an_old_export_without_lengths_is_asked_for(tmp_path: Path) -> None:
+    later = _aggregated(10.0, **{"Media file": "front.mp4"})
+    path = write_text(tmp_path / "a.tsv", _table(NAMES_7, "\t", *later, *_aggregated(**{"Media file": "side.mp4"})))
+    with pytest.raises(VfoaError, match=r"side\.mp4: found 'None'; expected seconds, or --offset SECONDS"):
+        Boris().read(path, exchange(films={"front.mp4": 0.0}))
+    assert Boris().read(path, exchange(offset=10.0)).labels.ranges == ROWS
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("PK\x03\x04 a workbook", "a workbook, HTML, SQL or SDIS, such as BORIS exports; expected TSV or CSV"),
+        ("<table><tr><td>Behavior</td></tr></table>", "expected TSV or CSV in BORIS's export, or its project"),
+        ("Observation id\tSubject\tBehavior\tDuration mean (s)\no\tgirl\tbird\t1\n", "a.tsv:1: no column 'Start (s)'"),
+        (_table(AGGREGATED, "\t", {**_aggregated()[0], "Stop (s)": "0:01"}), "a.tsv:2: Stop (s): found '0:01'"),
+        (
+            _table(AGGREGATED, "\t", {**_aggregated()[0], "Behavior type": "x"}),
+            "a.tsv:2: the type of a behaviour: found 'X'",
+        ),
+    ],
+    ids=["workbook", "HTML", "time budget", "a time", "a type"],
+)
+def test_other_tables_are_named_with_what_to_export(content: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError) as error:
         Boris().read(write_text(tmp_path / "a.tsv", content), exchange())
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_it_is_not_written(tmp_path: Path) -> None:
