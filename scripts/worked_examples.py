@@ -6,7 +6,7 @@ import re
 import sys
 from pathlib import Path
 
-HEADINGS = ("A metric", "A panel of the report", "An entity in the recording")
+HEADINGS = ("A method of attention", "A metric", "A panel of the report", "An entity in the recording")
 
 
 def example(heading: str) -> str:

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from vfoa.attention import AttentionSettings
-from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.logit import LogitSettings
-from vfoa.nearest import NearestSettings
+from vfoa.methods import DEFAULT_METHOD, METHODS, MethodSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.settings import Settings
@@ -20,19 +17,13 @@ from vfoa.validation import parse
 Tables = Mapping[str, Mapping[str, Any]]
 """Settings by key, by the name of the table."""
 
-STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
-    "reconstruction": {"": ReconstructionSettings},
-    "tracking": {"": TrackingSettings},
-    "gaze_filter": {"": GazeFilterSettings},
-    "attention": {
-        "cones": AttentionSettings,
-        "bayes": BayesSettings,
-        "logit": LogitSettings,
-        "nearest": NearestSettings,
-    },
+STEPS: Mapping[str, type[Settings]] = {
+    "reconstruction": ReconstructionSettings,
+    "tracking": TrackingSettings,
+    "gaze_filter": GazeFilterSettings,
+    "attention": MethodSettings,
 }
-"""The steps after perception: the settings classes of each by its ``method``, which only attention has. The first is
-the default."""
+"""The steps after perception, with the settings class of each; attention has that of its ``method``."""
 
 
 def dotted_tables(changes: Iterable[tuple[str, Any]], tables: Collection[str], where: str) -> dict[str, dict[str, Any]]:
@@ -54,10 +45,18 @@ def dotted_tables(changes: Iterable[tuple[str, Any]], tables: Collection[str], w
     return by_table
 
 
-def step_settings(step: str, table: Mapping[str, Any]) -> type[Settings]:
-    """The settings class of a step: that of its ``method``, else the default one, which rejects a wrong method."""
-    default, *_ = STEPS[step].values()
-    return STEPS[step].get(str(table.get("method")), default)
+def _method_class(table: Mapping[str, Any], where: str) -> Any:
+    """Return the class of the method that a table of attention names; without a name, the default one.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such method.
+    """
+    try:
+        return METHODS.load(str(table.get("method", DEFAULT_METHOD)))
+    except VfoaError as error:
+        raise VfoaError(f"{where}: {error}") from None
 
 
 def read_steps(tables: Tables, stereo: Settings | None, where: str) -> tuple[ReconstructionSettings, AttendSettings]:
@@ -68,9 +67,8 @@ def read_steps(tables: Tables, stereo: Settings | None, where: str) -> tuple[Rec
     VfoaError
         If a key or a value is wrong, or stuff is to be reconstructed where the matcher leaves it out.
     """
-    steps: dict[str, Any] = {
-        step: parse(step_settings(step, tables.get(step, {})), tables.get(step, {}), where, step) for step in STEPS
-    }
+    models = {**STEPS, "attention": _method_class(tables.get("attention", {}), where).Settings}
+    steps: dict[str, Any] = {step: parse(model, tables.get(step, {}), where, step) for step, model in models.items()}
     reconstruction: ReconstructionSettings = steps.pop("reconstruction")
     if is_in_region(stereo) and reconstruction.stuff:
         raise VfoaError(

@@ -125,6 +125,16 @@ class LogitSettings(MethodSettings):
     by_clip: dict[str, LogitWeights] = Field(default_factory=dict)
     """Weights of single clips, which ``left-out`` writes."""
 
+    @property
+    def is_unfitted(self) -> bool:
+        """Whether the weights are still to be fitted: ``"left-out"``."""
+        return self.weights == "left-out"
+
+    @property
+    def fitted_on(self) -> tuple[str, ...]:
+        """The clips whose labels the weights were fitted to, of those that ship with vfoa."""
+        return tuple(shipped_fit()["clips"]) if self.weights == shipped_weights() else ()
+
     def for_clip(self, clip: str) -> Self:
         """Return the settings with the weights of this clip, if it has its own."""
         if clip not in self.by_clip:

@@ -18,6 +18,16 @@ class MethodSettings(Settings):
     method: str
     """The name of the method, as in :data:`METHODS`."""
 
+    @property
+    def is_unfitted(self) -> bool:
+        """Whether weights are still to be fitted to the labels of an experiment's other clips."""
+        return False
+
+    @property
+    def fitted_on(self) -> tuple[str, ...]:
+        """The clips whose labels the weights were fitted to, of weights that ship with the method."""
+        return ()
+
     def for_clip(self, clip: str) -> Self:
         """Return the settings for one clip: a method may have weights of its own for it."""
         return self
@@ -82,6 +92,8 @@ METHODS = Registry(
     },
     group="vfoa.attention",
 )
+DEFAULT_METHOD = "cones"
+"""The method where none is named."""
 
 
 def open_method(settings: MethodSettings) -> AttentionMethod[Any]:

@@ -18,16 +18,15 @@ from contextvars import copy_context
 from dataclasses import dataclass
 from typing import Any, cast
 
+from pydantic import InstanceOf, SerializeAsAny
+
 from vfoa.attention import AttentionSettings
-from vfoa.bayes import BayesSettings
 from vfoa.drawn import Drawing, Placed
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
-from vfoa.logit import LogitSettings
-from vfoa.methods import RevisingMethod, look_ahead_s, open_method
-from vfoa.nearest import NearestSettings
+from vfoa.methods import MethodSettings, RevisingMethod, look_ahead_s, open_method
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
@@ -136,7 +135,7 @@ class AttendSettings(Settings):
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
-    attention: AttentionSettings | BayesSettings | LogitSettings | NearestSettings = AttentionSettings()
+    attention: SerializeAsAny[InstanceOf[MethodSettings]] = AttentionSettings()
 
 
 class Attending:

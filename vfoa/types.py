@@ -31,8 +31,6 @@ Mask = NDArray[np.bool_]
 
 Cue = Literal["gaze", "head"]
 CUES: tuple[Cue, ...] = ("gaze", "head")
-PROBABILISTIC = ("bayes", "logit")
-"""The methods of attention whose totals are probabilities; "nowhere" has the rest up to 1."""
 
 NOMINAL_BASELINE_M = 0.1
 """Baseline of the rig of a camera that measures depth and has no second view.

@@ -126,10 +126,7 @@ def run(
 
 def _advice(plan: Plan) -> str | None:
     """A line for a clip without labels under the weights that ship with vfoa: a few labels of it are better."""
-    from vfoa.logit import LogitSettings, shipped_weights
-
-    used = [configuration.attend.attention for configuration in plan.experiment.configurations]
-    is_default = any(isinstance(settings, LogitSettings) and settings.weights == shipped_weights() for settings in used)
+    is_default = any(configuration.attend.attention.fitted_on for configuration in plan.experiment.configurations)
     clip = next(
         (planned.manifest.name for planned in plan.clips if planned.labels is None or not planned.labels.ranges), None
     )

@@ -21,10 +21,10 @@ import vfoa.segmentation
 import vfoa.stereo
 from harness.sources import Clip
 from vfoa import config
-from vfoa.config import Tables, is_in_region, read_steps, step_settings
+from vfoa.config import Tables, is_in_region, read_steps
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.logit import LogitSettings
+from vfoa.methods import DEFAULT_METHOD, METHODS
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
@@ -208,7 +208,7 @@ STAGES: dict[str, StageKind] = {
 }
 
 
-STEPS: Mapping[str, Mapping[str, type[Settings]]] = {"drawn": {"": DrawnSettings}, **config.STEPS}
+STEPS: Mapping[str, type[Settings]] = {"drawn": DrawnSettings, **config.STEPS}
 """Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""
 
 TABLES = (*STAGES, *STEPS)
@@ -245,12 +245,6 @@ class Configuration:
     def uses_drawn(self) -> bool:
         """Whether any drawn shapes of a clip are used."""
         return self.drawn.targets or self.drawn.heads
-
-    @property
-    def unfitted(self) -> LogitSettings | None:
-        """Its attention, if the weights are still to be fitted to the other clips of the experiment."""
-        attention = self.attend.attention
-        return attention if isinstance(attention, LogitSettings) and attention.weights == "left-out" else None
 
     def for_clip(self, clip: str) -> Configuration:
         """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
@@ -299,10 +293,10 @@ def takes(tables: Tables, dotted: str) -> bool:
     settings = tables.get(table, {})
     if slot := STAGES.get(table):
         return slot.takes(settings.get(slot.key), key)
-    if table not in STEPS:
-        return False
-    model = DrawnSettings if table == "drawn" else step_settings(table, settings)
-    return key == "method" or key in model.model_fields
+    if table == "attention" and key != "method":
+        name = str(settings.get("method", DEFAULT_METHOD))
+        return name in METHODS and key in METHODS.load(name).Settings.model_fields
+    return table in STEPS and key in STEPS[table].model_fields
 
 
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:

@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
 from vfoa.errors import check_known
+from vfoa.methods import METHODS
 from vfoa.settings import Settings
 
 _UNITS = {unit: unit for unit in ("m", "cm", "px", "ms", "s", "frames", "bytes")}
@@ -100,9 +101,11 @@ def _tables_of(table: str) -> Iterator[SettingsTable]:
                 stage = slot.stage_class(name)
                 summary = re.split(r"(?<=\.)\s", inspect.getdoc(stage) or "", maxsplit=1)[0]
                 yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _plain(summary))
+    elif table == "attention":
+        for method in METHODS.builtin_first():
+            yield _describe(table, f'method = "{method}"', METHODS.load(method).Settings, "")
     else:
-        for method, model in STEPS[table].items():
-            yield _describe(table, f'method = "{method}"' if method else "", model, "")
+        yield _describe(table, "", STEPS[table], "")
 
 
 def _describe(table: str, choice: str, model: type[Settings], summary: str) -> SettingsTable:

@@ -52,7 +52,7 @@ def run_whole(
 
     The others are those of :func:`harness.run.runner.run_plan`, which also lists the errors.
     """
-    if any(configuration.unfitted for configuration in experiment.configurations):
+    if any(configuration.attend.attention.is_unfitted for configuration in experiment.configurations):
         from harness.score.fit_logit import with_left_out_weights
 
         fit_out = out.with_name(f"{out.name}-fit")

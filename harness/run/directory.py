@@ -55,6 +55,8 @@ MOST = 3
 
 _FOLLOWS = "times_ns"
 """Differs wherever a clip's frames do."""
+_DERIVED = "methods"
+"""Follows from the configurations and the code, which are compared."""
 
 
 class _Table(BaseModel):
@@ -98,6 +100,11 @@ class _Configuration(_Table):
     segmentation: _Segmentation | None = None
 
 
+class _Method(_Table):
+    probabilistic: bool
+    says_nowhere: bool
+
+
 class _Failure(_Table):
     clip: str
     configuration: str
@@ -113,6 +120,7 @@ class _RunManifest(_Table):
     notes: list[str] = []
     clips: list[_Clip] = []
     configurations: dict[str, _Configuration] = {}
+    methods: dict[str, _Method] = {}
     factors: dict[str, dict[str, str]] = {}
     failed: list[_Failure] = []
     labels_sha256: dict[str, str | None] = {}
@@ -133,7 +141,7 @@ def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
 
 def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
     for key, value in wanted.items():
-        if actual.get(key) != value:
+        if key != _DERIVED and actual.get(key) != value:
             yield from _within(key, _named(actual.get(key)), _named(value)) or [key]
 
 

@@ -51,7 +51,7 @@ from harness.run.grid import base_of, repeated, variants
 from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
-from vfoa.logit import LogitSettings, shipped_fit, shipped_weights
+from vfoa.logit import LogitSettings
 from vfoa.removed import removed
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -327,10 +327,9 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
 
 
 def _shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
-    """Yield a warning if the weights that ship with vfoa were fitted on a clip that is reported."""
-    used = (configuration.attend.attention for configuration in configurations)
-    seen = [clip for clip in clips if clip in shipped_fit().get("clips", ())]
-    if seen and any(isinstance(each, LogitSettings) and each.weights == shipped_weights() for each in used):
+    """Yield a warning if weights that ship with a method were fitted on a clip that is reported."""
+    fitted_on = {clip for configuration in configurations for clip in configuration.attend.attention.fitted_on}
+    if seen := [clip for clip in clips if clip in fitted_on]:
         yield f"{FITTED_ON_REPORTED}: the default weights were fitted on {', '.join(seen)}."
 
 

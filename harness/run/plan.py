@@ -20,12 +20,14 @@ from harness.files.digests import code_digest, file_digest
 from harness.labels.labels import Labels, timeline_of
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip, check_drawn
+from harness.pipeline.stage_runner import guarded
 from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
+from vfoa.methods import METHODS, open_method
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 
@@ -72,7 +74,8 @@ class Plan:
         """The modules whose code decides the results: a change to any other does not make another run."""
         stages = {STAGES[choice.slot].stage_class(choice.name).__module__ for choice in self.stages}
         adapters = {type(prepared.clip).__module__ for prepared in self.clips}
-        return tuple(sorted({"harness.run.loop", *stages, *adapters}))
+        methods = {METHODS.load(each.attend.attention.method).__module__ for each in self.experiment.configurations}
+        return tuple(sorted({"harness.run.loop", *stages, *adapters, *methods}))
 
     @property
     def frames(self) -> int:
@@ -211,6 +214,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         **{key: value for sink in plan.sinks for key, value in sink.described().items()},
         "clips": [_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
         "configurations": {configuration.name: configuration.plain() for configuration in configurations},
+        "methods": {configuration.name: _describe_method(configuration) for configuration in configurations},
         "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
         "weights_sha256": {
             name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
@@ -218,6 +222,12 @@ def describe(plan: Plan) -> dict[str, Any]:
         "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
+
+
+def _describe_method(configuration: Configuration) -> dict[str, bool]:
+    """What the answers of a configuration are: scores need it, and import no method."""
+    method = guarded(f"{configuration.name}: attention", open_method, configuration.attend.attention)
+    return {"probabilistic": method.probabilistic, "says_nowhere": method.says_nowhere}
 
 
 def _default_fetch(plan: Plan) -> str | None:

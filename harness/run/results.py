@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -21,7 +21,6 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
 from vfoa.errors import VfoaError, check_known
-from vfoa.types import PROBABILISTIC
 
 T = TypeVar("T")
 VERSION = 1
@@ -176,14 +175,29 @@ class ClipRecords:
     says_nowhere: bool
 
 
-def has_probabilities(configuration: Mapping[str, Any]) -> bool:
-    """Whether the attention of a configuration in a run's manifest is a probability."""
-    return configuration.get("attention", {}).get("method") in PROBABILISTIC
+class Answers(NamedTuple):
+    """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing"."""
+
+    probabilistic: bool
+    says_nowhere: bool
 
 
-def says_nowhere(configuration: Mapping[str, Any]) -> bool:
-    """Whether a configuration can answer "looks at nothing": with probabilities, or the nearest within a limit."""
-    return has_probabilities(configuration) or configuration.get("attention", {}).get("limit_deg") is not None
+def answers_of(manifest: Mapping[str, Any], configuration: str, path: Path) -> Answers:
+    """Return what the answers of a configuration are, by its run's manifest, a file at ``path``.
+
+    Raises
+    ------
+    VfoaError
+        If the manifest does not say it: an earlier version of this program wrote it.
+    """
+    of_method = manifest.get("methods", {}).get(configuration)
+    if of_method is not None:
+        return Answers(of_method["probabilistic"], of_method["says_nowhere"])
+    if "method" in manifest.get("configurations", {}).get(configuration, {}).get("attention", {}):
+        raise VfoaError(
+            f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
+        )
+    return Answers(probabilistic=False, says_nowhere=False)
 
 
 def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
@@ -214,13 +228,13 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     names = list(dict.fromkeys(record.configuration for record in records))
     chosen = _choose(names, configuration, run)
     by_frame = {record.frame: record for record in records if record.configuration == chosen}
-    settings = manifest.get("configurations", {}).get(chosen, {})
+    answers = answers_of(manifest, chosen, directory.manifest)
     return ClipRecords(
         configuration=chosen,
         by_frame=by_frame,
         all=records,
-        has_probabilities=has_probabilities(settings),
-        says_nowhere=says_nowhere(settings),
+        has_probabilities=answers.probabilistic,
+        says_nowhere=answers.says_nowhere,
     )
 
 

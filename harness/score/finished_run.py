@@ -20,12 +20,11 @@ from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import (
     Block,
+    answers_of,
     find_blocks,
     has_images,
-    has_probabilities,
     read_block,
     read_results,
-    says_nowhere,
 )
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
@@ -134,6 +133,7 @@ class FinishedRun:
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
+        answers = {name: answers_of(run, name, self.directory.manifest) for name in run["configurations"]}
         annotator = annotator or run.get("annotator")
         manifests = self._manifests(annotator)
         read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
@@ -164,10 +164,8 @@ class FinishedRun:
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self._names_now(manifests),
-            says_nowhere=frozenset(name for name, settings in run["configurations"].items() if says_nowhere(settings)),
-            probabilistic=dict.fromkeys(
-                name for name, settings in run["configurations"].items() if has_probabilities(settings)
-            ),
+            says_nowhere=frozenset(name for name, of_method in answers.items() if of_method.says_nowhere),
+            probabilistic=dict.fromkeys(name for name, of_method in answers.items() if of_method.probabilistic),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
             settings=run["configurations"],

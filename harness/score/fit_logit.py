@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, probabilities, shipped_weights
 from vfoa.logit_cues import ROWS, features, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
+from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
 from vfoa.types import Float
 
@@ -261,9 +262,9 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
         If fewer than two clips have labels.
     """
     unfitted = [
-        (configuration, attention)
+        (configuration, cast("LogitSettings", configuration.attend.attention))
         for configuration in experiment.configurations
-        if (attention := configuration.unfitted) is not None
+        if configuration.attend.attention.is_unfitted
     ]
     shared = _first_with_the_stages(configuration for configuration, _ in unfitted)
     plain = tuple(
@@ -311,5 +312,5 @@ def _left_out_weights(people: Sequence[Person], smoothings: Collection[Smoothing
     return {"weights": fitted_to(people, smoothings), "by_clip": by_clip}
 
 
-def _attending(configuration: Configuration, attention: NearestSettings | LogitSettings) -> Configuration:
+def _attending(configuration: Configuration, attention: MethodSettings) -> Configuration:
     return replace(configuration, attend=configuration.attend.model_copy(update={"attention": attention}))

@@ -38,13 +38,14 @@ def frames_of(girl: list[str | None], first: int = 1) -> dict[int, FrameRecord]:
     return found
 
 
-def write_run(folder: Path, girl: list[str | None], *, method: str = "bayes") -> Path:
+def write_run(folder: Path, girl: list[str | None], *, probabilistic: bool = True) -> Path:
     records = frames_of(girl)
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
     times = [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
     run = RunDirectory(folder)
-    run.write_manifest({"clips": [clip], "configurations": {"one": {"attention": {"method": method}}}})
+    method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
+    run.write_manifest({"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}})
     write_text(run.results, "".join(map(to_line, records.values())))
     return folder
 
@@ -66,7 +67,7 @@ def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> N
 
 
 def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
-    run = write_run(tmp_path, ["bird", "none", "cup"], method="cones")
+    run = write_run(tmp_path, ["bird", "none", "cup"], probabilistic=False)
     found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
     assert [(row.first_frame, row.label.target) for row in found.labels.ranges] == [(1, "bird"), (3, "cup")]
     assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
@@ -100,7 +101,7 @@ def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:
 
 
 def test_attention_without_probabilities_has_none(tmp_path: Path) -> None:
-    ((written, _),) = export_predictions(write_run(tmp_path, ["bird"], method="cones"), "csv")
+    ((written, _),) = export_predictions(write_run(tmp_path, ["bird"], probabilistic=False), "csv")
     assert "probability" not in written.read_text()
 
 

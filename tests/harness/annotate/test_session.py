@@ -106,19 +106,14 @@ def test_predictions_come_with_their_attention_and_unsure_frames_first(opened: A
     assert about["order"]["ann"] == [8, 9, 10, 11, 7, 3, 5, 6, 2, 0, 1, 4]
 
 
-@pytest.mark.parametrize(
-    ("attention", "suggested"),
-    [
-        ({"method": "cones"}, None),
-        ({"method": "bayes"}, ("none", 0.0)),
-        ({"method": "nearest", "limit_deg": 5.0}, ("none", 0.0)),
-    ],
-)
+@pytest.mark.parametrize(("says_nowhere", "suggested"), [(False, None), (True, ("none", 0.0))])
 def test_nothing_hit_is_none_only_of_a_method_that_can_say_so(
-    opened: Any, work: Path, attention: dict[str, Any], suggested: tuple[str, float] | None
+    opened: Any, work: Path, says_nowhere: bool, suggested: tuple[str, float] | None
 ) -> None:
     clip = {"name": "noise", "frames": [1], "times_ns": [0], "rate_hz": None}
-    RunDirectory(work / "run").write_manifest({"clips": [clip], "configurations": {"one": {"attention": attention}}})
+    method = {"probabilistic": False, "says_nowhere": says_nowhere}
+    manifest = {"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}}
+    RunDirectory(work / "run").write_manifest(manifest)
     assert opened(run=work / "run").about()["suggestions"]["ann"][-1] == suggested
 
 

@@ -230,7 +230,7 @@ def test_a_fault_of_attention_is_one_line_too(
     def fails(scene: Any, *_: Any) -> Any:
         raise FloatingPointError("not a number")
 
-    monkeypatch.setattr("harness.run.loop.attend", fails)
+    monkeypatch.setattr("vfoa.pipeline.filter_cues", fails)
     with pytest.raises(VfoaError, match="frame 1: attention: FloatingPointError: not a number"):
         _run(experiment, tmp_path / "run")
 

@@ -33,7 +33,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     monkeypatch.setattr(results, "BLOCK_FRAMES", BLOCK)
     directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
     manifest = directory.read_manifest()
-    manifest["configurations"]["configuration-1"] = {"attention": {"method": "bayes"}}
+    manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
     directory.write_manifest(manifest)
     lines = directory.results.read_text().splitlines()
     for place, line in enumerate(lines):

@@ -95,3 +95,15 @@ def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(
     assert of_ben() == [("teddy", "teddy"), ("teddy", "teddy"), ("teddy", "bowl")]
     assert copy in directory.inputs
     assert "teddy" in choices(directory, "studio_talk", "ben")
+
+
+def test_a_run_that_does_not_say_what_the_answers_of_a_method_are_is_refused(tmp_path: Path) -> None:
+    clip = {"name": "studio_table", "manifest": "", "frames": [1], "notes": []}
+    configurations = {"one": {"attention": {"method": "bayes"}}}
+    manifest = {"notes": [], "clips": [clip], "configurations": configurations, "finished": "now"}
+    with pytest.raises(VfoaError, match=r"manifest\.json: methods\.one: missing"):
+        FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest).reference()
+    methods = {"one": {"probabilistic": True, "says_nowhere": False}}
+    run = FinishedRun(directory=RunDirectory(tmp_path), manifest={**manifest, "methods": methods})
+    assert set(run.reference().probabilistic) == {"one"}
+    assert run.reference().says_nowhere == set()
