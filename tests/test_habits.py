@@ -8,6 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import venv
+from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 
@@ -31,6 +32,12 @@ def test_release_notes_are_a_section_of_the_changelog() -> None:
     with pytest.raises(SystemExit, match=r"no version '1\.0'"):
         release_notes(changelog, "1.0")
     assert release_notes((REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8"), "Unreleased")
+
+
+def test_no_two_test_files_share_a_name() -> None:
+    """Pytest imports them by their name alone: of two, it refuses the second, but only in a run of the whole suite."""
+    names = [path.name for path in (REPOSITORY / "tests").rglob("test_*.py")]
+    assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 def test_what_continuous_integration_calls_is_there() -> None:
