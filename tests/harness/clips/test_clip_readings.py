@@ -67,7 +67,7 @@ def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
     with recorder(path) as record:
         for side in ("left", "right"):
             record.picture(f"/{side}/image_rect", 10**9, picture(1))
-    assert "--fx --cx --cy, and --baseline" in refused(path)
+    assert "--fx --cx --cy (or --fov-deg), and --baseline" in refused(path)
     matrix = "100 0 31.5 {} 0 100 23.5 0 0 0 1 0"
     write_text(tmp_path / "calib.txt", f"P2: {matrix.format(0)}\nP3: {matrix.format(-12)}\n")
     added = vfoa("add", path, "--calibration", tmp_path / "calib.txt")
