@@ -172,11 +172,11 @@ LINE_EVERY_S = 60.0
 @contextmanager
 def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     """Yield a function to call after each frame with the clip's name; it draws a bar, or prints a line a minute."""
-    from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
-
     if not sys.stderr.isatty():
         yield _frame_lines(total)
         return
+    from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
+
     started = time.monotonic()
     columns = MofNCompleteColumn(), TextColumn("{task.fields[rate]:.1f} frames/s"), TimeRemainingColumn()
     with _bar(what, total, *columns, rate=0.0) as (bar, task):
