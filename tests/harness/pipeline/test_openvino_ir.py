@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from harness.pipeline.openvino_ir import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
 from tests.mirror import frame_of, read_rgb
 from tests.openvino import Ir, affine
-from tests.web import Site, serve
+from tests.web import Site
 from vfoa.crops import center, crop, square
 from vfoa.errors import VfoaError
 from vfoa.gaze.adas import HEAD_POSE, Adas0002
@@ -25,22 +24,6 @@ from vfoa.onnx import Model, RuntimeSettings, blob
 from vfoa.types import Gaze
 
 ADAS = ("adas-0002", "adas-head-pose")
-
-
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The only folder of weights; it does not exist yet."""
-    monkeypatch.delenv("VFOA_MODELS", raising=False)
-    monkeypatch.setattr("vfoa.weights.platformdirs.user_cache_dir", lambda name: str(tmp_path / "cache"))
-    for name in ("HTTP_PROXY", "ALL_PROXY", "http_proxy", "all_proxy"):
-        monkeypatch.delenv(name, raising=False)
-    return tmp_path / "cache" / "models"
-
-
-@pytest.fixture
-def site() -> Iterator[Site]:
-    with serve() as found:
-        yield found
 
 
 def at(site: Site, name: str, folder: Path) -> CatalogueEntry:

@@ -7,7 +7,6 @@ import json
 import pickle
 import sys
 from collections import OrderedDict
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +20,7 @@ from onnx import checker, load_from_string
 from harness.pipeline.tddfa_checkpoint import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
 from tests.mirror import frame_of, read_rgb
-from tests.web import Site, serve
+from tests.web import Site
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between
 from vfoa.head_pose.tddfa_v2 import TddfaV2
@@ -171,22 +170,6 @@ def test_a_cut_checkpoint_is_one_clear_line(tmp_path: Path, torch: ModuleType) -
 
 
 # The published checkpoint
-
-
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The only folder of weights; it does not exist yet."""
-    monkeypatch.delenv("VFOA_MODELS", raising=False)
-    monkeypatch.setattr("vfoa.weights.platformdirs.user_cache_dir", lambda name: str(tmp_path / "cache"))
-    for name in ("HTTP_PROXY", "ALL_PROXY", "http_proxy", "all_proxy"):
-        monkeypatch.delenv(name, raising=False)
-    return tmp_path / "cache" / "models"
-
-
-@pytest.fixture
-def site() -> Iterator[Site]:
-    with serve() as found:
-        yield found
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import hashlib
 import re
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from harness.pipeline.weights import (
 )
 from harness.run.experiment import load_experiment
 from tests import graphs
-from tests.web import Site, serve
+from tests.web import Site
 from vfoa.errors import VfoaError
 from vfoa.gaze import adas, l2cs
 from vfoa.head_pose import fsanet, tddfa_v2
@@ -65,12 +64,6 @@ def _models_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     for name in ("HTTP_PROXY", "ALL_PROXY", "http_proxy", "all_proxy"):
         monkeypatch.delenv(name, raising=False)
-
-
-@pytest.fixture
-def site() -> Iterator[Site]:
-    with serve() as found:
-        yield found
 
 
 def entry_of(**known: Any) -> CatalogueEntry:
