@@ -89,9 +89,10 @@ def _project(path: Path, rows: Sequence[tuple[int, Mapping[str, str]]], sets: Se
             film = next((cells[column] for column in _FILMS if not is_missing(cells.get(column, ""))), None)
             if film not in (None, "LIVE", "Not found"):
                 films[name].append((at, film))
-    for name, found in films.items():  # in the order in which they were played
+    for name, found in films.items():
         if observations[name]["type"] == "MEDIA" and not observations[name]["file"].get("1"):
-            observations[name]["file"] = {"1": list(dict.fromkeys(film for _, film in sorted(found)))}
+            played = list(dict.fromkeys(film for _, film in sorted(found)))
+            observations[name] |= _queue(played, observations[name]["lengths"])
     return {
         "behaviors_conf": {str(n): each for n, each in enumerate(behaviours.values())},
         "observations": observations,
@@ -106,18 +107,30 @@ def _source(cells: Mapping[str, str]) -> dict[str, Any]:
     if cells.get("Observation type", "").startswith("From dir") or all(map(is_missing, times)):
         return {**found, "type": "IMAGES"}
     players = [
-        [film for film in re.sub(r"^player #[0-9]+: ?", "", listed).split(";") if film and not is_missing(film)]
-        for listed in cells.get("Source", "").split("|")
+        [film for film in re.sub(r"^player #[0-9]+: ?", "", films).split(";") if film and not is_missing(film)]
+        for films in cells.get("Source", "").split("|")
         if not cells.get("Observation type", "").startswith("Live")
     ]
-    lengths = [listed.split(";") for listed in cells.get("Media duration (s)", "").split("|")]
+    listed = cells.get("Media duration (s)", "")
+    lengths = [of.split(";") for of in listed.split("|")] if not is_missing(listed) else [[]]
     pairs = zip(players, lengths, strict=False)
     return {
         **found,
         "type": "MEDIA",
+        "lengths": lengths[0],
         "file": {str(n): films for n, films in enumerate(players, start=1)},
         "media_info": {"length": {film: s for films, of in pairs for film, s in zip(films, of, strict=False)}},
     }
+
+
+def _queue(films: Sequence[str], lengths: Sequence[str]) -> dict[str, Any]:
+    """The films of a player in the order in which events name them, and their lengths, as they are in a project.
+
+    Films that no event names may have come first: they have no length, so that the clip's film is asked for.
+    """
+    known = dict(zip(films, lengths, strict=True)) if len(lengths) == len(films) else {}
+    unnamed = [f"film {n} of those that no event names" for n in range(1, len(lengths) - len(films) + 1)]
+    return {"file": {"1": [*unnamed, *films]}, "media_info": {"length": known}}
 
 
 def _number(cell: str, where: str) -> float:

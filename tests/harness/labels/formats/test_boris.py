@@ -382,6 +382,19 @@ def test_the_film_of_an_old_export_without_lengths_is_asked_for(tmp_path: Path) 
     assert Boris().read(path, exchange(offset=10.0)).labels.ranges == ROWS
 
 
+def test_a_queue_is_known_by_its_lengths_where_events_name_all_of_its_films(tmp_path: Path) -> None:
+    lengths = {"Media duration (s)": "10.000;5.000"}
+    before = _aggregated(0.0, **lengths, **{"Media file name": "side.mp4"})
+    after = _aggregated(10.0, **lengths, **{"Media file name": "front.mp4"})
+    path = write_text(tmp_path / "a.tsv", _table(AGGREGATED, "\t", *before, *after))
+    imported = Boris().read(path, exchange(films={"front.mp4": 0.0}))
+    assert imported.labels.ranges == ROWS
+    path = write_text(tmp_path / "b.tsv", _table(AGGREGATED, "\t", *after))
+    with pytest.raises(VfoaError, match=r"film 1 of those that no event names: found 'None'; .* --offset SECONDS"):
+        Boris().read(path, exchange(films={"front.mp4": 0.0}))
+    assert Boris().read(path, exchange(offset=10.0)).labels.ranges == ROWS
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
