@@ -41,7 +41,8 @@ REMOVED: Mapping[str, str] = {
     "gaze.head_pose": f"whose head pose ADAS-0002 gets, {_OWN_HEAD_POSE}",
     "gaze.landmarks": f"whose landmarks ADAS-0002 uses, {_DETECTORS_LANDMARKS}",
     "gaze.landmarks_weights": f"a network of landmarks, {_DETECTORS_LANDMARKS}",
-    "gaze.most_turned_deg": "the turn of a head that has no gaze, gone since 0.1.0; leave it out, it is 40 degrees",
+    "gaze.most_turned_deg": "the turn of a head that has no gaze, gone since 0.1.0; leave it out, ADAS-0002's is 40 "
+    "degrees, and only gaze.model = 'l2cs' has the setting",
     "head_pose.needs_face": "whether a head needs a face, gone since 0.1.0; leave it out, FSA-Net always needs one",
     "heads.fallback": "what finds people without a face, gone since 0.1.0; leave it out, their masks do",
     "heads.nms_iou": "the overlap of two faces, gone since 0.1.0; leave it out, it is 0.3",

@@ -8,7 +8,17 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 
-NAMES = ("coverage", "demo_seeds", "gaze_filter", "hours", "many_clips", "overhead", "posterior", "recording_size")
+NAMES = (
+    "coverage",
+    "demo_seeds",
+    "gaze_filter",
+    "hours",
+    "many_clips",
+    "overhead",
+    "posterior",
+    "recording_size",
+    "turned_faces",
+)
 
 
 def main() -> None:

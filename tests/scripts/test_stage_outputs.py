@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
+from scripts.measure.mirror import frame_of
 from scripts.measure.stage_outputs import write_coco_panoptic
-from tests.mirror import frame_of
 from vfoa.errors import VfoaError
 from vfoa.types import Instance, Instances, StereoFrame
 

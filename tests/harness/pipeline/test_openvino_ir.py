@@ -12,7 +12,7 @@ from onnx import checker, load_from_string
 
 from harness.pipeline.openvino_ir import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
-from tests.mirror import frame_of, read_rgb
+from scripts.measure.mirror import frame_of, read_rgb
 from tests.openvino import Ir, affine
 from tests.web import Site
 from vfoa.crops import center, crop, square

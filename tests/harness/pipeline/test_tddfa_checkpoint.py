@@ -19,7 +19,7 @@ from onnx import checker, load_from_string
 
 from harness.pipeline.tddfa_checkpoint import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
-from tests.mirror import frame_of, read_rgb
+from scripts.measure.mirror import frame_of, read_rgb
 from tests.web import Site
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from tests import graphs
-from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from vfoa.gaze.adas import Adas0002, claimed_sigma_rad
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.heads.yunet import YuNet

@@ -7,8 +7,8 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
+from scripts.measure.mirror import frame_of
 from tests import graphs
-from tests.mirror import frame_of
 from vfoa.errors import VfoaError
 from vfoa.gaze import MODELS, TemporalGazeModel
 from vfoa.gaze.gaze360 import Gaze360

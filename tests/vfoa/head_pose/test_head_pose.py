@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from tests import graphs
-from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from vfoa.crops import square
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.head_pose.fsanet import FsaNet

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head, read_rgb
 from tests import graphs
-from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head, read_rgb
 from vfoa.crops import center, square
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, direction_to_crop, head_angles, head_direction_crop, pixel_ray

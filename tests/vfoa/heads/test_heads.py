@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_head
+from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_head
 from vfoa.errors import VfoaError
 from vfoa.heads.person_mask import HEAD_ASPECT, PersonMask, head_box
 from vfoa.heads.yunet import YuNet

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from onnx import helper
 
+from scripts.measure.mirror import frame_of
 from tests import graphs
 from tests.masks import BOOK, CUP, PERSON, assert_masks, logits, patchwork, picture, rectangle, seen
-from tests.mirror import frame_of
 from vfoa.coco import STUFF_IDS
 from vfoa.errors import VfoaError
 from vfoa.segmentation import SEGMENTERS

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from onnx import helper
 
+from scripts.measure.mirror import frame_of
 from tests import graphs
 from tests.masks import assert_masks, patchwork, picture, rectangle, seen
-from tests.mirror import frame_of
 from vfoa.segmentation import SEGMENTERS
 from vfoa.segmentation.mask_rcnn import MaskRcnn
 from vfoa.types import Instances, Mask

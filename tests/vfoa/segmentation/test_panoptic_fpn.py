@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from onnx import helper
 
+from scripts.measure.mirror import frame_of
 from tests import graphs
 from tests.masks import BOOK, CUP, PERSON, assert_masks, patchwork, rectangle, seen
-from tests.mirror import frame_of
 from vfoa.coco import STUFF_IDS
 from vfoa.segmentation import SEGMENTERS
 from vfoa.segmentation.panoptic_fpn import PanopticFpn

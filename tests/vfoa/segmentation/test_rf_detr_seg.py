@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from onnx import helper
 
+from scripts.measure.mirror import frame_of
 from tests import graphs
 from tests.masks import assert_masks, logits, patchwork, picture, rectangle, seen
-from tests.mirror import frame_of
 from vfoa.errors import VfoaError
 from vfoa.segmentation import SEGMENTERS
 from vfoa.segmentation.rf_detr_seg import RfDetrSeg

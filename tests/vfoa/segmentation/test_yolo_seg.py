@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scripts.measure.mirror import bandage_frame, frame_of, read_rgb
 from tests import graphs
 from tests.masks import CUP, PERSON, picture, rectangle
-from tests.mirror import bandage_frame, frame_of, read_rgb
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError
 from vfoa.segmentation.yolo_seg import YoloSeg

@@ -16,9 +16,9 @@ from harness.pipeline.outputs.heads import FileHeads, FileHeadsSettings, read_he
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from scripts.measure.mirror import frame_of
 from scripts.measure.stage_outputs import write_gazes, write_head_poses, write_heads
 from tests.disk import write_text
-from tests.mirror import frame_of
 from tests.stage_outputs import save_stage_outputs
 from vfoa.errors import VfoaError
 from vfoa.geometry import pixel_ray
