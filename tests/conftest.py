@@ -55,6 +55,17 @@ def shared_models() -> Path:
     return _folder("VFOA_MODELS", "models")
 
 
+@pytest.fixture(scope="session")
+def default_models(shared_models: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the real weights that a default run finds: those of the folder, 3DDFA_V2's beside them."""
+    if not (tddfa := shared_models / "3ddfa_v2" / "mb05_120x120.onnx").is_file():
+        pytest.skip(f"needs 3DDFA_V2: no file {tddfa}")
+    folder = tmp_path_factory.mktemp("models")
+    for file in (*shared_models.glob("*.onnx"), tddfa):
+        (folder / file.name).symlink_to(file)
+    return folder
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep stage outputs apart from the user's; rendered frames stay in place, since rendering is slow."""

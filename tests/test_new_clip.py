@@ -56,14 +56,14 @@ def test_a_folder_of_pairs_is_added_labelled_and_checked_as_the_page_says(
 def test_real_pairs_become_a_table_as_the_page_says(
     home: Path,
     shared_data: Path,
-    shared_models: Path,
+    default_models: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     for side in ("left", "right"):
         shutil.copytree(shared_data / "sintel/training" / f"clean_{side}" / "bandage_2", Path("pairs") / side)
     shutil.copytree(shared_data / "bandage_2_panoptic", "bandage_2_panoptic")
-    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    monkeypatch.setenv("VFOA_MODELS", str(default_models))
     for command, expected in steps(DRAGON):
         words = shlex.split(command)[1:]
         if words[0] == "annotate":

@@ -17,7 +17,6 @@ PAGE = REPOSITORY / "docs" / "tutorials" / "real-person.md"
 BLOCK = re.compile(r"^```(?P<kind>\w*)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
 FETCHED, SHOWN = ("clips", "fetch"), ("view",)
 ROW = re.compile(r"^\| ([\w-]+)(?: \(.*?\))? \| 1 \| (\d+) \| (.*?) \|$", re.MULTILINE)
-TDDFA = "mb05_120x120.onnx"
 
 
 def answers(run: str) -> dict[str, tuple[str, str]]:
@@ -33,21 +32,16 @@ def answers(run: str) -> dict[str, tuple[str, str]]:
 def test_the_tutorial_gives_the_tables_that_it_shows(
     tmp_path: Path,
     shared_data: Path,
-    shared_models: Path,
+    default_models: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "opencv_stereo").symlink_to(shared_data / "chessboard")
-    if not (tddfa := shared_models / "3ddfa_v2" / TDDFA).is_file():
-        pytest.skip(f"needs 3DDFA_V2: no file {tddfa}")
-    (tmp_path / "models").mkdir()
-    for file in (*shared_models.glob("*.onnx"), tddfa):
-        (tmp_path / "models" / file.name).symlink_to(file)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     monkeypatch.setenv("VFOA_DATA", str(tmp_path / "data"))
-    monkeypatch.setenv("VFOA_MODELS", str(tmp_path / "models"))
+    monkeypatch.setenv("VFOA_MODELS", str(default_models))
     page = PAGE.read_text(encoding="utf-8")
     printed = ""
     for block in BLOCK.finditer(page):

@@ -30,8 +30,8 @@ DEFAULTS: Mapping[str, str] = {
     "stereo.matcher": "sgbm",
     "segmentation.model": "rf_detr_seg",
     "heads.detector": "yunet",
-    "head_pose.model": "fsanet",
-    "gaze.model": "adas_0002",
+    "head_pose.model": "3ddfa_v2",
+    "gaze.model": "auto",
 }
 """The stages of ``vfoa run CLIP``."""
 
@@ -241,7 +241,7 @@ _Choice = tuple[Any, Settings]
 def _choose(registry: Registry, tables: Mapping[str, Mapping[str, Any]]) -> _Choice | None:
     table, _, key = registry.kind.partition(".")
     settings = dict(tables[table])
-    name = settings.pop(key)
+    name = registry.resolve(settings.pop(key))
     if name == "none" and registry.kind in _OPTIONAL:
         return None
     stage = registry.load(name)

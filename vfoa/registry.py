@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from vfoa.errors import VfoaError, did_you_mean
+
+AUTO = "auto"
+"""The name that a registry with a choice of its own replaces by what this machine has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,11 +26,18 @@ class Registry:
         Name to ``"module:Class"``. :meth:`load` imports the module.
     group
         The entry-point group in which other distributions add names, such as ``"vfoa.stereo"``.
+    choose
+        Gives the name that ``"auto"`` stands for on this machine; its docstring says how. None: there is no ``"auto"``.
     """
 
     kind: str
     builtin: Mapping[str, str]
     group: str
+    choose: Callable[[], str] | None = None
+
+    def resolve(self, name: str) -> str:
+        """Return the name to :meth:`load`: the name itself, or what ``"auto"`` stands for on this machine."""
+        return self.choose() if self.choose and name == AUTO else name
 
     def names(self) -> list[str]:
         """Every name that :meth:`load` takes, sorted."""

@@ -13,6 +13,10 @@ from harness.cli.terminal import print_table, say
 if TYPE_CHECKING:
     from harness.pipeline.weights import ModelCheck
 
+_OF_MOBILEGAZE = (
+    "gaze: ADAS-0002; with --accept-licence MobileGaze, more exact on faces that turn, and not for commercial use"
+)
+
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
 
 
@@ -55,12 +59,14 @@ def fetch(
 ) -> None:
     """Fetch models from their own sites into the cache directory; an interrupted download resumes.
 
+    For a clip's default run, --accept-licence fetches MobileGaze in place of ADAS-0002.
     Licences and sizes are printed first. Networks in OpenVINO's format, and 3DDFA_V2's checkpoint, are converted
     to ONNX. A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.run import experiment_of
     from harness.cli.terminal import bytes_bar
     from harness.pipeline.weights import fetch_model, find_model, models_of
+    from harness.run.experiment import is_experiment
     from harness.run.plan import needed_stages
     from vfoa.errors import VfoaError
 
@@ -68,9 +74,13 @@ def fetch(
         raise VfoaError("models fetch: found no NAME; expected names of `vfoa models list`, or --for CLIP")
     models = {name: find_model(name) for name in names or ()}
     if what is not None:
-        models |= models_of(needed_stages(experiment_of([what], (), (), None)))
+        is_default = not is_experiment(what)
+        overrides = ("gaze.model=l2cs",) if is_default and accept_licence else ()
+        models |= models_of(needed_stages(experiment_of([what], (), overrides, None)))
         if not models:
             say(f"{what}: a run of it needs no models")
+        elif is_default and "adas-0002" in models:
+            say(_OF_MOBILEGAZE)
     for name, entry in models.items():
         say(f"{name}: licence: {entry.licence}; {entry.size or 'size not known'}; {entry.home}")
     failed = False

@@ -60,7 +60,7 @@ class StageKind:
         return isinstance(name, str) and (name == OFF or name in self.of_clip or name in self.library)
 
     def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
-        """Read ``{key: name, **settings}``; None for a stage that is switched off.
+        """Read ``{key: name, **settings}``; None for a stage that is switched off. ``"auto"`` becomes a stage's name.
 
         Raises
         ------
@@ -73,6 +73,7 @@ class StageKind:
         settings = {key: value for key, value in table.items() if key != self.key}
         if name == OFF:
             return None
+        name = self.library.resolve(name)
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
         checked = parse(self.stage_class(name).Settings, settings, where, self.name, beside=(self.key,))
@@ -82,7 +83,8 @@ class StageKind:
         """Whether the stage called ``name`` has a setting called ``key``; False for an unknown name."""
         if key == self.key:
             return True
-        return name != OFF and name in self and key in self.stage_class(str(name)).Settings.model_fields
+        stage = self.library.resolve(str(name))
+        return stage != OFF and stage in self and key in self.stage_class(stage).Settings.model_fields
 
     def build(self, choice: StageChoice, clip: Clip) -> Any:
         """Build the stage for one clip."""

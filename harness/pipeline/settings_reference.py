@@ -14,6 +14,7 @@ from pydantic.fields import FieldInfo
 from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
 from vfoa.errors import check_known
 from vfoa.methods import METHODS
+from vfoa.registry import AUTO
 from vfoa.settings import Settings
 
 _UNITS = {unit: unit for unit in ("m", "cm", "px", "ms", "s", "frames", "bytes")}
@@ -96,16 +97,23 @@ def setting_keys() -> list[str]:
 def _tables_of(table: str) -> Iterator[SettingsTable]:
     if table in STAGES:
         slot = STAGES[table]
+        if slot.library.choose:
+            choice = f'{slot.key} = "{AUTO}"'
+            yield SettingsTable(table=table, choice=choice, summary=_summary(slot.library.choose), settings=())
         for name in slot.names():
             if name != OFF:
                 stage = slot.stage_class(name)
-                summary = re.split(r"(?<=\.)\s", inspect.getdoc(stage) or "", maxsplit=1)[0]
-                yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _plain(summary))
+                yield _describe(table, f'{slot.key} = "{name}"', stage.Settings, _summary(stage))
     elif table == "attention":
         for method in METHODS.builtin_first():
             yield _describe(table, f'method = "{method}"', METHODS.load(method).Settings, "")
     else:
         yield _describe(table, "", STEPS[table], "")
+
+
+def _summary(documented: object) -> str:
+    """The first sentence of a docstring."""
+    return _plain(re.split(r"(?<=\.)\s", inspect.getdoc(documented) or "", maxsplit=1)[0])
 
 
 def _describe(table: str, choice: str, model: type[Settings], summary: str) -> SettingsTable:

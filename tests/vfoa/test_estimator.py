@@ -163,7 +163,7 @@ def test_the_script_of_the_readme_has_ten_lines_at_most() -> None:
 
 def test_the_script_of_the_readme_runs_on_a_real_pair(
     shared_data: Path,
-    shared_models: Path,
+    default_models: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
@@ -171,7 +171,7 @@ def test_the_script_of_the_readme_runs_on_a_real_pair(
     from harness.clips.manifest import load_manifest
 
     monkeypatch.setenv("VFOA_DATA", str(shared_data))
-    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    monkeypatch.setenv("VFOA_MODELS", str(default_models))
     monkeypatch.chdir(tmp_path)
     frame = load_manifest(REPOSITORY / "datasets/sintel_bandage_2.toml").open().frame(1)
     np.save("left.npy", frame.left)

@@ -15,6 +15,13 @@ def test_an_unknown_name_proposes_the_nearest() -> None:
         registry.load("sgmb")
 
 
+def test_auto_is_what_the_registry_chooses_or_a_name_like_any_other() -> None:
+    plain = Registry(kind="any", builtin={"one": "nowhere:A"}, group="vfoa.none")
+    choosing = Registry(kind="any", builtin={"one": "nowhere:A"}, group="vfoa.none", choose=lambda: "one")
+    assert [registry.resolve("auto") for registry in (plain, choosing)] == ["auto", "one"]
+    assert choosing.resolve("two") == "two"
+
+
 def test_nothing_is_imported_before_load() -> None:
     registry = Registry(kind="any", builtin={"absent": "no_such_module:Thing"}, group="vfoa.none")
     assert registry.names() == ["absent"]

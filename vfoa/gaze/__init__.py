@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
+from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 from vfoa.types import Gaze, Head, HeadPose, Image, NoGaze, StereoFrame, StereoRig
+from vfoa.weights import check_located, weights_of
 
 
 class GazeModel(Protocol):
@@ -53,6 +55,19 @@ class TemporalGazeModel(Protocol):
         ...
 
 
+def choose_model() -> str:
+    """MobileGaze (``l2cs``) if its network is on this machine, since its terms were accepted then; else ``adas_0002``.
+
+    MobileGaze is more exact on faces that turn, ADAS-0002 by a few degrees on frontal ones; the terms of MobileGaze's
+    data allow no commercial use.
+    """
+    try:
+        check_located(weights_of(MODELS.load("l2cs").Settings()))
+    except VfoaError:
+        return "adas_0002"
+    return "l2cs"
+
+
 MODELS = Registry(
     kind="gaze.model",
     builtin={
@@ -61,4 +76,5 @@ MODELS = Registry(
         "l2cs": "vfoa.gaze.l2cs:L2cs",
     },
     group="vfoa.gaze",
+    choose=choose_model,
 )

@@ -67,7 +67,7 @@ def test_the_commands_are_those_that_contributing_names() -> None:
 
 
 def test_a_folder_becomes_a_labelled_clip_and_a_table(
-    tmp_path: Path, shared_models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, default_models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def run(*words: str) -> str:
         """A command as a user gives it; what it prints."""
@@ -76,7 +76,7 @@ def test_a_folder_becomes_a_labelled_clip_and_a_table(
         return out
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    monkeypatch.setenv("VFOA_MODELS", str(default_models))
     clip = StudioClip(LOOKS_AROUND, None)
     truth = true_labels(clip, FRAMES)
     said = [label.target for _, _, label in truth.labelled(FRAMES)]

@@ -200,8 +200,10 @@ def test_the_doctor_finds_nothing_to_mend_where_all_is_here(
 ) -> None:
     code, out, said = vfoa(monkeypatch, capsys, "doctor")
     assert (code, said) == (0, "")
-    mended = [line.split()[-1] for line in _lines(out, "Python", "ximgproc", "segmentation", "yunet)", "adas_0002)")]
-    assert mended == ["-"] * 5
+    mended = [
+        line.split()[-1] for line in _lines(out, "Python", "ximgproc", "segmentation", "yunet)", "3ddfa_v2)", "l2cs)")
+    ]
+    assert mended == ["-"] * 6
 
 
 def test_the_doctor_names_a_fix_for_a_default_that_another_stage_can_replace(

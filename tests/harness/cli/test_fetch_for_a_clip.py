@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,7 +20,10 @@ from tests.measured import measured_tables
 from tests.web import Site, serve
 
 Run = Callable[..., tuple[int, str, str]]
-NEEDED = ("yunet", "fsanet-1x1", "fsanet-var", "adas-0002", "adas-head-pose", "rf-detr-seg-medium")
+NEEDED = ("yunet", "3ddfa-v2", "adas-0002", "adas-head-pose", "rf-detr-seg-medium")
+MOBILEGAZE = "mobilegaze-mobileone-s0"
+OTHER_FILES = ("rf-detr-seg-medium", MOBILEGAZE)
+"""Models whose files are not at hand as their homes have them: graphs in their place."""
 
 
 @pytest.fixture
@@ -60,7 +64,10 @@ def served(site: Site, name: str, entry: CatalogueEntry, files: dict[str, Path])
             for suffix in ("xml", "bin")
         }
         return entry.model_copy(update={"openvino": entry.openvino.model_copy(update=parts)})
-    if name == "rf-detr-seg-medium":  # its file is not at hand: a graph in its place
+    if entry.checkpoint is not None:
+        checkpoint = entry.checkpoint.model_copy(update={"address": address(f"{Path(entry.file).stem}.pth")})
+        return entry.model_copy(update={"checkpoint": checkpoint})
+    if name in OTHER_FILES:
         sha256 = hashlib.sha256(files[entry.file].read_bytes()).hexdigest()
         return entry.model_copy(update={"address": address(entry.file), "sha256": sha256})
     return entry.model_copy(update={"address": address(entry.file)})
@@ -72,11 +79,14 @@ def _homes(site: Site, shared_models: Path, tmp_path: Path, monkeypatch: pytest.
     if not (shared_models / "openvino_ir").is_dir():
         pytest.skip(f"needs the networks in OpenVINO's format: no folder {shared_models / 'openvino_ir'}")
     entries = dict(catalogue())
-    segmenter = entries["rf-detr-seg-medium"]
-    nothing = {key: np.full(shape, -9.0) for key, shape in segmenter.outputs.items()}
-    graph = Path(graphs.constant(tmp_path / segmenter.file, segmenter.inputs, nothing))
-    files = {path.name: path for path in (*shared_models.glob("*.onnx"), *shared_models.glob("openvino_ir/*"), graph)}
-    for name in NEEDED:
+    others = []
+    for entry in (entries[name] for name in OTHER_FILES):
+        shapes = {key: [1 if length == "batch" else length for length in shape] for key, shape in entry.outputs.items()}
+        nothing = {key: np.full(shape, -9.0) for key, shape in shapes.items()}
+        others.append(Path(graphs.constant(tmp_path / entry.file, entry.inputs, nothing)))
+    genuine = (path for kinds in ("*.onnx", "openvino_ir/*", "3ddfa_v2/*.pth") for path in shared_models.glob(kinds))
+    files = {path.name: path for path in (*genuine, *others)}
+    for name in (*NEEDED, MOBILEGAZE):
         entries[name] = served(site, name, entries[name], files)
     monkeypatch.setattr(weights, "catalogue", lambda: entries)
 
@@ -102,17 +112,40 @@ def test_one_command_brings_what_the_default_run_of_a_new_clip_needs(
 
     code, out, err = run("models", "fetch", "--for", "mine")
     assert (code, err) == (0, "")
-    first, rest = out.splitlines()[: len(NEEDED)], out.splitlines()[len(NEEDED) :]
+    hint, *lines = out.splitlines()
+    assert hint.startswith("gaze: ADAS-0002; with --accept-licence MobileGaze")
+    first, rest = lines[: len(NEEDED)], lines[len(NEEDED) :]
     assert {line.partition(":")[0] for line in first} == {*NEEDED}
     assert all("licence: " in line and (" MB; " in line or "size not known" in line) for line in first)
     files = {catalogue()[name].file for name in NEEDED}
     assert {line.partition(": ")[2] for line in rest} == {str(cache / file) for file in files}
     assert {path.name for path in cache.iterdir()} == files
-    assert {path for path, _ in site.asked} == site.files.keys()
+    assert {path for path, _ in site.asked} == site.files.keys() - {f"/{catalogue()[MOBILEGAZE].file}"}
 
     code, _, err = run("run", "mine", "--recording", "none", "--workers", "1")
     assert (code, err) == (0, "")
-    assert (Path("runs") / "mine" / "frr.csv").is_file()
+    assert gaze_of_the_run() == "adas_0002"
+
+
+@pytest.mark.usefixtures("_homes")
+def test_mobilegaze_takes_the_place_of_adas_where_its_licence_is_accepted(
+    cache: Path, tmp_path: Path, run: Run
+) -> None:
+    add(run, images(tmp_path / "source", "left/{}.png", "right/{}.png"))
+    code, out, err = run("models", "fetch", "--for", "mine", "--accept-licence")
+    assert (code, err) == (0, "")
+    named = {line.partition(":")[0] for line in out.splitlines() if ": licence: " in line}
+    assert named == {*NEEDED, MOBILEGAZE} - {"adas-0002", "adas-head-pose"}
+    code, _, err = run("run", "mine", "--recording", "none", "--workers", "1")
+    assert (code, err) == (0, "")
+    assert gaze_of_the_run() == "l2cs"
+
+
+def gaze_of_the_run() -> str:
+    """The gaze model that the run of the clip says it had."""
+    manifest = json.loads((Path("runs") / "mine" / "manifest.json").read_text(encoding="utf-8"))
+    (_configuration,) = manifest["configurations"]
+    return str(manifest["configurations"]["default"]["gaze"]["model"])
 
 
 def test_a_run_that_lacks_other_models_than_the_default_one_names_them(cache: Path, tmp_path: Path, run: Run) -> None:
@@ -135,7 +168,7 @@ def test_an_experiment_needs_the_models_of_its_configurations(
     code, out, err = run("models", "fetch", "--for", "heads")
     assert (code, err) == (0, "")
     named = [line.partition(":")[0] for line in out.splitlines() if ": licence: " in line]
-    assert {*named} == {*NEEDED} - {"rf-detr-seg-medium"}
+    assert {*named} == {"yunet", "fsanet-1x1", "fsanet-var", "adas-0002", "adas-head-pose"}
 
 
 def test_a_clip_without_images_needs_no_models(cache: Path, tmp_path: Path, run: Run) -> None:
