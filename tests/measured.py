@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +68,45 @@ def idiap_file(folder: Path, count: int = 6) -> Path:
     ]
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "tracker.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def openface_header(*, points: bool = True) -> list[str]:
+    """The columns of a sequence as OpenFace 2's ``RecorderCSV.cpp`` writes them, without those of action units."""
+    eyes = [f"eye_lmk_{axis}_{point}" for axis in "xyXYZ" for point in range(56)]
+    landmarks = [f"{axis}_{point}" for axis in "xyXYZ" for point in range(68)]
+    return [
+        *("frame", "face_id", "timestamp", "confidence", "success"),
+        *(f"gaze_{eye}_{axis}" for eye in "01" for axis in "xyz"),
+        *("gaze_angle_x", "gaze_angle_y", *eyes),
+        *(f"pose_T{axis}" for axis in "xyz"),
+        *(f"pose_R{axis}" for axis in "xyz"),
+        *(landmarks if points else []),
+    ]
+
+
+def openface_file(path: Path, rows: Sequence[Mapping[str, Any]], *, points: bool = True, old: bool = False) -> Path:
+    """A table as OpenFace writes it; in an ``old`` one a blank follows each comma of the header.
+
+    A row gives the values of some columns, all others are 0; ``eyes_mm`` gives those of X_36 to Z_47 (by
+    default the place of the head), ``box_px`` those
+    of x_0 to y_67, which lie on the edge of the box.
+    """
+    header = openface_header(points=points)
+    lines = [("," + " " * old).join(header)]
+    for given in rows:
+        cells: dict[str, Any] = {"confidence": 0.98, "success": 1, **given}
+        eyes_mm = given.get("eyes_mm", [cells.get(f"pose_T{axis}", 0) for axis in "xyz"])
+        for axis, value in zip("XYZ", eyes_mm, strict=True):
+            cells.update({f"{axis}_{point}": value for point in range(36, 48)})
+        if box := given.get("box_px"):
+            u0, v0, u1, v1 = box
+            for point in range(68):
+                share = point / 67
+                cells[f"x_{point}"], cells[f"y_{point}"] = u0 + share * (u1 - u0), v0 + share * (v1 - v0)
+        lines.append(",".join(f"{cells.get(name, 0):g}" for name in header))
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(lines) + "\n")
     return path
 

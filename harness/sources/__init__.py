@@ -203,6 +203,7 @@ ADAPTERS = Registry(
         "idiap_vfoa": "harness.sources.measured.idiap:IdiapClip",
         "mcap": "harness.sources.recordings.clip:McapClip",
         "measured": "harness.sources.measured.tables:MeasuredTables",
+        "openface": "harness.sources.measured.openface:OpenFaceClip",
         "rosbag": "harness.sources.recordings.clip:BagClip",
         "sintel": "harness.sources.sintel:SintelClip",
         "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",

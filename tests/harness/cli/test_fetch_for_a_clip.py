@@ -144,7 +144,6 @@ def test_mobilegaze_takes_the_place_of_adas_where_its_licence_is_accepted(
 def gaze_of_the_run() -> str:
     """The gaze model that the run of the clip says it had."""
     manifest = json.loads((Path("runs") / "mine" / "manifest.json").read_text(encoding="utf-8"))
-    (_configuration,) = manifest["configurations"]
     return str(manifest["configurations"]["default"]["gaze"]["model"])
 
 

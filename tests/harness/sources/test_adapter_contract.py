@@ -29,7 +29,7 @@ from tests.disk import (
     write_video,
 )
 from tests.examples import few
-from tests.measured import idiap_file, measured_tables, open_measured
+from tests.measured import idiap_file, measured_tables, open_measured, openface_file
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -97,6 +97,12 @@ def idiap_vfoa(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     return open_measured("idiap_vfoa", root, file=idiap_file(root, len(frames)).name)
 
 
+def openface(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
+    """Numbered from 1 without gaps whatever the frames were, as OpenFace does."""
+    rows = [{"frame": number, "timestamp": number / 25, "pose_Tz": 800} for number, _ in enumerate(frames, start=1)]
+    return open_measured("openface", root, file=openface_file(root / "faces.csv", rows).name)
+
+
 def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
     adapter = ADAPTERS.load(name)
     clip: Clip = adapter(adapter.Settings.model_validate(source), root)
@@ -110,6 +116,7 @@ BUILDERS: dict[str, Builder] = {
     "idiap_vfoa": idiap_vfoa,
     "measured": measured,
     "mcap": mcap,
+    "openface": openface,
     "rosbag": rosbag,
     "sintel": sintel,
     "stereo_folder": stereo_folder,

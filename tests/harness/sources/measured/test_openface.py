@@ -1,0 +1,141 @@
+"""OpenFace's table: units, axes and signs, what counts as missing, who is who, and lines that are not OpenFace's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from harness.clips.add import add_clip
+from harness.sources import MeasuredClip
+from harness.sources.measured.openface import head_direction, read_openface
+from tests.measured import open_measured, openface_file
+from vfoa.errors import VfoaError
+from vfoa.types import Person
+
+ANGLES = st.floats(-1.5, 1.5)
+
+
+def opened(folder: Path, rows: Sequence[Mapping[str, Any]], **kinds: bool) -> MeasuredClip:
+    return open_measured("openface", folder, file=openface_file(folder / "faces.csv", rows, **kinds).name)
+
+
+def row(frame: int, x_mm: float = 0, *, face: int = 0, **cells: float) -> dict[str, float]:
+    """A face 1 m away."""
+    return {"frame": frame, "face_id": face, "timestamp": frame / 25, "pose_Tx": x_mm, "pose_Tz": 1000, **cells}
+
+
+def only_person(clip: MeasuredClip, number: int) -> Person:
+    (person,) = clip.scene(number).people
+    return person
+
+
+@given(rx=ANGLES, ry=ANGLES, rz=ANGLES)
+def test_a_head_points_along_minus_z_of_its_rotation_rx_ry_rz(rx: float, ry: float, rz: float) -> None:
+    rotation = Rotation.from_euler("XYZ", [rx, ry, rz]).as_matrix()
+    np.testing.assert_allclose(head_direction(rx, ry), rotation @ [0, 0, -1], atol=1e-12)
+
+
+@given(x=st.floats(-1, 1), y=st.floats(-1, 1))
+def test_the_mean_gaze_agrees_with_the_columns_of_angles(
+    x: float, y: float, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """``gaze_angle_x`` is atan2(x, -z) and ``gaze_angle_y`` atan2(y, -z) of the mean gaze."""
+    gaze = np.array([np.tan(x), np.tan(y), -1]) / np.linalg.norm([np.tan(x), np.tan(y), -1])
+    cells = {f"gaze_{eye}_{axis}": value for eye in "01" for axis, value in zip("xyz", gaze, strict=True)}
+    clip = opened(tmp_path_factory.mktemp("faces"), [row(1, **cells)])
+    found = only_person(clip, 1).view.gaze
+    assert found is not None
+    angles = np.arctan2(found.direction[:2], -found.direction[2])
+    np.testing.assert_allclose(np.degrees(angles), np.degrees([x, y]), atol=0.05)
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_places_are_metres_and_eyes_those_of_the_landmarks(tmp_path: Path, old: bool) -> None:
+    rows = [row(1, 250, pose_Ty=40, pose_Ry=0.5, eyes_mm=(245, 10, 990)), row(2, 250)]
+    clip = opened(tmp_path, rows, old=old)
+    person = only_person(clip, 1)
+    assert person.eye_origin_left is not None
+    assert person.view.head_pose is not None
+    np.testing.assert_allclose(person.eye_origin_left, (0.245, 0.01, 0.99))
+    np.testing.assert_allclose(person.view.head_pose.direction, (-np.sin(0.5), 0, -np.cos(0.5)))
+    assert person.view.gaze is None  # 0, 0, 0: not found
+    assert (clip.rate_hz, clip.notes) == (pytest.approx(25), ())
+
+
+def test_without_3d_landmarks_eyes_are_at_the_head_and_a_note_says_so(tmp_path: Path) -> None:
+    clip = opened(tmp_path, [row(1, 250)], points=False)
+    np.testing.assert_allclose(only_person(clip, 1).eye_origin_left, (0.25, 0, 1))  # type: ignore[arg-type]
+    assert "-3Dfp" in clip.notes[0]
+
+
+def test_what_openface_did_not_find_is_missing_and_its_frame_stays(tmp_path: Path) -> None:
+    rows = [row(1), row(2, success=0), row(3, confidence=0.79), row(4, confidence=0.8), row(7, gaze_0_z=-1)]
+    clip = opened(tmp_path, rows)
+    assert clip.frames == (1, 2, 3, 4, 5, 6, 7)
+    assert [len(clip.scene(number).people) for number in clip.frames] == [1, 0, 0, 1, 0, 0, 1]
+    gaze = only_person(clip, 7).view.gaze
+    assert gaze is not None  # of the one eye that has one
+    np.testing.assert_allclose(gaze.direction, (0, 0, -1))
+    assert np.diff([clip.time_ns(number) for number in clip.frames]) == pytest.approx(4e7)
+
+
+def test_people_are_told_by_place_and_not_by_the_number_of_the_face(tmp_path: Path) -> None:
+    rows = [
+        *(row(1, 400, face=0), row(1, -400, face=1)),
+        *(row(2, -380, face=0), row(2, 390, face=1)),  # numbers exchanged
+        row(3, 380, face=5),  # the left one is hidden
+        *(row(4, -370, face=6), row(4, 0, face=7), row(4, 380, face=8)),  # somebody comes
+    ]
+    clip = opened(tmp_path, rows)
+    assert clip.people == {"person_1": 1, "person_2": 2, "person_3": 3}
+    places = [
+        {person.instance_id: round(person.eye_origin_left[0], 2) for person in clip.scene(number).people}  # type: ignore[index]
+        for number in clip.frames
+    ]
+    assert places == [{1: -0.4, 2: 0.4}, {1: -0.38, 2: 0.39}, {2: 0.38}, {1: -0.37, 2: 0.38, 3: 0.0}]
+
+
+def test_one_face_in_every_frame_is_one_person_wherever_it_is(tmp_path: Path) -> None:
+    assert opened(tmp_path, [row(1, -900), row(2, success=0), row(3, 900)]).people == {"person_1": 1}
+
+
+def test_stamps_that_do_not_ascend_ask_for_the_rate_which_replaces_them(tmp_path: Path) -> None:
+    rows = [row(number, timestamp=0) for number in (1, 2, 3)]
+    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: does not ascend .* expected rate_hz in \[source\]"):
+        opened(tmp_path, rows)
+    clip = open_measured("openface", tmp_path, file="faces.csv", rate_hz=50.0)
+    assert [clip.time_ns(number) for number in clip.frames] == [0, 20_000_000, 40_000_000]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("0.98,1,", "0.98,yes,"), r"faces\.csv:2: could not convert string to float: 'yes'; expected a number"),
+        (("0.98,1,", "0.98,1,7,"), r"faces\.csv:2: found \d+ cells; expected \d+, as in the header"),
+        (("1000,", "nan,"), r"faces\.csv:2: pose_Tx, pose_Ty, pose_Tz: expected a place in mm"),
+        (("pose_Rx", "pose_rx"), r"faces\.csv:1: no column 'pose_Rx'; expected OpenFace's frame, .*-pose"),
+    ],
+)
+def test_a_mistake_is_named_with_its_line(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    path = openface_file(tmp_path / "faces.csv", [row(1)], points=False)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(VfoaError, match=said):
+        read_openface(path)
+
+
+def test_a_table_is_added_and_a_table_of_one_image_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = openface_file(tmp_path / "talk.csv", [row(1, 400), row(1, -400), row(2, -400), row(2, 400)])
+    added = add_clip(path, source={"objects": {"screen": {"center_m": [0, 0, 0]}}})
+    assert (added.name, added.adapter, added.frames) == ("talk", "openface", 2)
+    assert (added.subjects, added.targets) == (("person_1", "person_2"), ("screen",))
+    path.write_text(path.read_text().replace("frame,face_id,timestamp,confidence,success", "face,confidence", 1))
+    with pytest.raises(VfoaError, match=r"talk\.csv:1: a table of OpenFace for one image .*-fdir FOLDER"):
+        add_clip(path, name="other")
