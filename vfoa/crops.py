@@ -18,6 +18,11 @@ def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
     return np.array([u0 - side * width, v0 - top * height, u1 + side * width, v1 + bottom * height])
 
 
+def head_box(face_px: ArrayLike) -> Float:
+    """Return the box (4,) of a whole head from that of its face, forehead to chin."""
+    return grow(face_px, side=0.15, top=0.2, bottom=0.05)
+
+
 def square(center_px: ArrayLike, side_px: float) -> Float:
     """Return the square box (4,) around a centre (2,)."""
     u, v = np.asarray(center_px, dtype=np.float64)

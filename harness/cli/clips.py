@@ -18,6 +18,8 @@ from harness.cli.terminal import bytes_bar, print_json, print_table, say
 if TYPE_CHECKING:
     from harness.clips.add import Added
     from harness.clips.check import ClipCheck, ClipRow
+    from harness.pipeline.outputs.other_programs import Part, Program
+    from harness.sources import Clip, MeasuredClip
 
 
 app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
@@ -60,6 +62,12 @@ def add_clip(
         list[str] | None,
         typer.Option("--target", metavar="NAME[=CATEGORY]", help="What is looked at, such as mug=cup."),
     ] = None,
+    openface: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="OpenFace 2's CSV of the left view: its heads and gazes.")
+    ] = None,
+    gaze3d: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="gaze3d's CSV of the left view: its heads and gazes.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Recognise the source at a path; write a manifest and an empty annotation file."""
@@ -82,11 +90,61 @@ def add_clip(
         source=source | _calibration(calibration, numbers, fov),
         subjects=_names(subjects, "person"),
         targets=_names(targets, None),
+        beside=_faces_experiment(openface, gaze3d),
     )
     if as_json:
         print_json(asdict(added))
     else:
         _print(added)
+
+
+def _faces_experiment(
+    openface: Path | None, gaze3d: Path | None
+) -> Callable[[Added, Clip | MeasuredClip], dict[Path, str]] | None:
+    """Makes the experiment of a clip whose heads and gazes are those of another program; None without one."""
+    from harness.files.io import read_text
+    from harness.files.parsing import toml_value
+    from harness.pipeline.outputs.other_programs import check_program, parts_in, read_part
+    from vfoa.errors import VfoaError
+
+    if openface is None and gaze3d is None:
+        return None
+    if openface is not None and gaze3d is not None:
+        raise VfoaError("--openface and --gaze3d: found both; expected one of them")
+    program: Program = "gaze3d" if openface is None else "openface"
+    table = Path(os.path.abspath((openface or gaze3d or Path()).expanduser()))
+    check_program(table, program)
+
+    def experiment(added: Added, clip: Clip | MeasuredClip) -> dict[Path, str]:
+        if added.rig is None:
+            raise VfoaError(f"--{program}: expected a clip with images, found measurements")
+        parts = parts_in(table, program)
+        lines = [
+            f"# Heads, head poses and gazes of {program}, made by `vfoa clips add`",
+            f"clips = [{toml_value(added.name)}]",
+            "[[configuration]]",
+            f'name = "{program}"',
+            f'stereo.matcher = "{"sgbm" if added.has_right else "sensor"}"',
+            'segmentation.model = "rf_detr_seg"',
+            "drawn = { targets = true, heads = true }",
+        ]
+        keys: dict[Part, str] = {"heads": "detector", "head_pose": "model", "gaze": "model"}
+        for part, key in keys.items():
+            if part in parts or part == "heads":
+                read_part(table, program, part, clip.frames)  # for its errors
+                settings = {key: "files", "root": str(table.parent), "file": table.name}
+                settings |= {} if part == "heads" else {"heads": table.name}
+                cells = ", ".join(f"{name} = {toml_value(value)}" for name, value in settings.items())
+                lines.append(f"{part} = {{ {cells} }}")
+            else:
+                lines.append(f'{part}.{key} = "none"')
+        text = "\n".join(lines) + "\n"
+        path = Path.cwd() / "experiments" / f"{added.name}.toml"
+        if path.exists() and read_text(path) != text:
+            raise VfoaError(f"{path}: an experiment of this name exists; expected another name: --name NAME")
+        return {path: text}
+
+    return experiment
 
 
 def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov_deg: float | None) -> dict[str, Any]:
@@ -158,13 +216,16 @@ def _run_options(added: Added) -> tuple[str, str | None]:
 
     If other networks can stand in for all that are missing, options choose them, and there is nothing to fetch.
     """
+    from harness.cli.run import experiment_of
     from harness.pipeline.weights import missing_weights
-    from harness.run.plan import default_stages, fetch_command
+    from harness.run.experiment import is_experiment
+    from harness.run.plan import fetch_command, needed_stages
 
     if added.rig is None:
         return " --preset measured", None
-    sensor = "" if added.has_right else " --set stereo.matcher=sensor"
-    missing = missing_weights(default_stages(added.name))
+    has_own = is_experiment(added.name)  # which says the matcher
+    sensor = "" if added.has_right or has_own else " --set stereo.matcher=sensor"
+    missing = missing_weights(needed_stages(experiment_of([added.name], (), (), None)))
     if missing is None:
         return sensor, None
     networks = [stage.options for stage in missing.instead if stage and stage.licences]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -161,6 +161,7 @@ def add_clip(
     source: Mapping[str, Any] | None = None,
     subjects: Names | None = None,
     targets: Names | None = None,
+    beside: Callable[[Added, Clip | MeasuredClip], Mapping[Path, str]] | None = None,
 ) -> Added:
     """Write ``datasets/NAME.toml`` and ``annotations/NAME.csv`` into the working directory.
 
@@ -179,6 +180,8 @@ def add_clip(
     subjects, targets
         The people and objects in the clip; a clip of measurements names them itself. Each subject gets one label,
         ``ignore``, for all frames.
+    beside
+        Gives the texts of more files, which are written with these two.
 
     Raises
     ------
@@ -222,9 +225,11 @@ def add_clip(
         manifest=manifest_path,
         annotations=annotations_path,
     )
+    more = beside(added, clip) if beside else {}
     try:
         # the manifest is put in place last: without it, labels are a left-over
-        write_together({manifest_path: text, annotations_path: format_annotations(_first_labels(manifest, clip))})
+        labels = format_annotations(_first_labels(manifest, clip))
+        write_together({manifest_path: text, annotations_path: labels, **more})
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added

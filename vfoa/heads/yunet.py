@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vfoa.crops import grow
+from vfoa.crops import head_box
 from vfoa.errors import VfoaError
 from vfoa.heads.person_mask import PersonMask
 from vfoa.onnx import Model, RuntimeSettings, Signature, blob
@@ -121,7 +121,7 @@ def _head(row: Float, scale: Float) -> Head:
     first, size, landmarks = row[:2] * scale - 0.5, row[2:4] * scale, row[4:14].reshape(5, 2) * scale - 0.5
     face = np.concatenate([first, first + size])
     return Head(
-        box_px=grow(face, side=0.15, top=0.2, bottom=0.05),
+        box_px=head_box(face),
         score=float(row[14]),
         face_box_px=face,
         landmarks_px=landmarks,

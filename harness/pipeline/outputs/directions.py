@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -71,7 +71,7 @@ class _FileDirections:
     All rows are checked when the table is read.
     """
 
-    slot: ClassVar[str]
+    slot: ClassVar[Literal["head_pose", "gaze"]]
     angles: ClassVar[tuple[str, ...]]
     may_have_both: ClassVar[bool] = False
     """Whether a row may have angles beside its direction."""
@@ -82,7 +82,7 @@ class _FileDirections:
         columns = (*DIRECTION, *(f"{name}{unit}" for name in (*self.angles, "sigma") for unit in _UNITS))
         self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
-        table = read_table(path, columns, clip.frames)
+        table = read_table(path, self.slot, columns, clip.frames)
         self._keys = table.keys()
         table.reject(
             ~self._heads.has(table),

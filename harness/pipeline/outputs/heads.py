@@ -4,6 +4,8 @@ frame,subject,u0_px,v0_px,u1_px,v1_px[,score][,instance_id]
     [,face_u0_px,face_v0_px,face_u1_px,face_v1_px]
     [,right_eye_u_px,right_eye_v_px,left_eye_...,nose_...,right_mouth_...,left_mouth_...]
 
+A table of OpenFace or gaze3d is read, too (:mod:`harness.pipeline.outputs.other_programs`).
+
 Pixels of the rectified left image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not the
 face alone. The landmarks are the person's own right and left. ``instance_id`` is the person's id in the masks. A frame
 without a row has no heads.
@@ -12,7 +14,7 @@ without a row has no heads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +25,7 @@ from pydantic import Field
 
 from harness.files.digests import digest_files, file_digest
 from harness.files.tables import TableColumns, read_columns
+from harness.pipeline.outputs.other_programs import Part, program_of, read_part
 from harness.remote import expand
 from harness.sources import Clip
 from vfoa.errors import VfoaError
@@ -67,11 +70,13 @@ class FrameTable(RowKeys):
             raise VfoaError(f"{self.columns.where(row)}: {problem(row)}")
 
 
-def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> FrameTable:
+def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[int]) -> FrameTable:
     """Read a table.
 
     Parameters
     ----------
+    part
+        Which outputs are wanted of the table of another program.
     columns
         The columns that the table may have beside ``frame`` and ``subject``, in any order.
     frames
@@ -83,7 +88,8 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> F
         For the first mistake, with file and line: a column that is unknown, missing or repeated, a wrong number
         of cells, a frame that the clip does not have, a blank subject, or a repeated pair of frame and subject.
     """
-    content = read_columns(path, (*KEYS, *columns), KEYS)
+    program = program_of(path)
+    content = read_part(path, program, part, frames) if program else read_columns(path, (*KEYS, *columns), KEYS)
     numbers = content.integers("frame")
     order = np.argsort(numbers, kind="stable")
     table = FrameTable(columns=content, frames=numbers, order=order, subjects=content.cells["subject"])
@@ -146,8 +152,8 @@ class FileHeads:
 class HeadTable:
     """The heads of a table, as arrays: a head is made when its frame is asked for. All rows are checked before."""
 
-    def __init__(self, path: Path, frames: Collection[int]) -> None:
-        table = read_table(path, COLUMNS, frames)
+    def __init__(self, path: Path, frames: Sequence[int]) -> None:
+        table = read_table(path, "heads", COLUMNS, frames)
         columns = table.columns
         self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")

@@ -54,12 +54,14 @@ _LONGEST_M = 1000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Face:
-    """One face in one frame, camera frame.
+    """One face in one frame, camera frame, and its line in the file.
 
     ``eyes_m`` (3,) is the point between the eyes, or that of the head without 3D landmarks. ``head`` and ``gaze`` (3,)
     are unit directions. ``points_px`` (68, 2) are the landmarks.
     """
 
+    line: int
+    confidence: float
     eyes_m: Float
     head: Float
     gaze: Float | None
@@ -83,19 +85,24 @@ def is_openface(path: Path) -> bool:
     VfoaError
         If it is one of single images, whose rows have no frame.
     """
-    try:
-        if path.suffix.lower() != ".csv" or not path.is_file():
-            return False
-        with path.open(encoding="utf-8") as file:
-            names = {name.strip() for name in file.readline().split(",")}
-    except (OSError, UnicodeDecodeError):
-        return False
+    names = header_names(path)
     if {"face", *_PLACE} <= names and "frame" not in names:
         raise VfoaError(
             f"{path}:1: a table of OpenFace for one image (a column face and no column frame); expected that of a "
             "sequence: FeatureExtraction -fdir FOLDER"
         )
     return {"frame", "confidence", "success"} <= names and bool({*_PLACE, *_GAZES} & names)
+
+
+def header_names(path: Path) -> frozenset[str]:
+    """The names in the first line of a CSV file, without reading the rest; none of any other file."""
+    try:
+        if path.suffix.lower() != ".csv" or not path.is_file():
+            return frozenset()
+        with path.open(encoding="utf-8") as file:
+            return frozenset(name.strip() for name in file.readline(2**16).split(","))
+    except (OSError, UnicodeDecodeError):
+        return frozenset()
 
 
 def read_openface(path: Path) -> FaceTable:
@@ -135,7 +142,7 @@ def read_openface(path: Path) -> FaceTable:
             raise VfoaError(f"{where}: {error}; expected a number") from None
         of_frame = faces.setdefault(frame, [])
         if success == 1 and confidence >= LEAST_CONFIDENCE:
-            of_frame.append(_face(numbers, where))
+            of_frame.append(_face(numbers, path, line, confidence))
     return FaceTable(
         faces={frame: tuple(of_frame) for frame, of_frame in sorted(faces.items())},
         stamps_s=stamps_s,
@@ -157,13 +164,15 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise VfoaError(f"{path}: not CSV in UTF-8: {error}") from None
 
 
-def _face(numbers: Mapping[tuple[str, ...], Float], where: str) -> Face:
+def _face(numbers: Mapping[tuple[str, ...], Float], path: Path, line: int, confidence: float) -> Face:
     place_m, rotation = numbers[_PLACE] / 1000, numbers[_ROTATION]
     eyes_m = numbers[_EYES_MM].reshape(3, -1).mean(axis=1) / 1000 if _EYES_MM in numbers else place_m
     if not (np.isfinite(rotation).all() and math.hypot(*eyes_m) < _LONGEST_M):
-        raise VfoaError(f"{where}: {', '.join(_PLACE)}: expected a place in mm, and finite angles")
+        raise VfoaError(f"{path}:{line}: {', '.join(_PLACE)}: expected a place in mm, and finite angles")
     points = numbers.get(_POINTS_PX)
     return Face(
+        line=line,
+        confidence=confidence,
         eyes_m=eyes_m,
         head=head_direction(rotation[0], rotation[1]),
         gaze=_gaze(numbers[_GAZES].reshape(2, 3)) if _GAZES in numbers else None,
