@@ -24,6 +24,7 @@ MODELS = Registry(
     builtin={
         "fsanet": "vfoa.head_pose.fsanet:FsaNet",
         "3ddfa_v2": "vfoa.head_pose.tddfa_v2:TddfaV2",
+        "6drepnet": "vfoa.head_pose.sixdrepnet:SixDRepNet",
     },
     group="vfoa.head_pose",
 )

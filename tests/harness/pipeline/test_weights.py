@@ -30,7 +30,7 @@ from tests import graphs
 from tests.web import Site
 from vfoa.errors import VfoaError
 from vfoa.gaze import adas, l2cs
-from vfoa.head_pose import fsanet, tddfa_v2
+from vfoa.head_pose import fsanet, sixdrepnet, tddfa_v2
 from vfoa.heads import yunet
 from vfoa.onnx import Model, RuntimeSettings
 from vfoa.segmentation import mask_classification, mask_rcnn, panoptic_fpn, rf_detr_seg, yolo_seg
@@ -44,6 +44,7 @@ SIGNATURES = {
     "heads.yunet": yunet.SIGNATURE,
     "head_pose.fsanet": fsanet.SIGNATURE,
     "head_pose.3ddfa_v2": tddfa_v2.SIGNATURE,
+    "head_pose.6drepnet": sixdrepnet.SIGNATURE,
     "gaze.l2cs": l2cs.SIGNATURE,
     "stereo.hitnet": hitnet.SIGNATURE,
     "segmentation.rf_detr_seg": rf_detr_seg.SIGNATURE,
@@ -180,9 +181,15 @@ def test_another_file_of_that_name_is_not_hidden_behind(tmp_path: Path, site: Si
         fetch_model("small", entry, accept_licence=False)
 
 
-@pytest.mark.parametrize("network", ["mobileone_s0", "mobilenetv2", "resnet18", "resnet34", "resnet50"])
-def test_each_mobilegaze_network_is_fetched_from_its_home_once_its_terms_are_accepted(network: str, site: Site) -> None:
-    (name,) = (name for name, entry in catalogue().items() if entry.file == f"{network}_gaze.onnx")
+@pytest.mark.parametrize(
+    "file",
+    [
+        *(f"{network}_gaze.onnx" for network in ("mobileone_s0", "mobilenetv2", "resnet18", "resnet34", "resnet50")),
+        *("resnet18.onnx", "resnet50.onnx", "mobilenetv3_small.onnx"),  # 6DRepNet
+    ],
+)
+def test_each_network_of_a_release_is_fetched_from_its_home_once_its_terms_are_accepted(file: str, site: Site) -> None:
+    (name,) = (name for name, entry in catalogue().items() if entry.file == file)
     entry = find_model(name)
     assert entry.address == f"{entry.home}/releases/download/weights/{entry.file}"
     served = entry.model_copy(update={"address": site.url("/model.onnx"), "sha256": WEIGHTS})

@@ -15,8 +15,10 @@ from scipy.spatial.transform import Rotation
 from harness.clips.add import add_clip
 from harness.sources import MeasuredClip
 from harness.sources.measured.openface import head_direction, read_openface
+from tests.disk import write_text
 from tests.measured import open_measured, openface_file
 from vfoa.errors import VfoaError
+from vfoa.geometry import angle_between
 from vfoa.types import Person
 
 ANGLES = st.floats(-1.5, 1.5)
@@ -54,6 +56,26 @@ def test_the_mean_gaze_agrees_with_the_columns_of_angles(
     assert found is not None
     angles = np.arctan2(found.direction[:2], -found.direction[2])
     np.testing.assert_allclose(np.degrees(angles), np.degrees([x, y]), atol=0.05)
+
+
+GENUINE = """\
+frame,face_id,timestamp,confidence,success,pose_Tx,pose_Ty,pose_Tz,pose_Rx,pose_Ry,pose_Rz,AU01_r,AU28_c
+1,0,0.000,0.98,1,-59.7,16.9,378.7,-0.028,-0.118,-0.015,1.45,0.0
+2,0,0.067,0.98,1,-60.3,16.4,381.2,-0.032,-0.114,-0.015,1.26,0.0
+"""
+"""Two rows of ``processed/default.csv`` of github.com/EmoInfer/EmoInfer @ f4aa3c00, without most action units."""
+
+
+def test_the_user_of_a_webcam_who_sits_aside_faces_the_camera(tmp_path: Path) -> None:
+    write_text(tmp_path / "faces.csv", GENUINE)
+    clip = open_measured("openface", tmp_path, file="faces.csv")
+    assert clip.rate_hz == pytest.approx(1 / 0.067)
+    for number in clip.frames:
+        person = only_person(clip, number)
+        assert person.view.head_pose is not None
+        assert person.eye_origin_left is not None
+        off_rad = angle_between(person.view.head_pose.direction, -person.eye_origin_left)
+        assert np.degrees(off_rad) < 3.5  # with rx or ry the other way round, more than 4.5 and 15
 
 
 @pytest.mark.parametrize("old", [False, True])
