@@ -34,10 +34,10 @@ _FRONTAL_DEG, _PER_TURN = 14.0, 0.3
 class L2cs:
     """Gaze of one frame from a face, without landmarks or neighbouring frames.
 
-    The answer is the mean of those for the face and for its mirror image, which takes twice the time. MobileGaze's
-    MobileOne-S0 on 43 labelled faces of two people of a TV show, angle in the image between gaze and target, mean and
-    median: 8.6 and 5.6 degrees, 10.7 and 9.2 from the face alone; on 16 photographs of AFLW2000-3D of people who look
-    into the camera, mean: 14.2 and 16.3.
+    The answer is the mean of those for the face and for its mirror image, which takes twice the time: MobileOne-S0 65
+    ms on one core of a CPU instead of 32 (ADAS-0002: 8). MobileGaze's MobileOne-S0 on 43 labelled faces of two people
+    of a TV show, angle in the image between gaze and target, mean and median: 8.6 and 5.6 degrees, 10.7 and 9.2 from
+    the face alone; on 16 photographs of AFLW2000-3D of people who look into the camera, mean: 14.2 and 16.3.
 
     A head turned away by ``most_turned_deg`` has no gaze, if a head pose is known: the head is the better cue there.
     The table gives mean angles in degrees on eight labelled photographs of AFLW2000-3D, and for the near-profile man of

@@ -235,6 +235,26 @@ def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> No
     assert plain.is_in_region
 
 
+@pytest.mark.parametrize("is_here", [False, True])
+def test_the_gaze_model_auto_is_what_is_here_and_a_quick_one_in_real_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_here: bool
+) -> None:
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))
+    monkeypatch.setattr("vfoa.weights.cache_directory", lambda: tmp_path / "none")
+    if is_here:
+        (tmp_path / "mobileone_s0_gaze.onnx").touch()
+
+    def model(*overrides: str, preset: str | None = None) -> object:
+        (found,) = load_experiment("default", clips=("any",), overrides=overrides, preset=preset).configurations
+        choice = found.choices["gaze"]
+        return choice and choice.name
+
+    assert model() == ("l2cs" if is_here else "adas_0002")
+    assert model(preset="realtime") == "adas_0002"
+    assert model("gaze.model=l2cs", preset="realtime") == "l2cs"
+    assert model("gaze.model=none", preset="realtime") is None
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
