@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+BLOCK = re.compile(r"^```(?P<kind>\w*)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
+"""A block of a page; one with a title is a file."""
+
 
 def steps(page: str) -> Iterator[tuple[str, str]]:
     """The commands of a page's blocks, each with the output printed below it.
@@ -18,6 +21,16 @@ def steps(page: str) -> Iterator[tuple[str, str]]:
             for step in re.split(r"^\$ ", block[2], flags=re.MULTILINE)[1:]:
                 command, _, expected = step.partition("\n")
                 yield command, expected
+
+
+def parts(page: str) -> Iterator[tuple[str, tuple[str, str] | None]]:
+    """The page in parts that end where it shows a file: each with the file's name and text, the last part with None."""
+    begin = 0
+    for block in BLOCK.finditer(page):
+        if block["title"]:
+            yield page[begin : block.start()], (block["title"], block["text"])
+            begin = block.end()
+    yield page[begin:], None
 
 
 def shape(text: str) -> list[list[str]]:

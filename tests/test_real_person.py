@@ -11,10 +11,10 @@ import pytest
 
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.pages import BLOCK
 from tests.repository import REPOSITORY
 
 PAGE = REPOSITORY / "docs" / "tutorials" / "real-person.md"
-BLOCK = re.compile(r"^```(?P<kind>\w*)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
 FETCHED, SHOWN = ("clips", "fetch"), ("view",)
 ROW = re.compile(r"^\| ([\w-]+)(?: \(.*?\))? \| 1 \| (\d+) \| (.*?) \|$", re.MULTILINE)
 

@@ -1,8 +1,8 @@
 """The tutorials, executed as written: the commands of each page in order, after ``make demo``, with what they print.
 
-A new page in docs/tutorials needs no code here: a block below ``<!-- not executed: REASON -->`` is left out. Runs of
-the demo are short (:data:`SHORT`, :data:`CLIPS`), so numbers are not compared, but the words and the number of cells
-around them.
+A new page in docs/tutorials needs no code here: a block with a title is written as that file, a block below ``<!-- not
+executed: REASON -->`` is left out. Runs of the demo are short (:data:`SHORT`, :data:`CLIPS`), so numbers are not
+compared, but the words and the number of cells around them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import pytest
 
 from harness.studio.store import cache_folder
 from tests.disk import write_text
-from tests.pages import shape, steps
+from tests.pages import parts, shape, steps
 from tests.repository import REPOSITORY
 
 OWN_TEST = ("label-fit-run", "real-person")
@@ -68,15 +68,18 @@ def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_pa
     folder, printed = demo
     for part in ("runs", "experiments"):
         shutil.copytree(folder / part, tmp_path / part)
-    for command, expected in steps(page.read_text(encoding="utf-8")):
-        if command == "make demo":
-            said = printed
-        else:
-            words = shlex.split(command)
-            assert words[0] == "vfoa", f"{page.name}: {command}"
-            said = _vfoa(words[1:], tmp_path, folder / "cache")
-        if expected.strip():
-            assert shape(said.replace(f"{tmp_path}/", "")) == shape(expected), f"{page.name}: {command}\n{said}"
+    for part, file in parts(page.read_text(encoding="utf-8")):
+        for command, expected in steps(part):
+            if command == "make demo":
+                said = printed
+            else:
+                words = shlex.split(command)
+                assert words[0] == "vfoa", f"{page.name}: {command}"
+                said = _vfoa(words[1:], tmp_path, folder / "cache")
+            if expected.strip():
+                assert shape(said.replace(f"{tmp_path}/", "")) == shape(expected), f"{page.name}: {command}\n{said}"
+        if file:
+            write_text(tmp_path / file[0], file[1])
 
 
 def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> str:
