@@ -100,7 +100,7 @@ def _drawn(path: Path) -> Any:
 
 
 def _signals(path: Path) -> Any:
-    return read_table(path, ("x", "y", "z"), range(9)).columns.group(("x", "y", "z"))
+    return read_table(path, "gaze", ("x", "y", "z"), range(9)).columns.group(("x", "y", "z"))
 
 
 def _video(path: Path) -> Any:
@@ -173,6 +173,9 @@ PARSERS: Sequence[Parser] = (
         names_file=False,
     ),
     Parser("Idiap tracker", "tracker.csv", lambda path: idiap_file(path.parent, 4), states.open_idiap),
+    Parser("OpenFace table", "faces.csv", states.write_openface, states.open_openface),
+    Parser("OpenFace heads", "faces.csv", states.write_openface, states.read_faces),
+    Parser("gaze3d table", "gazes.csv", whole.GAZE3D, states.read_faces),
     Parser("list of stamps", "rgb.txt", whole.STAMPS, read_stamped_list),
     # Calibrations
     Parser("OpenCV calibration", "stereo.yml", _OPENCV, _cameras),

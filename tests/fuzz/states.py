@@ -19,6 +19,8 @@ from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import Identity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.openvino_ir import convert
+from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings
+from harness.pipeline.outputs.heads import read_heads
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
@@ -42,7 +44,7 @@ from tests.disk import write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, show
-from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured
+from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured, openface_file
 from tests.openvino import affine
 from tests.records import labels
 from vfoa.errors import VfoaError
@@ -256,6 +258,37 @@ def open_tables(path: Path) -> Any:
     shutil.copyfile(path, folder / files[f"{path.stem}_file"])
     clip = open_measured("measured", folder, **files)
     return [clip.scene(number) for number in clip.frames]
+
+
+def write_openface(path: Path) -> None:
+    """Two people in four frames."""
+    gaze = {f"gaze_{eye}_{axis}": value for eye in "01" for axis, value in (("x", 0.6), ("z", -0.8))}
+    rows = [
+        {
+            "frame": frame,
+            "timestamp": frame / 25,
+            "pose_Tx": x,
+            "pose_Tz": 900,
+            "box_px": (20 + x, 20, 60 + x, 70),
+            **gaze,
+        }
+        for frame in (1, 2, 3, 4)
+        for x in (-10, 10)
+    ]
+    openface_file(path, rows)
+
+
+def open_openface(path: Path) -> Any:
+    clip = open_measured("openface", path.parent, file=path.name)
+    return [clip.scene(number) for number in clip.frames]
+
+
+def read_faces(path: Path) -> Any:
+    """The heads and gazes of another program's table."""
+    clip: Any = PlainClip()
+    heads = read_heads(path, clip)
+    FileGaze(FileGazeSettings(root=str(path.parent), file=path.name, heads=path.name), clip)
+    return [heads.of(number) for number in clip.frames]
 
 
 def open_idiap(path: Path) -> Any:

@@ -79,6 +79,10 @@ BORIS_EXPORTS = (
 )
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
+GAZE3D = (
+    "xmin,ymin,xmax,ymax,pid,frame_id,gaze_x,gaze_y,gaze_z\n"
+    "10.5,4.0,20.0,18.0,1.0,1.0,0.6,0.0,-0.8\n10.5,4.0,20.0,18.0,1.0,2.0,0.0,0.0,-1.0\n"
+)
 STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"
 KITTI = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nP3: 700 0 600 -370 0 700 180 0 0 0 1 0\n"
 MIDDLEBURY = (

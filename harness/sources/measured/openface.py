@@ -50,6 +50,7 @@ _EYES_MM = tuple(f"{axis}_{point}" for axis in "XYZ" for point in _EYE_POINTS)
 _REACH_M = 0.3
 """Greatest step of a person's eyes from one row to the next; a farther face is somebody else."""
 _LONGEST_M = 1000.0
+_MOST_FRAMES, _LATEST_S = 1_000_000, 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +100,7 @@ def header_names(path: Path) -> frozenset[str]:
     try:
         if path.suffix.lower() != ".csv" or not path.is_file():
             return frozenset()
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             return frozenset(name.strip() for name in file.readline(2**16).split(","))
     except (OSError, UnicodeDecodeError):
         return frozenset()
@@ -118,7 +119,7 @@ def read_openface(path: Path) -> FaceTable:
     stamps_s: dict[int, float] = {}
     rows = _rows(path)
     _, header = next(rows, (1, []))
-    columns = {name: place for place, name in enumerate(header)}
+    columns = {name.strip(): place for place, name in enumerate(header)}
     if missing := [name for name in REQUIRED if name not in columns]:
         raise VfoaError(
             f"{path}:1: no column {missing[0]!r}; expected OpenFace's {', '.join(REQUIRED)} (options -pose and -gaze)"
@@ -137,7 +138,7 @@ def read_openface(path: Path) -> FaceTable:
             confidence, success = (float(cells[columns[name]]) for name in ("confidence", "success"))
             if "timestamp" in columns:
                 stamps_s.setdefault(frame, float(cells[columns["timestamp"]]))
-            numbers = {names: np.array([cells[place] for place in places], float) for names, places in groups.items()}
+            numbers = {names: np.array([float(cells[place]) for place in places]) for names, places in groups.items()}
         except (ValueError, OverflowError) as error:
             raise VfoaError(f"{where}: {error}; expected a number") from None
         of_frame = faces.setdefault(frame, [])
@@ -151,13 +152,13 @@ def read_openface(path: Path) -> FaceTable:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line and stripped cells of each row; a line at a time, since an hour of two faces has a gigabyte."""
+    """Line and cells of each row; a line at a time, since an hour of two faces has a gigabyte."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
             for cells in reader:
                 if cells:
-                    yield reader.line_num, [cell.strip() for cell in cells]
+                    yield reader.line_num, cells
     except OSError as error:
         raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -246,13 +247,19 @@ def _times_ns(table: FaceTable, rate_hz: float | None, path: Path) -> dict[int, 
     if not table.faces:
         return {}
     numbers = range(min(table.faces), max(table.faces) + 1)
+    if len(numbers) > _MOST_FRAMES:
+        raise VfoaError(
+            f"{path}: frame: found {numbers[0]} to {numbers[-1]}; expected at most {_MOST_FRAMES:,} frames in between"
+        )
     if rate_hz is not None:
         return {number: round((number - numbers[0]) / rate_hz * 1e9) for number in numbers}
     stamped = sorted(table.stamps_s)
     stamps_s = np.array([table.stamps_s[number] for number in stamped])
-    if len(stamped) == 0 or (np.diff(stamps_s) <= 0).any() or not np.isfinite(stamps_s).all():
+    is_ascending = len(stamped) > 0 and (np.diff(stamps_s) > 0).all() and (np.abs(stamps_s) < _LATEST_S).all()
+    if not is_ascending:
         raise VfoaError(f"{path}: timestamp: does not ascend with the frames; expected rate_hz in [source]")
-    return {number: round(float(np.interp(number, stamped, stamps_s)) * 1e9) for number in numbers}
+    times_s = np.interp(np.array(numbers), stamped, stamps_s)
+    return {number: round(time_s * 1e9) for number, time_s in zip(numbers, times_s.tolist(), strict=True)}
 
 
 def _named(faces: Mapping[int, Sequence[Face]]) -> dict[int, list[MeasuredPerson]]:

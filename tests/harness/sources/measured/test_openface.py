@@ -136,6 +136,17 @@ def test_stamps_that_do_not_ascend_ask_for_the_rate_which_replaces_them(tmp_path
     assert [clip.time_ns(number) for number in clip.frames] == [0, 20_000_000, 40_000_000]
 
 
+def test_a_frame_number_far_from_all_others_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"faces\.csv: frame: found 1 to 9000000; expected at most 1,000,000 frames"):
+        opened(tmp_path, [row(1), {**row(9_000_000), "timestamp": 9}])
+
+
+def test_a_table_that_a_spreadsheet_marked_as_utf_8_is_read(tmp_path: Path) -> None:
+    path = openface_file(tmp_path / "faces.csv", [row(1)])
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert open_measured("openface", tmp_path, file="faces.csv").frames == (1,)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
