@@ -22,6 +22,7 @@ from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
+from vfoa.tracking import Tracker
 from vfoa.types import Image, StereoFrame, StereoRig
 from vfoa.validation import parse
 from vfoa.weights import check_located, weights_of
@@ -153,7 +154,8 @@ class Follower:
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
-        self._attending, self._frames = Attending(estimator.attend), 0
+        self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
+        self._frames = 0
         self._stages, every = estimator.stages, estimator.key_frames.every
         if every > 1:
             on_key_frames = KeyFrameSegmenter(
@@ -185,7 +187,7 @@ class Follower:
             raise VfoaError(f"frame {self._frames}: {error}") from None
         percepts = perceive(frame, self._stages)
         scene = reconstruct(percepts, estimator.reconstruction)
-        (result,) = self._attending.step(scene)
+        (result,) = self._attending.step(scene, self._tracker.step(scene.people))
         self._frames += 1
         return Estimate(percepts=percepts, result=result)
 

@@ -3,9 +3,10 @@
 perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
              Shapes that a person drew join the instances and heads of the models, and are cut out by depth.
 reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
-attend       scenes -> results: tracks, filtered cues, attention by a method. Ordered, with a memory, and cheap.
+follow       heads -> tracks: :class:`vfoa.tracking.Tracker`. Ordered, with a memory.
+attend       scenes and tracks -> results: filtered cues, attention by a method. Ordered, with a memory, and cheap.
 
-The first two run out of order and in parallel; configurations that differ in attention repeat only the third. A
+The first two run out of order and in parallel; configurations that differ in attention repeat only the last. A
 temporal gaze model needs the neighbouring frames: perceive keeps its crops, and a
 :class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in order.
 """
@@ -32,7 +33,7 @@ from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
 from vfoa.stereo import RegionMatcher, StereoMatcher
 from vfoa.stereo.region import needed_region
-from vfoa.tracking import TrackerState, TrackingSettings, track_people
+from vfoa.tracking import Tracked, TrackingSettings
 from vfoa.types import Disparity, FrameResult, Gaze, Head, HeadView, Instances, NoGaze, Percepts, Scene, StereoFrame
 
 __all__ = ["AttendSettings", "Attending", "Stages", "perceive", "reconstruct"]
@@ -131,7 +132,7 @@ def _view(frame: StereoFrame, heads: tuple[Head, ...], stages: Stages) -> tuple[
 
 
 class AttendSettings(Settings):
-    """Settings of :class:`Attending`."""
+    """Settings of :class:`vfoa.tracking.Tracker` and of :class:`Attending`."""
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
@@ -139,7 +140,7 @@ class AttendSettings(Settings):
 
 
 class Attending:
-    """Attends to the frames of a sequence in order, and holds the memory: tracks, filters, and each person's state.
+    """Attends to the frames of a sequence in order, and holds the memory: filters, and each person's state.
 
     The result of a frame comes at once, unless the method needs later frames
     (:class:`vfoa.methods.RevisingMethod`). Then it waits for the frames of that time and is revised with them. Results
@@ -150,20 +151,22 @@ class Attending:
         self._settings = settings
         self._method = open_method(settings.attention)
         self._look_ahead_s = look_ahead_s(self._method)
-        self._tracker, self._gaze_filter = TrackerState(), GazeFilterState()
+        self._gaze_filter = GazeFilterState()
         self._states: dict[int, Any] = {}
         self._waiting: list[FrameResult] = []
 
-    def step(self, scene: Scene) -> list[FrameResult]:
+    def step(self, scene: Scene, tracked: Tracked) -> list[FrameResult]:
         """Attend to the next frame; return the frames whose results are ready, which may be none.
+
+        ``tracked`` are the tracks of the scene's people.
 
         Raises
         ------
         ValueError
             If the method does not answer for each subject in order, or does not revise each frame.
         """
-        tracked, tracker = track_people(scene.people, self._tracker, self._settings.tracking)
-        subjects, gaze_filter = filter_cues(tracked, self._gaze_filter, self._settings.gaze_filter)
+        people = tracked.people(scene.people)
+        subjects, gaze_filter = filter_cues(people, self._gaze_filter, self._settings.gaze_filter)
         ids = [subject.track_id for subject in subjects]
         before = tuple(self._states[track] if track in self._states else self._method.start() for track in ids)
         attentions, after = self._method.attend(subjects, scene, before)
@@ -173,8 +176,8 @@ class Attending:
                 "their order"
             )
         states = {**self._states, **dict(zip(ids, after, strict=True))}
-        self._states = {track.id: states[track.id] for track in tracker.tracks if track.id in states}
-        self._tracker, self._gaze_filter = tracker, gaze_filter
+        self._states = {track: state for track, state in states.items() if track in tracked.open}
+        self._gaze_filter = gaze_filter
         self._waiting.append(FrameResult(scene=scene, attentions=tuple(attentions)))
         awaited = self._awaited() if self._look_ahead_s else 0
         return self._release(len(self._waiting) - awaited) if len(self._waiting) > 2 * awaited else []

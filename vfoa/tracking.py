@@ -96,6 +96,38 @@ def track_people(
     return tuple(tracked), TrackerState(tracks=tuple(tracks), next_id=state.next_id + len(free))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracked:
+    """The tracks of one frame: of each person, in their order (None: not followed), and all that are still open."""
+
+    ids: tuple[int | None, ...]
+    open: frozenset[int]
+
+    def people(self, people: tuple[Person, ...]) -> tuple[tuple[int, Person], ...]:
+        """Return those people of the frame who are followed, each with the track, in the order of the tracks' ids.
+
+        ``people`` may have other directions than the people who were followed; the heads must be the same.
+        """
+        followed = [(track, person) for track, person in zip(self.ids, people, strict=True) if track is not None]
+        return tuple(sorted(followed, key=lambda pair: pair[0]))
+
+
+class Tracker:
+    """Follows the people of one sequence; it holds the memory of :func:`track_people`."""
+
+    def __init__(self, settings: TrackingSettings) -> None:
+        self._settings, self._state = settings, TrackerState()
+
+    def step(self, people: tuple[Person, ...]) -> Tracked:
+        """Follow the people of the next frame."""
+        tracked, self._state = track_people(people, self._state, self._settings)
+        track_of = {id(person): track for track, person in tracked}
+        return Tracked(
+            ids=tuple(track_of.get(id(person)) for person in people),
+            open=frozenset(track.id for track in self._state.tracks),
+        )
+
+
 def _box_px(person: Person) -> Float | None:
     return None if person.head is None else person.head.box_px
 

@@ -19,6 +19,7 @@ from harness.run.experiment import load_experiment
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider
 from vfoa.pipeline import Attending, Stages, perceive, reconstruct
+from vfoa.tracking import Tracker
 from vfoa.types import Disparity, Float, Instances, Percepts, StereoFrame
 from vfoa.weights import check_located, weights_of
 
@@ -198,9 +199,11 @@ def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, hel
 
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
-    attending, ends = Attending(configuration.attend), []
+    tracker, attending = Tracker(configuration.attend.tracking), Attending(configuration.attend)
+    ends = []
     for percepts in perceived:
-        attending.step(reconstruct(percepts, configuration.reconstruction))
+        scene = reconstruct(percepts, configuration.reconstruction)
+        attending.step(scene, tracker.step(scene.people))
         ends.append((time.perf_counter(), time.process_time()))
     return np.transpose(ends)
 

@@ -27,6 +27,7 @@ STAGES = (
     "heads",
     "head_pose",
     "gaze",
+    "tracking",
     "reconstruction",
     "attention",
     "measures",

@@ -16,7 +16,8 @@ from pydantic import Field, model_validator
 
 from vfoa.geometry import box_iou
 from vfoa.settings import Settings
-from vfoa.types import Float, FrameResult, Instance
+from vfoa.tracking import Tracked
+from vfoa.types import Float, Instance, Scene
 
 PointPx = tuple[float, float]
 
@@ -78,25 +79,37 @@ class Names:
 Rules = Mapping[str, NameRule]
 
 
+class Namer:
+    """Names the people and the targets of one clip, frame by frame; it holds the memory of :func:`name_frame`."""
+
+    def __init__(self, subjects: Rules, targets: Rules) -> None:
+        self._subjects, self._targets, self._memory = subjects, targets, SubjectNames()
+
+    def step(self, scene: Scene, tracked: Tracked) -> Names:
+        """Name the next frame."""
+        names, self._memory = name_frame(scene, tracked, self._subjects, self._targets, self._memory)
+        return names
+
+
 def name_frame(
-    result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames
+    scene: Scene, tracked: Tracked, subjects: Rules, targets: Rules, memory: SubjectNames
 ) -> tuple[Names, SubjectNames]:
     """Name the people and the targets of one frame."""
-    memory = name_subjects(result, subjects, memory)
-    present = {attention.subject.track_id: attention.subject.person.instance_id for attention in result.attentions}
+    memory = name_subjects(scene, tracked, subjects, memory)
+    present = {track: person.instance_id for track, person in tracked.people(scene.people)}
     named = {track: memory.by_track[track] for track in present if track in memory.by_track}
     of_people = {present[track]: name for track, name in named.items()}
-    seen = [(target.instance, target.box_px) for target in result.scene.targets]
+    seen = [(target.instance, target.box_px) for target in scene.targets]
     return Names(subjects=named, targets=name_instances(seen, of_people, subjects, targets, memory)), memory
 
 
-def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> SubjectNames:
+def name_subjects(scene: Scene, tracked: Tracked, rules: Rules, memory: SubjectNames) -> SubjectNames:
     """Name the tracks of one frame that have no name yet; a track keeps its name, unless its source knows it.
 
     The name of an ended track goes to the unnamed person nearest to its last position; a name that was never given goes
     by its rule. People whose instance is not known (or not of the category) get none.
     """
-    people = _people(result)
+    people = _people(scene, tracked)
     by_source = {person.own_name: person.key for person in people if person.own_name and person.own_name in rules}
     by_track = {track: name for track, name in memory.by_track.items() if name not in by_source}
     by_track |= {track: name for name, track in by_source.items()}
@@ -160,15 +173,15 @@ class _Candidate:
         return (u0 + u1) / 2, (v0 + v1) / 2
 
 
-def _people(result: FrameResult) -> list[_Candidate]:
-    instances = {target.instance.id: target.instance for target in result.scene.targets}
+def _people(scene: Scene, tracked: Tracked) -> list[_Candidate]:
+    instances = {target.instance.id: target.instance for target in scene.targets}
     people = []
-    for subject in (attention.subject for attention in result.attentions):
-        instance_id, head = subject.person.instance_id, subject.person.head
+    for track, person in tracked.people(scene.people):
+        instance_id, head = person.instance_id, person.head
         instance = None if instance_id is None else instances.get(instance_id)
         people.append(
             _Candidate(
-                key=subject.track_id,
+                key=track,
                 instance_id=instance_id,
                 label=None if instance is None else instance.label,
                 box_px=None if head is None else head.box_px,

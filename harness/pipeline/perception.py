@@ -1,7 +1,8 @@
 """One clip under many configurations: each distinct stage runs once per frame.
 
 All calls of a stage go through :class:`harness.pipeline.stage_runner.StageRunner`. A clip of recorded 3D poses has no
-images: its frames are scenes already (:func:`pose_frames`).
+images: its frames are scenes already (:func:`pose_frames`). People are followed and named here, too: once for all
+configurations that see the same.
 
 Frames are read and perceived in threads while the last ones are attended to and written. The order and all results stay
 the same: NumPy, OpenCV and ONNX Runtime let other threads run while they compute.
@@ -16,13 +17,15 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
+from harness.clips.manifest import ClipManifest
+from harness.clips.naming import Namer, Names
 from harness.files.io import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice
 from harness.pipeline.drawn import DrawnClip
-from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded
+from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
@@ -30,20 +33,33 @@ from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
-from vfoa.types import Gaze, Percepts, Scene, StereoFrame
+from vfoa.tracking import Tracked, Tracker
+from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
+
+
+class Followed(NamedTuple):
+    """A frame under one configuration: the scene, the tracks of its people, the names, and the seconds per stage.
+
+    A clip of recorded poses has no percepts.
+    """
+
+    percepts: Percepts | None
+    scene: Scene
+    tracked: Tracked
+    names: Names
+    timings: Timings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedFrame:
-    """A frame with the percepts, the scene and the seconds per stage of each configuration, by its name.
+    """A frame under each configuration, by its name. A clip of recorded poses has no images.
 
-    A configuration that has failed, in this frame or an earlier one, has its error instead. A clip of recorded poses
-    has no images and no percepts.
+    A configuration that has failed, in this frame or an earlier one, has its error instead.
     """
 
     index: int
     frame: StereoFrame | None
-    by_configuration: Mapping[str, tuple[Percepts | None, Scene, Timings] | VfoaError]
+    by_configuration: Mapping[str, Followed | VfoaError]
 
 
 def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, float]]:
@@ -62,19 +78,23 @@ def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """The stages that some configurations have in common, and the windows of their temporal gaze model."""
+    """The stages that some configurations have in common, and what each of these follows and names people with."""
 
     stages: Stages
     names: list[str] = field(default_factory=list)
+    trackers: dict[str, Tracker] = field(default_factory=dict)
+    namers: dict[str, Namer] = field(default_factory=dict)
     windows: dict[str, HeadWindow] = field(default_factory=dict)
 
 
-_Perceived = tuple[StereoFrame, float, Mapping[_Group, tuple[Percepts, Timings]]]
-"""A frame, the seconds that reading it took, and its percepts, without the gazes of a temporal model."""
+_Tracks = Mapping[Tracker, tuple[Tracked, float]]
+"""The tracks of a frame, and the seconds that following took."""
+_Perceived = tuple[StereoFrame, float, Mapping[_Group, tuple[Percepts, Timings]], _Tracks]
+"""A frame, the seconds that reading it took, its percepts, without the gazes of a temporal model, and its tracks."""
 
 
 class Perception:
-    """Percepts and scenes of one clip for every configuration.
+    """Percepts, scenes, tracks and names of one clip for every configuration.
 
     A stage that cannot be built, or fails on a frame, ends the configurations that use it.
 
@@ -82,6 +102,8 @@ class Perception:
     ----------
     cache
         Outputs of earlier runs; None for no cache.
+    manifest
+        The clip's manifest, which has the rules of names; None for none.
     drawn
         The shapes drawn on the clip; None for none.
     parallel
@@ -94,9 +116,11 @@ class Perception:
         clip: Clip,
         cache: ClipCache | None = None,
         *,
+        manifest: ClipManifest | None = None,
         drawn: DrawnClip | None = None,
         parallel: bool = False,
     ) -> None:
+        self._rules = (manifest.subjects, manifest.targets) if manifest else ({}, {})
         self._configurations, self._clip, self._cache, self._drawn = configurations, clip, cache, drawn
         self._heads_thread = ThreadPoolExecutor(1) if parallel else None
         self._memo = Memo()
@@ -105,6 +129,8 @@ class Perception:
         self._drawings: dict[DrawnSettings, StageRunner] = {}
         self._groups: dict[tuple[object, ...], _Group] = {}
         self._group_of: dict[str, _Group] = {}
+        self._trackers: dict[tuple[object, ...], Tracker] = {}
+        self._namers: dict[tuple[object, ...], Namer] = {}
         self._windows: dict[tuple[object, ...], HeadWindow] = {}
         for configuration in configurations:
             with self._isolated([configuration.name]):
@@ -148,6 +174,7 @@ class Perception:
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
         perceived: dict[_Group, tuple[Percepts, Timings]] = {}
+        tracks: dict[Tracker, tuple[Tracked, float]] = {}
         fed: set[HeadWindow] = set()
         self._memo.outputs = {}
         for group in self._groups.values():
@@ -157,16 +184,25 @@ class Perception:
                     self._memo.timings = {}
                     percepts = perceive(frame, group.stages, beside=self._heads_thread)
                     perceived[group] = percepts, self._memo.timings
-                    for window in {group.windows[name] for name in names if name in group.windows} - fed:
-                        window.add(percepts)
-                        fed.add(window)
-        return frame, decode_s, perceived
+                    for name in names:
+                        tracker, window = group.trackers[name], group.windows.get(name)
+                        if tracker not in tracks:
+                            tracks[tracker] = _follow(percepts, tracker)
+                        if window and window not in fed:
+                            window.add(percepts, tracks[tracker][0].ids)
+                            fed.add(window)
+        return frame, decode_s, perceived, tracks
 
     def _reconstruct(
-        self, frame: StereoFrame, decode_s: float, perceived: Mapping[_Group, tuple[Percepts, Timings]]
+        self,
+        frame: StereoFrame,
+        decode_s: float,
+        perceived: Mapping[_Group, tuple[Percepts, Timings]],
+        tracks: _Tracks,
     ) -> SharedFrame:
-        """Place the objects and people in space, for every configuration that has not failed."""
-        results: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
+        """Place the objects and people in space and name them, for every configuration that has not failed."""
+        results: dict[str, Followed | VfoaError] = {}
+        named: dict[Namer, tuple[Names, float]] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
         for configuration in self._configurations:
@@ -187,7 +223,13 @@ class Perception:
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
-                results[name] = percepts, scene, memo.timings
+                tracked, seconds = tracks[group.trackers[name]]
+                memo.charge("tracking", seconds)
+                if (namer := group.namers[name]) not in named:
+                    named[namer] = _name(scene, tracked, namer)
+                names, seconds = named[namer]
+                memo.charge("tracking", seconds)
+                results[name] = Followed(percepts, scene, tracked, names, memo.timings)
         return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **results})
 
     @contextmanager
@@ -224,18 +266,19 @@ class Perception:
             region_matcher=chosen["stereo"] if configuration.is_in_region else None,
             drawing=drawing,
         )
-        windows: dict[str, HeadWindow] = {}
-        if temporal:
-            tracking = configuration.attend.tracking
-            # heads and crops depend on nothing else, so configurations that agree on this have the same gazes
-            seen = (keys["segmentation"], keys["heads"], keys["gaze"], drawn, tracking)
-            if seen not in self._windows:
-                self._windows[seen] = HeadWindow(gaze, self._clip.rate_hz, tracking)
-            windows[configuration.name] = self._windows[seen]
+        # heads and crops depend on nothing else, so configurations that agree on this have the same tracks and gazes
+        seen = (keys["segmentation"], keys["heads"], drawn, configuration.attend.tracking)
+        with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, keys["stereo"], configuration.reconstruction)
+        if temporal and with_gaze not in self._windows:
+            self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz)
         group = self._groups.setdefault((*keys.values(), drawn), _Group(stages))
-        group.names.append(configuration.name)
-        group.windows.update(windows)
-        self._group_of[configuration.name] = group
+        name = configuration.name
+        group.names.append(name)
+        group.trackers[name] = self._trackers.setdefault(seen, Tracker(configuration.attend.tracking))
+        group.namers[name] = self._namers.setdefault(with_depth, Namer(*self._rules))
+        if temporal:
+            group.windows[name] = self._windows[with_gaze]
+        self._group_of[name] = group
 
     def _stage(self, choice: StageChoice) -> StageRunner:
         slot = STAGES[choice.slot]
@@ -255,17 +298,34 @@ class Perception:
         return self._drawings[settings]
 
 
+def _follow(percepts: Percepts, tracker: Tracker) -> tuple[Tracked, float]:
+    """The tracks of the heads, and the seconds that it took."""
+    seconds: Timings = {}
+    with timed(seconds, "tracking"):
+        people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
+        tracked = guarded("tracking", tracker.step, people)
+    return tracked, seconds["tracking"]
+
+
+def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[Names, float]:
+    """The names in the scene, and the seconds that it took."""
+    seconds: Timings = {}
+    with timed(seconds, "tracking"):
+        names = namer.step(scene, tracked)
+    return names, seconds["tracking"]
+
+
 _DIRECTIONS = {"head_pose": "head_direction", "gaze": "gaze_direction"}
 """The slots whose stages can answer from the truth of a person, and the direction that each needs."""
 
 
 def pose_frames(
-    configurations: Sequence[Configuration], clip: MeasuredClip, numbers: Iterable[int]
+    configurations: Sequence[Configuration], clip: MeasuredClip, numbers: Iterable[int], manifest: ClipManifest
 ) -> Generator[SharedFrame]:
     """Read frames of recorded 3D poses in ascending order: scenes without percepts.
 
     If the clip knows the true directions of its people, the stages ``truth`` and ``simulated`` give heads and gazes.
-    Configurations with the same stages get the same scene.
+    Configurations with the same stages get the same scene, and those with the same tracking the same tracks and names.
     """
     stages = {
         configuration.name: {
@@ -275,6 +335,10 @@ def pose_frames(
         }
         for configuration in configurations
     }
+    following = {
+        tracking: (Tracker(tracking), Namer(manifest.subjects, manifest.targets))
+        for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
+    }
     for number in numbers:
         started = time.perf_counter()
         scene, people = clip.scene(number), clip.truth(number).people
@@ -283,7 +347,17 @@ def pose_frames(
         for own in stages.values():
             if tuple(own) not in scenes:
                 scenes[tuple(own)] = scene if people is None else _with_directions(scene, people, own)
-        results = {name: (None, scenes[tuple(own)], {"decode": decode_s}) for name, own in stages.items()}
+        tracks = {}
+        for tracking, (tracker, namer) in following.items():
+            timings: Timings = {"decode": decode_s}
+            with timed(timings, "tracking"):
+                tracked = tracker.step(scene.people)
+                tracks[tracking] = tracked, namer.step(scene, tracked), timings
+        results: dict[str, Followed | VfoaError] = {}
+        for configuration in configurations:
+            name = configuration.name
+            tracked, names, timings = tracks[configuration.attend.tracking]
+            results[name] = Followed(None, scenes[tuple(stages[name])], tracked, names, {**timings})
         yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import SubjectNames, name_frame
+from harness.clips.naming import Names
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
@@ -103,14 +103,16 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     chosen = job.frames if numbers is None else numbers
     if isinstance(clip, MeasuredClip):
-        scenes = pose_frames(job.configurations, clip, chosen)
+        scenes = pose_frames(job.configurations, clip, chosen, job.manifest)
         runners = attend_to(scenes, job, clip.rate_hz, progress)
         return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
     parallel = job.ahead > 0
     with (
         unchanged(),
-        Perception(job.configurations, images, job.cache, drawn=job.drawn, parallel=parallel) as perception,
+        Perception(
+            job.configurations, images, job.cache, manifest=job.manifest, drawn=job.drawn, parallel=parallel
+        ) as perception,
     ):
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
         runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth))
@@ -156,6 +158,7 @@ class _Companion(NamedTuple):
 
     frame: StereoFrame | None
     percepts: Percepts | None
+    names: Names
     measures: FrameMeasures | None
     timings: Timings
 
@@ -183,7 +186,7 @@ class ConfigurationRunner:
             directory=job.directory,
             run_id=job.run_id,
         )
-        self._attending, self._names = Attending(configuration.attend), SubjectNames()
+        self._attending = Attending(configuration.attend)
         self._companions: deque[_Companion] = deque()
         self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
@@ -231,13 +234,13 @@ class ConfigurationRunner:
         if isinstance(perceived, VfoaError):
             self.fail(perceived)
             return
-        percepts, scene, timings = perceived
+        percepts, scene, tracked, names, timings = perceived
         try:
             with timed(timings, "attention"):
-                ready = guarded("attention", self._attending.step, scene)
+                ready = guarded("attention", self._attending.step, scene, tracked)
             with timed(timings, "measures"):
                 measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
-            self._companions.append(_Companion(shared.frame, percepts, measures, timings))
+            self._companions.append(_Companion(shared.frame, percepts, names, measures, timings))
             self._hand_over(ready)
         except VfoaError as error:
             if isinstance(error, StageError):
@@ -245,16 +248,14 @@ class ConfigurationRunner:
             self.fail(error)
 
     def _hand_over(self, ready: Iterable[FrameResult]) -> None:
-        """Name the people and things of frames, and hand them to every sink.
+        """Hand frames to every sink, with their records.
 
         The time of the sinks counts as ``recording``, except that of the last one.
         """
-        manifest = self._job.manifest
         for result in ready:
-            frame, percepts, measures, timings = self._companions.popleft()
-            names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
+            frame, percepts, names, measures, timings = self._companions.popleft()
             fx_px = None if percepts is None else percepts.rig.fx_px
-            record = to_record(manifest.name, self._configuration.name, result, names, measures, fx_px)
+            record = to_record(self._context.manifest.name, self._configuration.name, result, names, measures, fx_px)
             finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "recording"):

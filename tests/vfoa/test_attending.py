@@ -18,6 +18,7 @@ from vfoa.logit import LogitSettings, weigh_again
 from vfoa.methods import MethodSettings, look_ahead_s, open_method
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import Attending, AttendSettings
+from vfoa.tracking import Tracked, Tracker, TrackingSettings
 from vfoa.types import Attention, FrameResult, Scene, Subject
 
 TARGETS = (make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2))))
@@ -44,8 +45,8 @@ def scenes(gazes: Sequence[float], times_ns: Sequence[int] | None = None) -> lis
 
 def blocks(settings: MethodSettings, frames: Sequence[Scene]) -> list[list[FrameResult]]:
     """What each step gives, and the end."""
-    attending = Attending(AttendSettings(attention=settings))
-    return [*(attending.step(scene) for scene in frames), attending.finish()]
+    attending, tracker = Attending(AttendSettings(attention=settings)), Tracker(TrackingSettings())
+    return [*(attending.step(scene, tracker.step(scene.people)) for scene in frames), attending.finish()]
 
 
 def focuses(results: Sequence[FrameResult]) -> list[int | None]:
@@ -139,23 +140,24 @@ def counting(monkeypatch: pytest.MonkeyPatch, method: object) -> Attending:
 def test_a_state_goes_with_its_track_also_over_frames_without_the_person(monkeypatch: pytest.MonkeyPatch) -> None:
     left, right = make_person((0, 0, 50, 50)), make_person((200, 0, 250, 50))
     frames = [(left,), (left, right), (), (right,), (left, right)]
-    attending = counting(monkeypatch, Counting())
+    attending, tracker = counting(monkeypatch, Counting()), Tracker(TrackingSettings())
     found = [
         {each.subject.track_id: each.focus for each in result.attentions}
         for index, people in enumerate(frames)
-        for result in attending.step(Scene(index=index, time_ns=0, targets=(), people=people))
+        for result in attending.step(Scene(index=index, time_ns=0, targets=(), people=people), tracker.step(people))
     ]
     assert found == [{1: 1}, {1: 2, 2: 1}, {}, {2: 2}, {1: 3, 2: 3}]
 
 
 def test_the_states_do_not_grow_with_the_people_who_have_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    attending = counting(monkeypatch, Counting())
+    attending, tracker = counting(monkeypatch, Counting()), Tracker(TrackingSettings())
     for index in range(30):
         person = make_person((100 * index, 0, 100 * index + 50, 50))
-        (result,) = attending.step(Scene(index=index, time_ns=0, targets=(), people=(person,)))
+        scene = Scene(index=index, time_ns=0, targets=(), people=(person,))
+        (result,) = attending.step(scene, tracker.step(scene.people))
         assert result.attentions[0].focus == 1
         assert result.attentions[0].subject.track_id in attending._states
-    assert len(attending._states) == AttendSettings().tracking.ttl + 1
+    assert len(attending._states) == TrackingSettings().ttl + 1
 
 
 def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,8 +168,9 @@ def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monke
 
     scene = Scene(index=0, time_ns=0, targets=(), people=(make_person((0, 0, 9, 9)), make_person((50, 0, 60, 9))))
     with pytest.raises(ValueError, match="in their order"):
-        counting(monkeypatch, Wrong()).step(scene)
-    assert counting(monkeypatch, Wrong()).step(replace(scene, people=scene.people[:1]))
+        counting(monkeypatch, Wrong()).step(scene, Tracked(ids=(1, 2), open=frozenset({1, 2})))
+    alone = replace(scene, people=scene.people[:1])
+    assert counting(monkeypatch, Wrong()).step(alone, Tracked(ids=(1,), open=frozenset({1})))
 
 
 def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,7 +182,7 @@ def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.Monke
 
     attending = counting(monkeypatch, Forgetful())
     for scene in scenes([0, 0]):
-        assert attending.step(scene) == []
+        assert attending.step(scene, Tracked(ids=(1,), open=frozenset({1}))) == []
     with pytest.raises(ValueError, match="revised frames"):
         attending.finish()
 

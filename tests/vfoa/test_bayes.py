@@ -14,6 +14,7 @@ from tests.scenes import make_box, make_subject, make_target, random_room, with_
 from vfoa.bayes import BayesSettings, infer_attentions
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.posterior.settings import sigma_rad
+from vfoa.tracking import Tracked
 from vfoa.types import NoAttention, Scene
 from vfoa.visible import FACE_RADIUS_M
 
@@ -175,7 +176,8 @@ def test_the_pipeline_carries_beliefs_from_frame_to_frame():
     targets = (make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2))))
     scene = Scene(index=1, time_ns=0, targets=targets, people=(subject.person,))
     attending = Attending(AttendSettings(attention=SMOOTHED))
-    (first,), (second,) = attending.step(scene), attending.step(replace(scene, index=2))
+    tracked = Tracked(ids=(1,), open=frozenset({1}))
+    (first,), (second,) = attending.step(scene, tracked), attending.step(replace(scene, index=2), tracked)
     assert totals(second.attentions[0])[1] > totals(first.attentions[0])[1]
 
 

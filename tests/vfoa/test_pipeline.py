@@ -16,7 +16,7 @@ from vfoa.errors import VfoaError
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.pipeline import Attending, AttendSettings, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
-from vfoa.tracking import TrackingSettings
+from vfoa.tracking import Tracker, TrackingSettings
 from vfoa.types import FrameResult, NoAttention, Percepts, StereoFrame
 
 
@@ -30,14 +30,15 @@ def run(
 ) -> list[FrameResult]:
     """Frames in which the person looks at one target after the other, through all of the pipeline."""
     size = (percepts.rig.height_px, percepts.rig.width_px, 3)
-    attending, results = Attending(settings or AttendSettings()), []
+    chosen = settings or AttendSettings()
+    tracker, attending, results = Tracker(chosen.tracking), Attending(chosen), []
     for index, target in enumerate(looked_at):
         black = np.zeros(size, np.uint8)
         frame = StereoFrame(index=index, time_ns=0, left=black, right=black, rig=percepts.rig)
         scene = reconstruct(
             perceive(frame, true_stages(percepts, target, cues=cues)), ReconstructionSettings(eyes="patch")
         )
-        results += attending.step(scene)
+        results += attending.step(scene, tracker.step(scene.people))
     return results
 
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from tests.scenes import make_measured_person, make_person
 from vfoa.geometry import box_iou
-from vfoa.tracking import TrackerState, TrackingSettings, track_people
+from vfoa.tracking import Tracked, Tracker, TrackerState, TrackingSettings, track_people
 from vfoa.types import Person
 
 PUBLISHED = TrackingSettings(ttl=0)
@@ -173,3 +173,17 @@ def test_a_measured_person_and_one_in_an_image_are_never_the_same() -> None:
     _, state = track_people((make_measured_person(4),), TrackerState(), TrackingSettings())
     tracked, _ = track_people((make_person(instance_id=4),), state, TrackingSettings())
     assert [track for track, _ in tracked] == [2]
+
+
+def test_a_tracker_says_the_track_of_each_person_where_the_person_stands_and_what_is_open() -> None:
+    tracker = Tracker(TrackingSettings(sigma_l=0.3, ttl=1))
+    first, second, faint = at(0), at(50), at(100, score=0.2)
+    assert tracker.step((first, faint, second)) == Tracked(ids=(1, None, 2), open=frozenset({1, 2}))
+    assert tracker.step((second, first)) == Tracked(ids=(2, 1), open=frozenset({1, 2}))
+    assert tracker.step((at(200), second)) == Tracked(ids=(3, 2), open=frozenset({1, 2, 3}))
+    assert tracker.step(()) == Tracked(ids=(), open=frozenset({2, 3}))
+
+
+def test_the_people_of_tracks_come_in_the_order_of_the_ids_and_may_look_elsewhere() -> None:
+    one, other, faint = (make_person((u, 0, u + 10, 10), gaze=(0, 0, 1)) for u in (0, 50, 100))
+    assert Tracked(ids=(2, 1, None), open=frozenset({1, 2})).people((one, other, faint)) == ((1, other), (2, one))

@@ -6,11 +6,11 @@ the gazes of a frame when ``look_ahead`` more have been added, or the clip has e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from vfoa.gaze import REACH, TemporalGazeModel
-from vfoa.tracking import TrackerState, TrackingSettings, track_people
-from vfoa.types import Gaze, HeadView, Image, Percepts, Person, StereoRig
+from vfoa.types import Gaze, HeadView, Image, Percepts, StereoRig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,14 +19,13 @@ class _Seen:
 
     rig: StereoRig
     views: tuple[HeadView, ...]
-    tracks: tuple[int | None, ...]
+    tracks: Sequence[int | None]
 
 
 class HeadWindow:
     """The recent heads of one clip by frame and track: as many frames as a gaze needs.
 
-    Heads are followed by the rule of the pipeline (:mod:`vfoa.tracking`). A head below ``sigma_l`` has no gaze here and
-    is no subject there.
+    Heads are followed by the rule of the pipeline (:mod:`vfoa.tracking`). A head that is not followed has no gaze.
 
     Parameters
     ----------
@@ -34,8 +33,6 @@ class HeadWindow:
         The temporal gaze model; the views hold its crops.
     rate_hz
         Frame rate of the clip; None if not known.
-    tracking
-        How heads are followed.
 
     Raises
     ------
@@ -43,10 +40,9 @@ class HeadWindow:
         If the model cannot derive its stride from this rate.
     """
 
-    def __init__(self, model: TemporalGazeModel, rate_hz: float | None, tracking: TrackingSettings) -> None:
-        self._model, self._tracking = model, tracking
+    def __init__(self, model: TemporalGazeModel, rate_hz: float | None) -> None:
+        self._model = model
         self._stride = model.stride(rate_hz)
-        self._tracker = TrackerState()
         self._seen: dict[int, _Seen] = {}
 
     @property
@@ -54,12 +50,8 @@ class HeadWindow:
         """Number of frames after a frame that must be read before its gazes are known."""
         return REACH * self._stride
 
-    def add(self, percepts: Percepts) -> None:
-        """Add the next frame; its views hold the model's crops."""
-        people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
-        tracked, self._tracker = track_people(people, self._tracker, self._tracking)
-        track_of = {id(person): track for track, person in tracked}
-        tracks = tuple(track_of.get(id(person)) for person in people)
+    def add(self, percepts: Percepts, tracks: Sequence[int | None]) -> None:
+        """Add the next frame; its views hold the model's crops, and ``tracks`` the track of each (None: none)."""
         self._seen[percepts.index] = _Seen(rig=percepts.rig, views=percepts.views, tracks=tracks)
 
     def gazes(self, index: int) -> tuple[Gaze | None, ...]:

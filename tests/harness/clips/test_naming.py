@@ -11,20 +11,12 @@ from pydantic import ValidationError
 
 from harness.clips.naming import NameRule, SubjectNames, name_frame
 from tests.scenes import make_measured_person
-from vfoa.types import (
-    Attention,
-    FrameResult,
-    Head,
-    HeadView,
-    Instance,
-    Person,
-    Scene,
-    Subject,
-    Target,
-)
+from vfoa.tracking import Tracked
+from vfoa.types import Head, HeadView, Instance, Person, Scene, Target
 
 PERSON = NameRule(category="person")
 Place = tuple[float, float]
+Frame = tuple[Scene, Tracked]
 
 
 def _box(place: Place, size: float = 20.0) -> np.ndarray:
@@ -32,10 +24,8 @@ def _box(place: Place, size: float = 20.0) -> np.ndarray:
     return np.array([u - size / 2, v - size / 2, u + size / 2, v + size / 2])
 
 
-def frame(
-    things: Sequence[tuple[int, str, Place]], people: Sequence[tuple[int, int | None, Place]] = ()
-) -> FrameResult:
-    """A result with things (instance id, label, place) and tracked people (track id, instance id, place), px."""
+def frame(things: Sequence[tuple[int, str, Place]], people: Sequence[tuple[int, int | None, Place]] = ()) -> Frame:
+    """A frame with things (instance id, label, place) and tracked people (track id, instance id, place), px."""
     targets = tuple(
         Target(
             instance=Instance(id=number, label=label, category_id=1, is_thing=True, score=1.0),
@@ -45,30 +35,29 @@ def frame(
         )
         for number, label, place in things
     )
-    persons = [
-        (track, Person(view=HeadView(head=Head(box_px=_box(place), score=1.0), head_pose=None, gaze=None),
-                       instance_id=instance, eye_origin_left=None))
-        for track, instance, place in people
-    ]  # fmt: skip
-    attentions = tuple(
-        Attention(subject=Subject(track_id=track, person=person, gaze=None, head_pose=None))
-        for track, person in persons
-    )
-    scene = Scene(index=0, time_ns=0, targets=targets, people=tuple(person for _, person in persons))
-    return FrameResult(scene=scene, attentions=attentions)
+    persons = tuple(
+        Person(view=HeadView(head=Head(box_px=_box(place), score=1.0), head_pose=None, gaze=None),
+               instance_id=instance, eye_origin_left=None)
+        for _, instance, place in people
+    )  # fmt: skip
+    return Scene(index=0, time_ns=0, targets=targets, people=persons), tracks(*(track for track, *_ in people))
 
 
-def people(*places: tuple[int, float]) -> FrameResult:
+def tracks(*ids: int) -> Tracked:
+    return Tracked(ids=ids, open=frozenset(ids))
+
+
+def people(*places: tuple[int, float]) -> Frame:
     """People only: (track id, u); the instance id is the track's plus 10."""
     return frame(
         [(track + 10, "person", (u, 50)) for track, u in places], [(track, track + 10, (u, 50)) for track, u in places]
     )
 
 
-def names_of_tracks(rules: dict[str, NameRule], *frames: FrameResult) -> list[dict[int, str]]:
+def names_of_tracks(rules: dict[str, NameRule], *frames: Frame) -> list[dict[int, str]]:
     memory, found = SubjectNames(), []
     for each in frames:
-        names, memory = name_frame(each, rules, {}, memory)
+        names, memory = name_frame(*each, rules, {}, memory)
         found.append(dict(names.subjects))
     return found
 
@@ -136,7 +125,7 @@ CUPS = [(1, "cup", (10.0, 50.0)), (2, "cup", (50.0, 50.0)), (3, "cup", (90.0, 50
 
 
 def names_of_targets(targets: dict[str, NameRule], things: list[tuple[int, str, Place]] = CUPS) -> dict[int, str]:
-    names, _ = name_frame(frame(things), {}, targets, SubjectNames())
+    names, _ = name_frame(*frame(things), {}, targets, SubjectNames())
     return dict(names.targets)
 
 
@@ -162,11 +151,11 @@ def test_a_rule_finds_its_instance(choice: dict[str, object], instance: int | No
 
 
 def test_a_point_is_of_the_thing_it_lies_in_though_the_middle_of_another_one_is_nearer() -> None:
-    wide, narrow = frame(CUPS[:2]).scene.targets
+    wide, narrow = frame(CUPS[:2])[0].targets
     wide = replace(wide, box_px=np.array([0.0, 0, 100, 40]))
     narrow = replace(narrow, box_px=np.array([92.0, 10, 110, 30]))
-    result = FrameResult(scene=Scene(index=0, time_ns=0, targets=(wide, narrow), people=()), attentions=())
-    names, _ = name_frame(result, {}, {"mine": NameRule(category="cup", at_px=(90, 20))}, SubjectNames())
+    scene = Scene(index=0, time_ns=0, targets=(wide, narrow), people=())
+    names, _ = name_frame(scene, tracks(), {}, {"mine": NameRule(category="cup", at_px=(90, 20))}, SubjectNames())
     assert names.targets == {1: "mine", 2: "cup#2"}
 
 
@@ -185,16 +174,16 @@ def test_two_points_near_one_thing_go_to_two_things() -> None:
 
 def test_a_subject_is_a_target_by_its_own_name() -> None:
     both = people((1, 10), (2, 90))
-    names, memory = name_frame(both, LEFT_RIGHT, {"people": PERSON}, SubjectNames())
+    names, memory = name_frame(*both, LEFT_RIGHT, {"people": PERSON}, SubjectNames())
     assert names.targets == {11: "anna", 12: "ben"}
     ben_turned_away = frame([(11, "person", (10, 50)), (5, "person", (88, 50))], [(1, 11, (10, 50))])
-    names, _ = name_frame(ben_turned_away, LEFT_RIGHT, {}, memory)
+    names, _ = name_frame(*ben_turned_away, LEFT_RIGHT, {}, memory)
     assert names.subjects == {1: "anna"}
     assert names.targets == {11: "anna", 5: "ben"}
 
 
 def test_a_subject_never_tracked_is_a_target_by_its_rule() -> None:
-    names, _ = name_frame(frame([(5, "person", (50, 50))]), {"girl": PERSON}, {}, SubjectNames())
+    names, _ = name_frame(*frame([(5, "person", (50, 50))]), {"girl": PERSON}, {}, SubjectNames())
     assert names.targets == {5: "girl"}
 
 
@@ -212,25 +201,22 @@ def test_a_rule_says_one_thing_beside_the_category() -> None:
 # Without images
 
 
-def measured(things: Sequence[tuple[int, str]], tracked: Sequence[tuple[int, int]]) -> FrameResult:
-    """A result of a clip without images: things (instance id, label), and tracks (track id, instance id)."""
-    seen = frame([(number, label, (0, 0)) for number, label in things])
-    people = [(track, make_measured_person(number)) for track, number in tracked]
-    subjects = [Subject(track_id=track, person=person, gaze=None, head_pose=None) for track, person in people]
-    return FrameResult(
-        scene=replace(seen.scene, targets=tuple(replace(target, box_px=None) for target in seen.scene.targets)),
-        attentions=tuple(Attention(subject=subject) for subject in subjects),
-    )
+def measured(things: Sequence[tuple[int, str]], tracked: Sequence[tuple[int, int]]) -> Frame:
+    """A frame of a clip without images: things (instance id, label), and tracks (track id, instance id)."""
+    seen, _ = frame([(number, label, (0, 0)) for number, label in things])
+    people = tuple(make_measured_person(number) for _, number in tracked)
+    targets = tuple(replace(target, box_px=None) for target in seen.targets)
+    return replace(seen, targets=targets, people=people), tracks(*(track for track, _ in tracked))
 
 
 def test_without_an_image_the_source_s_ids_and_categories_name() -> None:
     subjects = {"anna": NameRule(category="person", instance=1), "ben": NameRule(category="person", instance=2)}
     targets = {"robot": NameRule(category="robot"), "left": NameRule(category="cup", from_left=1)}
     found = measured([(1, "person"), (2, "person"), (3, "robot"), (4, "cup")], [(7, 2), (8, 1)])
-    names, memory = name_frame(found, subjects, targets, SubjectNames())
+    names, memory = name_frame(*found, subjects, targets, SubjectNames())
     assert names.subjects == {7: "ben", 8: "anna"}
     assert names.targets == {1: "anna", 2: "ben", 3: "robot", 4: "cup#4"}, "no place from the left without an image"
-    later, _ = name_frame(measured([(1, "person"), (2, "person")], [(9, 1)]), subjects, targets, memory)
+    later, _ = name_frame(*measured([(1, "person"), (2, "person")], [(9, 1)]), subjects, targets, memory)
     assert later.subjects == {9: "anna"}, "a name comes back with the source's id"
 
 
@@ -239,15 +225,12 @@ def test_a_name_that_the_source_gives_stands_over_the_rules() -> None:
     rules = {"anna": NameRule(category="person", from_left=1), "ben": NameRule(category="person", from_left=2)}
     targets = {"mug": NameRule(category="cup", from_left=1), "glass": NameRule(category="cup", from_left=2)}
     things = [(1, "person", (10, 10)), (2, "person", (90, 10)), (3, "cup", (30, 50)), (4, "cup", (70, 50))]
-    result = frame(things, [(1, 1, (10, 10)), (2, 2, (90, 10))])
+    scene, tracked = frame(things, [(1, 1, (10, 10)), (2, 2, (90, 10))])
     own = {1: "ben", 3: "glass"}
     drawn = tuple(
-        replace(target, instance=replace(target.instance, name=own.get(target.instance.id)))
-        for target in result.scene.targets
+        replace(target, instance=replace(target.instance, name=own.get(target.instance.id))) for target in scene.targets
     )
-    names, memory = name_frame(
-        replace(result, scene=replace(result.scene, targets=drawn)), rules, targets, SubjectNames()
-    )
+    names, memory = name_frame(replace(scene, targets=drawn), tracked, rules, targets, SubjectNames())
     assert names.subjects == {1: "ben"}
     assert {names.targets[key] for key in (1, 3)} == {"ben", "glass"}
     assert "mug" not in (names.targets[3], names.targets[1])

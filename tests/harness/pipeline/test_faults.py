@@ -235,7 +235,7 @@ def test_a_fault_of_attention_is_one_line_too(
         _run(experiment, tmp_path / "run")
 
 
-@pytest.mark.parametrize("place", ["harness.run.loop.name_frame", "harness.pipeline.cache.encode"])
+@pytest.mark.parametrize("place", ["harness.clips.naming.name_frame", "harness.pipeline.cache.encode"])
 def test_a_bug_of_the_harness_is_not_taken_for_one_of_a_stage(
     place: str, experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,14 +8,15 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import Names, Rules, SubjectNames, name_frame
-from harness.pipeline.perception import Perception
+from harness.pipeline.perception import Followed, Perception
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.pipeline import Attending
-from vfoa.types import FrameResult
+from vfoa.tracking import Tracked
+from vfoa.types import Scene
 
 FRAMES, LOOK_AHEAD_S = 8, 60
 EXPERIMENT = f"""
@@ -36,14 +37,14 @@ def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest
     given, left = [], []
 
     def watched(
-        result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames
+        scene: Scene, tracked: Tracked, subjects: Rules, targets: Rules, memory: SubjectNames
     ) -> tuple[Names, SubjectNames]:
         given.append(memory)
-        names, after = name_frame(result, subjects, targets, memory)
+        names, after = name_frame(scene, tracked, subjects, targets, memory)
         left.append(after)
         return names, after
 
-    monkeypatch.setattr("harness.run.loop.name_frame", watched)
+    monkeypatch.setattr("harness.clips.naming.name_frame", watched)
     experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
     run_plan(prepare(experiment, limit=3), tmp_path / "run", workers=1, progress=lambda clip: None)
     assert given == [SubjectNames(), *left[:-1]]
@@ -67,8 +68,8 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     pipeline = Perception([configuration], load_manifest("studio_talk").open())
     for shared in pipeline.frames(range(1, FRAMES + 1)):
         found = shared.by_configuration["smoothed"]
-        assert isinstance(found, tuple)
-        results += attending.step(found[1])
+        assert isinstance(found, Followed)
+        results += attending.step(found.scene, found.tracked)
     revised = smooth(results, settings)
     assert written == [
         [

@@ -164,9 +164,9 @@ def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
     followed: list[int] = []
     add = HeadWindow.add
 
-    def counted(self: HeadWindow, percepts: Percepts) -> None:
+    def counted(self: HeadWindow, percepts: Percepts, tracks: Sequence[int | None]) -> None:
         followed.append(percepts.index)
-        add(self, percepts)
+        add(self, percepts, tracks)
 
     monkeypatch.setattr(HeadWindow, "add", counted)
     segmented: list[int] = []
@@ -182,7 +182,7 @@ def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
     assert len(estimated) == LAST
     assert followed == segmented == list(range(1, LAST + 1))
     for shared in frames:
-        bills = [bill for _percepts, _scene, bill in shared.by_configuration.values()]
+        bills = [followed.timings for followed in shared.by_configuration.values()]
         assert all({"decode", "stereo", "gaze", "reconstruction"} <= bill.keys() for bill in bills)
         assert bills[0]["decode"] == bills[1]["decode"]
         assert bills[0]["stereo"] != bills[1]["stereo"]

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tests.scenes import make_rig, rendered_boxes
 from vfoa.gaze.temporal import HeadWindow, with_gazes
-from vfoa.tracking import TrackingSettings
-from vfoa.types import Gaze, Head, HeadView, Image, Percepts, StereoFrame, StereoRig
+from vfoa.tracking import Tracker, TrackingSettings
+from vfoa.types import Gaze, Head, HeadView, Image, Percepts, Person, StereoFrame, StereoRig
 
 EMPTY = rendered_boxes(make_rig(), [])
 ANNA, BEN = (10.0, 10.0, 30.0, 40.0), (120.0, 10.0, 140.0, 40.0)
@@ -52,12 +52,17 @@ def seen(index: int, heads: Sequence[tuple[float, ...]] = (ANNA,), score: float 
     return replace(EMPTY, index=index, views=views)
 
 
+def add(window: HeadWindow, percepts: Percepts, tracker: Tracker) -> None:
+    people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
+    window.add(percepts, tracker.step(people).ids)
+
+
 def shown(
     frames: Mapping[int, Sequence[tuple[float, ...]]], stride: int, *, ttl: int = 5
 ) -> dict[int, list[list[tuple[int, int]]]]:
     """All crops that the model is shown in each frame, fed and asked as a run does."""
     model = Listener(stride)
-    window = HeadWindow(model, None, TrackingSettings(ttl=ttl))
+    window, tracker = HeadWindow(model, None), Tracker(TrackingSettings(ttl=ttl))
     found, waiting = {}, sorted(frames)
 
     def ask(ready: Iterable[int]) -> None:
@@ -68,7 +73,7 @@ def shown(
             waiting.remove(index)
 
     for number in sorted(frames):
-        window.add(seen(number, frames[number]))
+        add(window, seen(number, frames[number]), tracker)
         ask([index for index in waiting if index + window.look_ahead <= number])
     ask(list(waiting))
     return found
@@ -112,10 +117,10 @@ def test_each_person_has_its_own_crops_in_whatever_order_heads_are_found() -> No
 
 
 def test_gazes_stand_at_the_views_they_were_estimated_for() -> None:
-    window = HeadWindow(Listener(1), None, TrackingSettings(sigma_l=0.5))
+    window, tracker = HeadWindow(Listener(1), None), Tracker(TrackingSettings(sigma_l=0.5))
     both = seen(1, (BEN, ANNA))
     faint = replace(both, views=(*both.views, *seen(1, ((60.0, 60.0, 80.0, 90.0),), score=0.1).views))
-    window.add(faint)
+    add(window, faint, tracker)
     filled = with_gazes(faint, window.gazes(1))
     assert [view.gaze and view.gaze.sigma_rad for view in filled.views] == [1.0, 0.0, None]
     assert [view.head for view in filled.views] == [view.head for view in faint.views]
@@ -123,13 +128,13 @@ def test_gazes_stand_at_the_views_they_were_estimated_for() -> None:
 
 @pytest.mark.parametrize("stride", [1, 4])
 def test_no_more_frames_are_kept_than_a_gaze_needs(stride: int) -> None:
-    window = HeadWindow(Listener(stride), None, TrackingSettings())
+    window, tracker = HeadWindow(Listener(stride), None), Tracker(TrackingSettings())
     alive: list[weakref.ref[Image]] = []
     for number in range(100):
         crop = np.zeros((2, 2, 3), np.uint8)
         alive.append(weakref.ref(crop))
         percepts = seen(number)
-        window.add(replace(percepts, views=(replace(percepts.views[0], crop=crop),)))
+        add(window, replace(percepts, views=(replace(percepts.views[0], crop=crop),)), tracker)
         if number >= window.look_ahead:
             window.gazes(number - window.look_ahead)
     del crop
