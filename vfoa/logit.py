@@ -7,7 +7,10 @@ with the utility 0. With the weights w, over the cues c of :mod:`vfoa.logit_cues
 
 f grows with the angle between cue and target, the means are running means over earlier and later frames, and
 ``radius`` is the angular radius of the target. Frames with both measured directions, with the gaze alone, and with the
-head alone have weights of their own.
+head alone have weights of their own. One cue is the posterior's answer (:mod:`vfoa.bayes`).
+
+How much people look at nothing differs most between settings. Weights for a setting that nobody labelled have a
+``spread``: the probabilities are means over a normal distribution of the constant.
 """
 
 from __future__ import annotations
@@ -19,11 +22,12 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from vfoa.bayes import BayesSettings, Held, infer_attentions
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings
@@ -51,6 +55,10 @@ class Weights(Settings):
     """Weights of the extrapolated head."""
     head_overlap: tuple[float, ...] = ()
     """Weights of the overlap of head and outline."""
+    posterior: tuple[float, ...] = ()
+    """Weights of the posterior's log odds."""
+    spread: float = Field(default=0.0, ge=0, le=5)
+    """Standard deviation of the constant between settings; 0 for weights that were fitted in the setting itself."""
 
     @property
     def vector(self) -> Float:
@@ -63,7 +71,7 @@ class Weights(Settings):
         """Return the weights of a case from their vector (F,)."""
         rows = np.reshape(vector[2:], (len(ROWS[case]), -1)).tolist()
         named = {CUES[cue]: tuple(row) for cue, row in zip(ROWS[case], rows, strict=True)}
-        return cls(constant=float(vector[0]), size=float(vector[1]), **named)
+        return cls.model_validate({"constant": float(vector[0]), "size": float(vector[1]), **named})
 
 
 class Cases(Settings):
@@ -151,6 +159,19 @@ class LogitSettings(MethodSettings):
         return weights
 
 
+class Remembered(NamedTuple):
+    """What a person's frames leave for the next one: the running means, and the posterior's belief with its time."""
+
+    means: Means = Means()
+    held: Held | None = None
+
+
+@lru_cache(maxsize=8)
+def _posterior(frame_rate_hz: float) -> BayesSettings:
+    """The settings of the cue ``posterior``: boxes, because runs that weights are fitted to keep no clouds."""
+    return BayesSettings(method="bayes", surface="box", frame_rate_hz=frame_rate_hz)
+
+
 class Logit:
     """The conditional logit, as a :class:`vfoa.methods.RevisingMethod`."""
 
@@ -163,13 +184,13 @@ class Logit:
         self.look_ahead_s = settings.look_ahead_s if settings.smoothing == "both" else 0.0
         self.frame_rate_hz = settings.frame_rate_hz
 
-    def start(self) -> Means:
-        """No running means."""
-        return Means()
+    def start(self) -> Remembered:
+        """No running means and no belief."""
+        return Remembered()
 
     def attend(
-        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Means, ...]
-    ) -> tuple[tuple[Attention, ...], tuple[Means, ...]]:
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Remembered, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
         """Compute every subject's attention in one frame: :func:`weigh_attentions`."""
         return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
 
@@ -178,8 +199,18 @@ class Logit:
         return weigh_again(window, self._settings)
 
 
-def probabilities(utility: Float) -> Float:
-    """Probabilities (..., T) of targets with these utilities (..., T); nowhere has the rest up to 1."""
+_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+
+
+def probabilities(utility: Float, spread: float = 0.0) -> Float:
+    """Probabilities (..., T) of targets with these utilities (..., T); nowhere has the rest up to 1.
+
+    ``spread``: the standard deviation of a normal offset of all utilities, over which they are means (by Gauss-Hermite
+    quadrature).
+    """
+    if spread > 0:
+        offset = spread * _NODES.reshape(-1, *[1] * utility.ndim)
+        return np.tensordot(_NODE_WEIGHTS / _NODE_WEIGHTS.sum(), probabilities(utility + offset), axes=1)
     top = np.maximum(utility.max(axis=-1, initial=0.0, keepdims=True), 0)
     power = np.exp(utility - top)
     return np.asarray(power / (np.exp(-top) + power.sum(axis=-1, keepdims=True)))
@@ -188,13 +219,13 @@ def probabilities(utility: Float) -> Float:
 def weigh_attentions(
     subjects: tuple[Subject, ...],
     targets: tuple[Target, ...],
-    states: tuple[Means, ...],
+    states: tuple[Remembered, ...],
     settings: LogitSettings,
     time_ns: int | None = None,
-) -> tuple[tuple[Attention, ...], tuple[Means, ...]]:
-    """Compute every subject's attention in one frame, and the running means that the next frame starts from.
+) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
+    """Compute every subject's attention in one frame, and what the next frame starts from.
 
-    ``states`` are the subjects' running means so far, ``Means()`` for a person who has none.
+    ``states`` are what the subjects' frames left so far, ``Remembered()`` for a person who has none.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
@@ -206,17 +237,20 @@ def weigh_attentions(
         for person in people
         if person.instance_id is not None and person.eye_origin_left is not None
     }
+    posteriors, held = infer_attentions(
+        subjects, targets, tuple(state.held for state in states), _posterior(settings.frame_rate_hz), time_ns
+    )
     attentions, after = [], []
-    for subject, before in zip(subjects, states, strict=True):
-        dt_s = seconds_between(before.time_ns, time_ns, settings)
-        observed = observe(subject, targets, eyes, before, dt_s)
+    for subject, posterior, before, belief in zip(subjects, posteriors, states, held, strict=True):
+        dt_s = seconds_between(before.means.time_ns, time_ns, settings)
+        observed = observe(subject, targets, eyes, before.means, dt_s, posterior)
         if isinstance(observed, NoAttention):
             attentions.append(Attention(subject=subject, missing=observed))
             after.append(before)
             continue
         seen, means = observed
         attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
-        after.append(replace(means, time_ns=time_ns))
+        after.append(Remembered(replace(means, time_ns=time_ns), belief))
     return tuple(attentions), tuple(after)
 
 
@@ -255,7 +289,7 @@ def seconds_between(before_ns: int | None, now_ns: int | None, settings: LogitSe
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
-    probability = probabilities(features(seen, seen.case, after) @ weights.vector)
+    probability = probabilities(features(seen, seen.case, after) @ weights.vector, weights.spread)
     nowhere = 1 - probability.sum()
     on_gaze = sum(weights.gaze) + sum(weights.middle) / 2
     on_head = sum(map(sum, (weights.head, weights.head_swing, weights.head_overlap))) + sum(weights.middle) / 2

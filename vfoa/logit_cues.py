@@ -14,6 +14,8 @@ head_swing    the head, extrapolated from its own running mean, which follows th
               and how far differs most sideways, so that angles sideways count less
 head_overlap  f is the negative logarithm of the probability that a direction with a normal error about the lowered head
               meets the target's outline: unlike an angle, it knows the outline's shape
+posterior     f is the log odds of nowhere over the target by the posterior (:mod:`vfoa.bayes`), which learns how wrong
+              a person's directions are: it carries what is fitted in one setting to another
 """
 
 from __future__ import annotations
@@ -27,10 +29,10 @@ import numpy as np
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import box_corners, left_from_crop, on_the_way, perturb
-from vfoa.types import Box3D, Float, NoAttention, Subject, Target
+from vfoa.types import Attention, Box3D, Float, NoAttention, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
-MEAN_S = np.array([0.3, 1.0, 1.0, 1.0, 1.0])
+MEAN_S = np.array([0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
 """Time constants of the running means of f, by cue, seconds: eyes move faster than heads."""
 _BODY_S = 4.0
 """Time constant of the running mean of the head, seconds."""
@@ -46,14 +48,16 @@ _SIDEWAYS = 0.3
 """Factor of the part sideways of the angle of the extrapolated head."""
 _OVERLAP_RAD, _LEAST_OVERLAP = math.radians(7), 1e-4
 """Standard deviation of the normal error of ``head_overlap``; what is added to the probability."""
+_LEAST_CHANCE = 1e-3
+"""What is added to the probabilities of ``posterior``."""
 _NEAREST_M = 1e-6
 """A target whose middle is nearer to the eyes counts as ahead of them."""
 _INNER = 0.5
 """Part of a target's radius within which the angle counts as 0."""
 
 Case = Literal["both", "gaze", "head"]
-CUES = ("gaze", "middle", "head", "head_swing", "head_overlap")
-ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4), "gaze": (0,), "head": (2, 3, 4)}
+CUES = ("gaze", "middle", "head", "head_swing", "head_overlap", "posterior")
+ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4, 5), "gaze": (0, 5), "head": (2, 3, 4, 5)}
 """The cues of a frame with both measured directions, or one of them, as positions in :data:`CUES`."""
 
 
@@ -83,12 +87,17 @@ class Seen:
 
 
 def observe(
-    subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float], means: Means, dt_s: float
+    subject: Subject,
+    targets: tuple[Target, ...],
+    eyes: Mapping[int, Float],
+    means: Means,
+    dt_s: float,
+    posterior: Attention,
 ) -> tuple[Seen, Means] | NoAttention:
     """Compute a subject's features in a frame, and the running means after it; or say why there are none.
 
     ``eyes`` are the eye origins of people by instance id: people are looked at in the face. ``dt_s`` is the time since
-    the frame of ``means``, seconds.
+    the frame of ``means``, seconds. ``posterior`` is the attention by the posterior.
     """
     origin = subject.person.eye_origin_left
     if origin is None:
@@ -111,7 +120,8 @@ def observe(
         cues[1] = _direction(cues[0] + cues[2], cues[0])
         claimed = _GAZE_RAD if subject.gaze.sigma_rad is None else subject.gaze.sigma_rad
     shapes = _shapes(boxes_of_others(subject, targets), eyes, origin)
-    now = np.vstack([_angles(cues, shapes, math.hypot(claimed, _TARGET_RAD)), _overlap(cues[2], shapes)])
+    angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
+    now = np.vstack([angles, _overlap(cues[2], shapes), _odds_of_nowhere(posterior)])
 
     ids = shapes.ids
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
@@ -173,6 +183,12 @@ def _overlap(head: Float, shapes: _Shapes) -> Float:
     axis = np.stack([np.arctan2(right, ahead), np.arctan2(down, np.hypot(right, ahead))], axis=-1)
     within = ndtr((shapes.most_rad - axis) / _OVERLAP_RAD) - ndtr((shapes.least_rad - axis) / _OVERLAP_RAD)
     return np.asarray(-np.log(within.prod(axis=-1) + _LEAST_OVERLAP))
+
+
+def _odds_of_nowhere(posterior: Attention) -> Float:
+    """Log odds (T,) of nowhere over each target, by their probabilities."""
+    chance = np.array([value.total for value in posterior.values])
+    return np.asarray(np.log(max(1 - chance.sum(), 0.0) + _LEAST_CHANCE) - np.log(chance + _LEAST_CHANCE))
 
 
 def _decay(gap_s: float) -> Float:

@@ -1,15 +1,14 @@
 """The weights of the logit (:mod:`vfoa.logit`) from labelled sequences: penalised maximum likelihood.
 
-The penalty is a normal prior about 0, narrow enough that a few labelled seconds are safe to fit: a weight that they do
-not show stays small. One other middle was tried, with heads alone: the weights of
-idiap's conversation made the fits of people who walk worse. The constant is almost free, because the share of "nowhere"
-differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
+The penalty is a normal prior about 0, or about weights of other settings, narrow enough that a few labelled seconds
+are safe to fit: a weight that they do not show stays where it was. The constant is almost free, because the share of
+"nowhere" differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Literal
@@ -24,9 +23,11 @@ Smoothing = Literal["forward", "both"]
 SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
 
 CONSTANT_SPREAD, SIZE_SPREAD = 5.0, 1.0
-CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3)
-"""Standard deviations of the prior of the constant, of the weight of the size, and of the weights of each cue: f of
-``head_overlap`` is some three times as large as the others."""
+CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3, 1.0)
+"""Standard deviations of a prior about 0: of the constant, of the weight of the size, and of the weights of each cue.
+f of ``head_overlap`` is some three times as large as the others."""
+BETWEEN_SETTINGS = (1.0, 0.25)
+"""Standard deviations of a prior about weights of other settings: of the constant, and of all others."""
 INDEPENDENT_S = 0.5
 """Time after which a frame says something new, seconds: about a short look."""
 UNKNOWN = -2
@@ -38,8 +39,10 @@ _STEPS = 60
 class LabelledSequence:
     """One person's frames in one clip, in order: times in seconds, features, and the target looked at.
 
-    ``targets`` are instance ids, None for nowhere, :data:`UNKNOWN` without a label.
-    Sequences of one ``group`` are left out together. ``weight`` is less than 1 if others repeat the same looks.
+    ``targets`` are instance ids, None for nowhere, :data:`UNKNOWN` without a label. ``alone`` are the features of the
+    gaze alone and of the head alone, None in frames that do not have it: without it, these cases are fitted on frames
+    that have one direction only. Sequences of one ``group`` are left out together. ``weight`` is less than 1 if others
+    repeat the same looks.
     """
 
     group: Hashable
@@ -47,6 +50,7 @@ class LabelledSequence:
     seen: Sequence[Seen]
     targets: Sequence[int | None]
     weight: float = 1.0
+    alone: Mapping[Case, Sequence[Seen | None]] = field(default_factory=dict)
 
     @cached_property
     def gaps_s(self) -> list[float]:
@@ -72,46 +76,52 @@ def fit(
     unseen: LogitWeights,
     smoothings: Collection[Smoothing] = SMOOTHINGS,
     wanted: Collection[Case] = tuple(ROWS),
+    prior: LogitWeights | None = None,
 ) -> LogitWeights:
-    """Return the weights that fit these sequences.
+    """Return the weights that fit these sequences; ``prior``: weights of other settings, which they stay near to.
 
-    The case of one measured direction is fitted on all frames that have it, whether or not they have the other. A case
-    that no frame has, and cases and smoothings that are not wanted, keep the weights of ``unseen``.
+    A case that no frame has, and cases and smoothings that are not wanted, keep the weights of ``unseen``.
     """
     fitted: dict[str, Cases] = {smoothing: getattr(unseen, smoothing) for smoothing in SMOOTHINGS}
     for smoothing in smoothings:
-        by_case = {case: _fitted(case, smoothing, sequences) for case in wanted}
+        near = {case: getattr(getattr(prior, smoothing), case) if prior else None for case in wanted}
+        by_case = {case: _fitted(case, smoothing, sequences, near[case]) for case in wanted}
         fitted[smoothing] = fitted[smoothing].model_copy(
             update={case: weights for case, weights in by_case.items() if weights}
         )
     return LogitWeights(**fitted)
 
 
-def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence]) -> Weights | None:
+def _fitted(
+    case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence], prior: Weights | None
+) -> Weights | None:
     design = joined([design_of(case, smoothing == "both", sequence) for sequence in sequences])
     if not (design.looked != UNKNOWN).any():
         return None
     scales = 3 if smoothing == "both" else 2
-    spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
-    return Weights.of(case, maximised(design, np.array(spreads) ** -2.0).tolist())
+    if prior is None:
+        spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
+        return Weights.of(case, maximised(design, np.array(spreads) ** -2.0).tolist())
+    spreads = [BETWEEN_SETTINGS[0], *np.repeat(BETWEEN_SETTINGS[1:], len(prior.vector) - 1)]
+    return Weights.of(case, maximised(design, np.array(spreads) ** -2.0, prior.vector).tolist())
 
 
 @lru_cache(maxsize=1024)
 def design_of(case: Case, later: bool, sequence: LabelledSequence) -> Design:
     """Return the features of the frames that have the directions of a case; with ``later`` also of later frames."""
-    rows: list[Float] = []
-    looked: list[int] = []
-    weight: list[float] = []
-    after = later_means(sequence.seen, sequence.gaps_s[:-1]) if later else [None] * len(sequence.seen)
-    for seen, mean, target, gap_s in zip(sequence.seen, after, sequence.targets, sequence.gaps_s, strict=True):
-        if seen.case in (case, "both"):
-            rows.append(features(seen, case, mean))
-            looked.append(-1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN)
-            weight.append(sequence.weight * min(gap_s / INDEPENDENT_S, 1.0))
+    frames = zip(sequence.times_s, sequence.alone.get(case, sequence.seen), sequence.targets, strict=True)
+    known = [(at_s, seen, target) for at_s, seen, target in frames if seen is not None and seen.case == case]
+    gaps_s = [*(max(after[0] - before[0], 0.0) for before, after in pairwise(known)), 0.0]
+    after = later_means([seen for _, seen, _ in known], gaps_s[:-1]) if later and known else [None] * len(known)
+    rows = [features(seen, case, mean) for (_, seen, _), mean in zip(known, after, strict=True)]
+    looked = [
+        -1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN for _, seen, target in known
+    ]
     padded = np.full((len(rows), max(map(len, rows), default=0), 2 + len(ROWS[case]) * (3 if later else 2)), np.nan)
     for place, row in zip(padded, rows, strict=True):
         place[: len(row)] = row
-    return Design(features=padded, looked=np.array(looked, dtype=np.intp), weight=np.array(weight))
+    weight = sequence.weight * np.minimum(np.array(gaps_s[: len(rows)]) / INDEPENDENT_S, 1.0)
+    return Design(features=padded, looked=np.array(looked, dtype=np.intp), weight=weight)
 
 
 def joined(designs: Sequence[Design]) -> Design:
@@ -128,8 +138,12 @@ def joined(designs: Sequence[Design]) -> Design:
     )
 
 
-def maximised(design: Design, precision: Float) -> Float:
-    """The weights (F,) of the greatest penalised likelihood, by Newton's method; it is concave."""
+def maximised(design: Design, precision: Float, middle: Float | None = None) -> Float:
+    """The weights (F,) of the greatest penalised likelihood, by Newton's method; it is concave.
+
+    ``precision`` and ``middle`` (F,) are those of the normal prior, by default about 0.
+    """
+    middle = np.zeros_like(precision) if middle is None else middle
     usable = design.looked != UNKNOWN
     x, looked, weight = design.features[usable], design.looked[usable], design.weight[usable]
     there = np.isfinite(x[..., 0])
@@ -141,13 +155,13 @@ def maximised(design: Design, precision: Float) -> Float:
         utility = np.where(there, x @ w, -np.inf)
         p = probabilities(utility)
         logs = (chosen @ w) - _log_sum(utility)
-        return float(weight @ logs - precision @ w**2 / 2), p
+        return float(weight @ logs - precision @ (w - middle) ** 2 / 2), p
 
-    w = np.zeros(x.shape[-1])
+    w = middle.copy()
     now, p = value(w)
     for _ in range(_STEPS):
         mean = np.einsum("nt,ntf->nf", p, x)
-        slope = weight @ (chosen - mean) - precision * w
+        slope = weight @ (chosen - mean) - precision * (w - middle)
         curve = (flat * (weight[:, None] * p).reshape(-1, 1)).T @ flat - (weight[:, None] * mean).T @ mean
         step = np.linalg.solve(curve + np.diag(precision), slope)
         if slope @ step < 1e-9:

@@ -26,7 +26,7 @@ from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.statistics import Flags
 from vfoa import __version__
 from vfoa.errors import VfoaError
-from vfoa.logit import LogitSettings, LogitWeights, probabilities, shipped_weights
+from vfoa.logit import LogitSettings, LogitWeights, Weights, probabilities, shipped_fit, shipped_weights
 from vfoa.logit_cues import ROWS, features, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
 from vfoa.methods import MethodSettings
@@ -135,10 +135,12 @@ def fitted_to(
 ) -> LogitWeights:
     """Return weights fitted to people; rounded as in the file, so that a file gives the same answers.
 
-    ``answering``: fit only the weights that the frames of these people use.
+    They stay near the weights that ship, unless these were fitted on the same clips. ``answering``: fit only the
+    weights that the frames of these people use.
     """
     cases = ROWS if answering is None else {seen.case for person in answering for seen in person.sequence.seen}
-    weights = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases))
+    prior = None if {person.sequence.group for person in people} & {*shipped_fit()["clips"]} else shipped_weights()
+    weights = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases), prior)
     rounded = json.loads(weights.model_dump_json(), parse_float=lambda digits: round(float(digits), 4))
     return LogitWeights.model_validate(rounded)
 
@@ -146,7 +148,7 @@ def fitted_to(
 def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
     """Yield the score of every method on the left-out parts of all folds."""
     by_name: dict[str, list[Float]] = {}
-    on_target = np.concatenate([_on_target(person) for fold in folds for person in fold.test])
+    on_target = np.concatenate([is_on_target(person) for fold in folds for person in fold.test])
     for train, test in folds:
         limit_rad, share = _limit_rad(train), _share_nowhere(train)
         weights = fitted_to(train, answering=test)
@@ -165,7 +167,7 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
 
 def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
     """Yield the score of forward fits on a part of the labels: as many seconds, spread over the people."""
-    on_target = np.concatenate([_on_target(person) for fold in folds for person in fold.test])
+    on_target = np.concatenate([is_on_target(person) for fold in folds for person in fold.test])
     for seconds in CURVE_S:
         outcomes: list[Float] = []
         for train, test in folds:
@@ -176,8 +178,8 @@ def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
         yield score(f"{seconds} s", np.concatenate(outcomes), on_target)
 
 
-def _on_target(person: Person) -> Flags:
-    """Which labelled frames have a true target; the others are nowhere."""
+def is_on_target(person: Person) -> Flags:
+    """Return which labelled frames (n,) have a true target; the others are nowhere."""
     return np.array([person.sequence.targets[k] is not None for k in person.labelled], dtype=np.bool_)
 
 
@@ -190,7 +192,9 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Floa
     outcomes = []
     for k in person.labelled:
         seen, target = sequence.seen[k], sequence.targets[k]
-        chance = probabilities(features(seen, seen.case, after[k]) @ getattr(cases, seen.case).vector)
+        weights_of_case: Weights = getattr(cases, seen.case)
+        utility = features(seen, seen.case, after[k]) @ weights_of_case.vector
+        chance = probabilities(utility, weights_of_case.spread)
         nowhere = float(1 - chance.sum())
         best = int(chance.argmax()) if len(chance) and chance.max() > nowhere else None
         of_best = nowhere if best is None else float(chance[best])
@@ -200,7 +204,7 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Floa
 
 
 def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
-    """Return the rates of a method from its outcomes (n, 3); ``on_target`` (n,) as :func:`_on_target` gives it."""
+    """Return the rates of a method from its outcomes (n, 3); ``on_target`` (n,) as :func:`is_on_target` gives it."""
     right, confidence, of_true = outcomes.T
     recalls = [float(right[part].mean()) if part.any() else None for part in (on_target, ~on_target)]
     known = [recall for recall in recalls if recall is not None]
@@ -222,20 +226,20 @@ def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
 
 def _limit_rad(people: Sequence[Person]) -> float:
     angles, hits = np.concatenate([np.zeros((0, 2)), *(person.nearest[person.labelled] for person in people)]).T
-    nowhere = np.concatenate([np.zeros(0, dtype=np.bool_), *(~_on_target(person) for person in people)])
+    nowhere = np.concatenate([np.zeros(0, dtype=np.bool_), *(~is_on_target(person) for person in people)])
     return best_limit_rad(angles, hits.astype(np.bool_), nowhere)
 
 
 def _within(person: Person, limit_rad: float) -> Float:
     """The outcomes of the nearest target within a limit, or nowhere."""
     angles, hits = person.nearest[person.labelled].T
-    right = np.where(angles <= limit_rad, hits, ~_on_target(person))
+    right = np.where(angles <= limit_rad, hits, ~is_on_target(person))
     return np.column_stack([right, np.full((len(right), 2), math.nan)])
 
 
 def _share_nowhere(people: Sequence[Person]) -> float:
     """Share of nowhere among the labels, by Laplace's rule."""
-    on_target = np.concatenate([_on_target(person) for person in people])
+    on_target = np.concatenate([is_on_target(person) for person in people])
     return float((~on_target).sum() + 1) / (len(on_target) + 2)
 
 

@@ -21,9 +21,9 @@ from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
-from vfoa.logit import LogitSettings, shipped_weights
+from vfoa.logit import LogitSettings, Remembered
 from vfoa.logit import weigh_attentions as weigh
-from vfoa.logit_cues import Means, Seen
+from vfoa.logit_cues import ROWS, Case, Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Target
 
@@ -96,24 +96,30 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
-    return _labelled_runs(run, [chosen], defaultdict(JudgedPart))[0]
+    return _labelled_runs(run, [chosen], defaultdict(JudgedPart), tuple(ROWS))[0]
 
 
-def read_features(directory: RunDirectory, configurations: Collection[str]) -> list[LabelledRun]:
+def read_features(
+    directory: RunDirectory, configurations: Collection[str], cases: Collection[Case] | None = None
+) -> list[LabelledRun]:
     """Read the features and labels of a finished run's configurations, without the answers of other methods.
+
+    ``cases``: those that will be fitted; by default those that a clip has.
 
     Raises
     ------
     VfoaError
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
-    return _labelled_runs(FinishedRun.read(directory), configurations, None)
+    return _labelled_runs(FinishedRun.read(directory), configurations, None, cases)
 
 
 _Judged = defaultdict[Pair, JudgedPart]
 
 
-def _labelled_runs(run: FinishedRun, configurations: Collection[str], judged: _Judged | None) -> list[LabelledRun]:
+def _labelled_runs(
+    run: FinishedRun, configurations: Collection[str], judged: _Judged | None, cases: Collection[Case] | None
+) -> list[LabelledRun]:
     """Read the configurations in one pass; ``judged`` takes the answers of all configurations, if it is given."""
     reference = run.reference()
     labels = reference.labels
@@ -133,7 +139,7 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], judged: _J
         people = [
             person
             for (clip, _), records in by_run.items()
-            for person in labelled_people(clip, records, labels[clip], judged, 1 / seeds)
+            for person in labelled_people(clip, records, labels[clip], judged, 1 / seeds, cases)
         ]
         if not any(person.labelled for person in people):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
@@ -142,25 +148,29 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], judged: _J
 
 
 def labelled_people(
-    clip: str, records: Sequence[FrameRecord], labels: Labels, judged: _Judged | None, weight: float
+    clip: str,
+    records: Sequence[FrameRecord],
+    labels: Labels,
+    judged: _Judged | None,
+    weight: float,
+    cases: Collection[Case] | None = None,
 ) -> list[Person]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
-    Without ``judged``, the answers of simple rules are left out, too: NaN, and none.
+    Without ``judged``, the answers of simple rules are left out, too: NaN, and none. ``cases``: those that will be
+    fitted; without it, those that the clip has.
     """
-    settings = LogitSettings(method="logit", weights=shipped_weights())
-    means: dict[int, Means] = {}
+    measured = list(_seen(records, None))
+    found = {seen.case for by_track in measured for seen in by_track.values()}
+    single = ({*ROWS} if cases is None else {*cases}) - {"both"} if "both" in found else set[Case]()
+    if cases is None:
+        single &= found
+    alone = {case: list(_seen(records, case)) for case in sorted(single)}
     rows_of: dict[str, list[_Row]] = {}
-    for record in records:
-        targets = tuple(_target(target) for target in record.targets)
-        subjects = {subject.track_id: _subject(subject) for subject in record.subjects}
-        before = tuple(means.get(track, Means()) for track in subjects)
-        attentions, after = weigh(tuple(subjects.values()), targets, before, settings, record.time_ns)
-        means.update(zip(subjects, after, strict=True))
-        seen_by = {attention.subject.track_id: attention.belief for attention in attentions}
+    for number, record in enumerate(records):
         for name in labels.subjects:
             person = find_subject(record, name)
-            if person is None or (seen := seen_by[person.track_id]) is None:
+            if person is None or (seen := measured[number].get(person.track_id)) is None:
                 continue
             label = labels.at(record.frame, name)
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
@@ -171,17 +181,36 @@ def labelled_people(
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(_answers(judged, clip, name, record.frame))
                 if target != UNKNOWN:
-                    cones = pay_attention(subjects[person.track_id], targets, _CONES)
+                    cones = pay_attention(_subject(person), tuple(map(_target, record.targets)), _CONES)
                     answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
-            rows_of.setdefault(name, []).append(_Row(record.time_ns / 1e9, seen, target, nearest, answers))
+            by_case = {case: by_frame[number].get(person.track_id) for case, by_frame in alone.items()}
+            rows_of.setdefault(name, []).append(_Row(record.time_ns / 1e9, seen, by_case, target, nearest, answers))
     return [_person(clip, rows, weight) for rows in rows_of.values()]
 
 
+def _seen(records: Sequence[FrameRecord], case: Case | None) -> Iterator[dict[int, Seen]]:
+    """Yield everyone's features in each frame by track; with a case as if only its direction had been measured."""
+    settings = LogitSettings(method="logit")
+    states: dict[int, Remembered] = {}
+    for record in records:
+        targets = tuple(_target(target) for target in record.targets)
+        subjects = {subject.track_id: _subject(subject, case) for subject in record.subjects}
+        before = tuple(states.get(track, Remembered()) for track in subjects)
+        attentions, after = weigh(tuple(subjects.values()), targets, before, settings, record.time_ns)
+        states.update(zip(subjects, after, strict=True))
+        yield {
+            attention.subject.track_id: attention.belief
+            for attention in attentions
+            if isinstance(attention.belief, Seen)
+        }
+
+
 class _Row(NamedTuple):
-    """A person in a frame: the features, the true target, the nearest one as in :class:`Person`, and the answers."""
+    """A person in a frame: features, true target, the nearest one as in :class:`Person`, and the answers."""
 
     time_s: float
     seen: Seen
+    alone: Mapping[Case, Seen | None]
     target: int | None
     nearest: tuple[float, bool]
     answers: Mapping[str, Outcome]
@@ -195,6 +224,7 @@ def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
             group=clip,
             times_s=[row.time_s for row in rows],
             seen=[row.seen for row in rows],
+            alone={case: [row.alone[case] for row in rows] for case in rows[0].alone},
             targets=[row.target for row in rows],
             weight=weight,
         ),
@@ -212,10 +242,13 @@ def _answers(judged: _Judged, clip: str, name: str, frame: int) -> Iterator[tupl
             yield configuration, (judgement.verdict.outcome == "correct", worth.confidence, worth.on_truth)
 
 
-def _subject(record: SubjectRecord) -> Subject:
-    """A person of a record as attention takes it, with the directions after the filter."""
-    gaze = None if record.gaze is None else Gaze(direction=np.array(record.gaze), sigma_rad=record.gaze_sigma_rad)
-    head = None if record.head is None else HeadPose(direction=np.array(record.head))
+def _subject(record: SubjectRecord, case: Case | None = None) -> Subject:
+    """A person of a record as attention takes it, with the directions after the filter: all, or that of a case."""
+    gaze = head = None
+    if record.gaze is not None and case != "head":
+        gaze = Gaze(direction=np.array(record.gaze), sigma_rad=record.gaze_sigma_rad)
+    if record.head is not None and case != "gaze":
+        head = HeadPose(direction=np.array(record.head))
     origin = None if record.eye_origin_m is None else np.array(record.eye_origin_m)
     number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
     person = types.Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)

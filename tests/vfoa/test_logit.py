@@ -8,10 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vfoa.geometry import entry_distance, perturb
-from vfoa.logit import LogitSettings, Weights, probabilities, shipped_weights, weigh_again, weigh_attentions
+from vfoa.logit import (
+    LogitSettings,
+    Remembered,
+    Weights,
+    probabilities,
+    shipped_weights,
+    weigh_again,
+    weigh_attentions,
+)
 from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
+    Attention,
     Box3D,
     Cues,
     Float,
@@ -24,6 +33,7 @@ from vfoa.types import (
     Scene,
     Subject,
     Target,
+    TargetAttention,
 )
 
 EYES = np.array([0.0, 0.0, 0.0])
@@ -46,11 +56,17 @@ def looking(gaze: Float | None, head: Float | None) -> Subject:
     return Subject(track_id=1, person=person, gaze=given_gaze, head_pose=given_head)
 
 
+def by_posterior(subject: Subject, targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> Attention:
+    """An answer of the posterior: the same probability of each target."""
+    values = (TargetAttention(instance_id=each.instance.id, gaze=0.0, head=0.0, total=chance) for each in targets)
+    return Attention(subject=subject, values=tuple(values))
+
+
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
-    means, found = (Means(),), []
+    states, found = (Remembered(),), []
     for number, subject in enumerate(subjects):
         time_ns = number * 100_000_000
-        attentions, means = weigh_attentions((subject,), TARGETS, means, settings, time_ns)
+        attentions, states = weigh_attentions((subject,), TARGETS, states, settings, time_ns)
         scene = Scene(index=number, time_ns=time_ns, targets=TARGETS, people=(subject.person,))
         found.append(FrameResult(scene=scene, attentions=attentions))
     return found
@@ -84,15 +100,17 @@ def test_a_subject_without_eyes_or_directions_has_a_reason() -> None:
 
 def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
     def before_after(gap_s: float) -> float:
-        _, means = observe(looking(LEFT, LEFT), TARGETS, {}, Means(), 0.1)
-        seen, _ = observe(looking(RIGHT, RIGHT), TARGETS, {}, means, gap_s)
+        left, right = looking(LEFT, LEFT), looking(RIGHT, RIGHT)
+        _, means = observe(left, TARGETS, {}, Means(), 0.1, by_posterior(left))
+        seen, _ = observe(right, TARGETS, {}, means, gap_s, by_posterior(right))
         return float(seen.before[0, 0] / seen.now[0, 0])
 
     assert before_after(0.1) < before_after(1.0) < before_after(30.0) == pytest.approx(1.0)
 
 
 def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
-    seen = observe(looking(None, head), (target,), eyes or {}, Means(), 0.1)[0]
+    subject = looking(None, head)
+    seen = observe(subject, (target,), eyes or {}, Means(), 0.1, by_posterior(subject, (target,)))[0]
     assert isinstance(seen, Seen)
     return dict(zip(CUES, seen.now[:, 0].tolist(), strict=True))
 
@@ -154,6 +172,31 @@ def test_probabilities_are_those_of_the_outside_option(utility: list[list[float]
         assert found == pytest.approx(odds / (1 + odds.sum(axis=1, keepdims=True)))
 
 
+@given(st.floats(-8, 8), st.floats(0.1, 4))
+def test_a_spread_of_the_constant_makes_probabilities_less_sure(utility: float, spread: float) -> None:
+    drawn = utility + spread * np.random.default_rng(1).normal(size=200_000)
+    (found,) = probabilities(np.array([utility]), spread)
+    assert found == pytest.approx(np.mean(1 / (1 + np.exp(-drawn))), abs=0.01)
+    (sure,) = probabilities(np.array([utility]))
+    assert abs(found - 0.5) <= abs(sure - 0.5) + 1e-9
+
+
+def test_the_posterior_is_a_cue_of_its_own() -> None:
+    """A target that is likelier by the posterior alone gets a greater utility, in proportion to its weight."""
+    subject = looking(None, LEFT)
+    seen = {
+        chance: observe(subject, TARGETS, {}, Means(), 0.1, by_posterior(subject, chance=chance))
+        for chance in (0.1, 0.4)
+    }
+    now = {
+        chance: found[0].now[CUES.index("posterior")]
+        for chance, found in seen.items()
+        if not isinstance(found, NoAttention)
+    }
+    assert now[0.1] == pytest.approx(np.log(0.801 / 0.101))
+    assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
+
+
 def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
     generator = np.random.default_rng(1)
     true = np.array([1.0, 0.5, 2.0, -1.0])
@@ -167,13 +210,17 @@ def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
     assert maximised(design, np.full(4, 0.01)) == pytest.approx(true, abs=0.12)
     # against a prior that is certain, no look counts
     assert maximised(design, np.full(4, 1e9)) == pytest.approx(0, abs=1e-3)
+    elsewhere = np.array([3.0, 0.0, 0.0, 1.0])
+    assert maximised(design, np.full(4, 1e9), elsewhere) == pytest.approx(elsewhere, abs=1e-3)
+    assert maximised(design, np.full(4, 0.01), elsewhere) == pytest.approx(true, abs=0.12)
 
 
 def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> None:
     seen: list[Seen] = []
     means = Means()
+    subject = looking(None, LEFT)
     for _ in range(20):
-        found, means = observe(looking(None, LEFT), TARGETS, {}, means, 0.1)
+        found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior(subject))
         seen.append(found)
     sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[2] * 10 + [None] * 10)
     prior = shipped_weights()
@@ -185,7 +232,7 @@ def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> No
 def test_weights_survive_their_vector() -> None:
     for case, rows in ROWS.items():
         weights = getattr(shipped_weights().both, case)
-        assert Weights.of(case, weights.vector.tolist()) == weights
+        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0})
         assert {name for name in CUES if getattr(weights, name)} == {CUES[row] for row in rows}
 
 

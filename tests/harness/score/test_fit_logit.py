@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.cli.fit import fit
 from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.experiment_run import run_plainly
 from harness.run.experiment import load_experiment, read_fitted
 from harness.score.fit_logit import folds_of, with_left_out_weights
-from harness.score.labelled_run import read_labelled
+from harness.score.labelled_run import labelled_people, read_labelled
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
+from tests.records import frame_record, subject_record, target_record
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.errors import VfoaError
+from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
+from vfoa.logit_cues import ROWS
 
 STEP_NS = 200_000_000
 """Time between frames: long clips of few frames."""
@@ -200,6 +206,30 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
     assert isinstance(other, LogitSettings)
     assert other.by_clip["one"] == attention.by_clip["one"]
     assert other.by_clip["two"] != attention.by_clip["two"]
+
+
+def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
+    """Features of the head alone are those of a person whose gaze was never measured, the posterior's among them."""
+    generator = np.random.default_rng(1)
+    targets = tuple(target_record(n, f"cup_{n}", center=(0.5 * n - 1, 0.2, 2.0)) for n in (1, 2, 3))
+    records = []
+    for number in range(1, 31):
+        gaze, head = (tuple(unit([x, y, 1.0]).tolist()) for x, y in generator.normal(0, 0.4, (2, 2)))
+        person = replace(subject_record("ann"), gaze=gaze if number % 5 else None, head=head)
+        records.append(frame_record(targets, [person], frame=number))
+    labels = Labels([LabelRange(first_frame=1, last_frame=30, subject="ann", label=Label(target="cup_2"))])
+    heads = [
+        replace(record, subjects=tuple(replace(subject, gaze=None) for subject in record.subjects))
+        for record in records
+    ]
+    (both,) = labelled_people("talk", records, labels, None, 1.0, tuple(ROWS))
+    (alone,) = labelled_people("talk", heads, labels, None, 1.0)
+    for masked, measured in zip(both.sequence.alone["head"], alone.sequence.seen, strict=True):
+        assert masked is not None
+        np.testing.assert_array_equal(masked.now, measured.now)
+        np.testing.assert_array_equal(masked.before, measured.before)
+    gazes = [None if seen is None else seen.case for seen in both.sequence.alone["gaze"]]
+    assert gazes == ["gaze" if number % 5 else None for number in range(1, 31)]
 
 
 def test_the_tutorial_shows_what_its_commands_print(
