@@ -83,11 +83,14 @@ def add_clip(
         )
     source: dict[str, Any] = dict(parse_assignment(text, "pass=final") for text in overrides or ())
     numbers = {"fx_px": fx, "cx_px": cx, "cy_px": cy, "baseline_m": baseline}
+    source |= _calibration(calibration, numbers, fov)
+    if openface is not None:
+        _check_images(Path(path), adapter, source, openface)
     added = add(
         Path(path),
         name=name,
         adapter=adapter,
-        source=source | _calibration(calibration, numbers, fov),
+        source=source,
         subjects=_names(subjects, "person"),
         targets=_names(targets, None),
         beside=_faces_experiment(openface, gaze3d),
@@ -96,6 +99,18 @@ def add_clip(
         print_json(asdict(added))
     else:
         _print(added)
+
+
+def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openface: Path) -> None:
+    """Check that a path can be read; for the film of one camera, say that OpenFace's table is a clip by itself."""
+    from harness.clips.add import recognise
+    from vfoa.errors import VfoaError
+
+    try:
+        recognise(Path(os.path.abspath(path.expanduser())), adapter, source)
+    except VfoaError as error:
+        alone = shlex.join(["vfoa", "clips", "add", str(openface)])
+        raise VfoaError(f"{error}; or, for a film of one camera, a clip without images: {alone}") from None
 
 
 def _faces_experiment(

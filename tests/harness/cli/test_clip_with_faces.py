@@ -14,7 +14,7 @@ from harness.run.experiment import load_experiment
 from harness.run.plan import needed_stages
 from harness.run.table_records import read_records
 from tests.command import vfoa
-from tests.disk import write_text
+from tests.disk import picture, write_text, write_video
 from tests.harness.clips.adding import NUMBERS, images
 from tests.measured import measured_tables, openface_file
 
@@ -46,7 +46,7 @@ def pairs(folder: Path) -> tuple[str, ...]:
 
 def table(folder: Path, frames: int = 3) -> Path:
     rows = [
-        {"frame": number, "box_px": (26, 12, 44, 34), "pose_Ry": 0.3, "pose_Tz": 900, **LOOKS}
+        {"frame": number, "timestamp": number / 25, "box_px": (26, 12, 44, 34), "pose_Ry": 0.3, "pose_Tz": 900, **LOOKS}
         for number in range(1, frames + 1)
     ]
     return openface_file(folder / "faces.csv", rows)
@@ -99,3 +99,12 @@ def test_measurements_take_no_faces(tmp_path: Path, run: Run) -> None:
     code, _, err = run("clips", "add", str(measured_tables(tmp_path / "talk")), "--openface", str(table(tmp_path)))
     assert code == 2
     assert "--openface: expected a clip with images, found measurements" in err
+
+
+def test_the_film_of_one_camera_is_a_clip_by_openfaces_table_alone(tmp_path: Path, run: Run) -> None:
+    film = write_video(tmp_path / "film.avi", [picture(number) for number in (1, 2, 3)])
+    code, _, err = run("clips", "add", str(film), "--openface", str(table(tmp_path)))
+    assert (code, err.count("\n")) == (2, 1)
+    alone = f"vfoa clips add {tmp_path / 'faces.csv'}"
+    assert err.endswith(f"; or, for a film of one camera, a clip without images: {alone}\n")
+    assert run(*alone.split()[1:])[0] == 0
