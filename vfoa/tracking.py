@@ -23,7 +23,7 @@ from vfoa.types import Float, Person
 
 
 class TrackingSettings(Settings):
-    """Settings of :func:`track_people`, named as published.
+    """Settings of :class:`Tracker`, named as published.
 
     ``sigma_l`` is the least score of a head that is followed, ``sigma_iou`` the least overlap from frame to frame.
     ``ttl`` is the longest gap in frames; 0 is the published rule.
@@ -62,41 +62,6 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrackerState:
-    """The tracks that are still open, oldest first, and the id of the next one. Ids start at 1 and are not reused."""
-
-    tracks: tuple[Track, ...] = ()
-    next_id: int = 1
-
-
-def track_people(
-    people: tuple[Person, ...], state: TrackerState, settings: TrackingSettings
-) -> tuple[tuple[tuple[int, Person], ...], TrackerState]:
-    """Give each person of one frame the id of a track; people are returned in the order of their ids.
-
-    People with a head below ``sigma_l`` are left out.
-    """
-    free = [person for person in people if _score(person) >= settings.sigma_l]
-    tracked, tracks = [], []
-
-    for track in state.tracks:
-        overlaps = [track.overlap(person) for person in free]
-        if max(overlaps, default=0.0) >= settings.sigma_iou:
-            person = free.pop(overlaps.index(max(overlaps)))
-            tracked.append((track.id, person))
-            tracks.append(track.followed(person))
-        elif track.missed < settings.ttl:
-            tracks.append(replace(track, missed=track.missed + 1))
-
-    for new_id, person in enumerate(free, start=state.next_id):
-        known = person.instance_id if person.head is None else None
-        tracked.append((new_id, person))
-        tracks.append(Track(id=new_id, box_px=_box_px(person), instance_id=known))
-
-    return tuple(tracked), TrackerState(tracks=tuple(tracks), next_id=state.next_id + len(free))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Tracked:
     """The tracks of one frame: of each person, in their order (None: not followed), and all that are still open."""
 
@@ -113,18 +78,36 @@ class Tracked:
 
 
 class Tracker:
-    """Follows the people of one sequence; it holds the memory of :func:`track_people`."""
+    """Follows the people of one sequence, frame by frame. Ids of tracks start at 1 and are not reused."""
 
     def __init__(self, settings: TrackingSettings) -> None:
-        self._settings, self._state = settings, TrackerState()
+        self._settings = settings
+        self._open: tuple[Track, ...] = ()  # oldest first
+        self._begun = 0  # tracks so far
 
     def step(self, people: tuple[Person, ...]) -> Tracked:
-        """Follow the people of the next frame."""
-        tracked, self._state = track_people(people, self._state, self._settings)
-        track_of = {id(person): track for track, person in tracked}
+        """Follow the people of the next frame. People with a head below ``sigma_l`` are left out."""
+        free = {place: person for place, person in enumerate(people) if _score(person) >= self._settings.sigma_l}
+        ids, tracks = dict[int, int](), list[Track]()
+
+        for track in self._open:
+            overlaps = {place: track.overlap(person) for place, person in free.items()}
+            best = max(overlaps, key=lambda place: overlaps[place], default=-1)
+            if overlaps.get(best, 0.0) >= self._settings.sigma_iou:
+                ids[best] = track.id
+                tracks.append(track.followed(free.pop(best)))
+            elif track.missed < self._settings.ttl:
+                tracks.append(replace(track, missed=track.missed + 1))
+
+        for new_id, (place, person) in enumerate(free.items(), start=self._begun + 1):
+            ids[place] = new_id
+            known = person.instance_id if person.head is None else None
+            tracks.append(Track(id=new_id, box_px=_box_px(person), instance_id=known))
+
+        self._open, self._begun = tuple(tracks), self._begun + len(free)
         return Tracked(
-            ids=tuple(track_of.get(id(person)) for person in people),
-            open=frozenset(track.id for track in self._state.tracks),
+            ids=tuple(ids.get(place) for place in range(len(people))),
+            open=frozenset(track.id for track in tracks),
         )
 
 

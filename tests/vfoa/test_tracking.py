@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from tests.scenes import make_measured_person, make_person
 from vfoa.geometry import box_iou
-from vfoa.tracking import Tracked, Tracker, TrackerState, TrackingSettings, track_people
+from vfoa.tracking import Tracked, Tracker, TrackingSettings
 from vfoa.types import Person
 
 PUBLISHED = TrackingSettings(ttl=0)
@@ -26,10 +26,9 @@ def followed(
     frames: Iterable[tuple[Person, ...]], settings: TrackingSettings
 ) -> dict[int, tuple[tuple[int, Person], ...]]:
     """The tracks of a whole sequence: id -> (position in ``frames``, person)."""
-    state, members = TrackerState(), dict[int, list[tuple[int, Person]]]()
+    tracker, members = Tracker(settings), dict[int, list[tuple[int, Person]]]()
     for position, people in enumerate(frames):
-        tracked, state = track_people(people, state, settings)
-        for track_id, person in tracked:
+        for track_id, person in tracker.step(people).people(people):
             members.setdefault(track_id, []).append((position, person))
     return {track_id: tuple(found) for track_id, found in members.items()}
 
@@ -73,22 +72,20 @@ def test_each_gap_is_measured_anew():
 
 
 def test_heads_below_sigma_l_are_not_followed():
-    tracked, state = track_people((at(0, 0.2), at(50, 0.4)), TrackerState(), TrackingSettings(sigma_l=0.3))
-    assert [person.view.head.score for _, person in tracked] == [0.4]
-    assert len(state.tracks) == 1
+    tracked = Tracker(TrackingSettings(sigma_l=0.3)).step((at(0, 0.2), at(50, 0.4)))
+    assert tracked == Tracked(ids=(None, 1), open=frozenset({1}))
 
 
 def test_people_come_in_the_order_of_their_ids_whatever_the_order_they_were_found_in():
-    _, state = track_people((at(0), at(50)), TrackerState(), PUBLISHED)
-    tracked, _ = track_people((at(90), at(50), at(1)), state, PUBLISHED)
+    tracker, people = Tracker(PUBLISHED), (at(90), at(50), at(1))
+    tracker.step((at(0), at(50)))
+    tracked = tracker.step(people).people(people)
     assert [(track_id, person.view.head.box_px[0]) for track_id, person in tracked] == [(1, 1), (2, 50), (3, 90)]
 
 
 def test_an_id_is_not_given_twice():
-    _, state = track_people((at(0),), TrackerState(), PUBLISHED)
-    _, state = track_people((), state, PUBLISHED)
-    tracked, _ = track_people((at(0),), state, PUBLISHED)
-    assert [track_id for track_id, _ in tracked] == [2]
+    tracker = Tracker(PUBLISHED)
+    assert [tracker.step(people).ids for people in ((at(0),), (), (at(0),))] == [(1,), (), (2,)]
 
 
 def test_a_track_is_followed_from_exactly_the_least_score_and_overlap_on():
@@ -163,16 +160,14 @@ def published(frames, *, sigma_l, sigma_iou):
 def test_a_measured_person_is_known_by_its_instance_in_any_order() -> None:
     anna, ben = make_measured_person(4, eyes=(0, 0, 1)), make_measured_person(9, eyes=(5, 0, 1))
     moved = make_measured_person(4, eyes=(5, 0, 1))  # to where the other one was
-    first, state = track_people((anna, ben), TrackerState(), TrackingSettings())
-    second, _ = track_people((ben, moved), state, TrackingSettings())
-    assert [(track, person.instance_id) for track, person in first] == [(1, 4), (2, 9)]
-    assert [(track, person.instance_id) for track, person in second] == [(1, 4), (2, 9)]
+    tracker = Tracker(TrackingSettings())
+    assert [tracker.step(people).ids for people in ((anna, ben), (ben, moved))] == [(1, 2), (2, 1)]
 
 
 def test_a_measured_person_and_one_in_an_image_are_never_the_same() -> None:
-    _, state = track_people((make_measured_person(4),), TrackerState(), TrackingSettings())
-    tracked, _ = track_people((make_person(instance_id=4),), state, TrackingSettings())
-    assert [track for track, _ in tracked] == [2]
+    tracker = Tracker(TrackingSettings())
+    people = (make_measured_person(4), make_person(instance_id=4))
+    assert [tracker.step((person,)).ids for person in people] == [(1,), (2,)]
 
 
 def test_a_tracker_says_the_track_of_each_person_where_the_person_stands_and_what_is_open() -> None:
