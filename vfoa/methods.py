@@ -28,6 +28,11 @@ class MethodSettings(Settings):
         """The clips whose labels the weights were fitted to, of weights that ship with the method."""
         return ()
 
+    @property
+    def elsewhere(self) -> str:
+        """What to expect of these weights on other clips: a sentence, empty where nothing is known."""
+        return ""
+
     def for_clip(self, clip: str) -> Self:
         """Return the settings for one clip: a method may have weights of its own for it."""
         return self

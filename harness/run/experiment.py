@@ -348,10 +348,13 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
 
 
 def _shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
-    """Yield a warning if weights that ship with a method were fitted on a clip that is reported."""
-    fitted_on = {clip for configuration in configurations for clip in configuration.attend.attention.fitted_on}
+    """Yield what weights that ship with a method have seen of the clips, as a warning, and what to expect on others."""
+    methods = [configuration.attend.attention for configuration in configurations]
+    fitted_on = {clip for method in methods for clip in method.fitted_on}
     if seen := [clip for clip in clips if clip in fitted_on]:
         yield f"{FITTED_ON_REPORTED}: the default weights were fitted on {', '.join(seen)}."
+    if len(seen) < len(clips):
+        yield from dict.fromkeys(filter(None, (method.elsewhere for method in methods)))
 
 
 def is_experiment(name_or_path: str) -> bool:
