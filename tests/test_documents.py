@@ -84,7 +84,7 @@ def test_every_command_of_the_documents_is_one(page: str, command: str, is_whole
         known = known.commands[words.pop(0)]
     required = [word.strip("[]") for word in words]
     known.make_context("vfoa", required, resilient_parsing=not is_whole)
-    existing = {*names("experiments"), *names("datasets")}
+    existing = {"paper_cases", *names("experiments"), *names("datasets")}
     if known.name == "run" and words:
         assert words[0] in existing or PLACEHOLDERS.match(words[0]), f"{page}: no experiment or clip {words[0]!r}"
     for before, word in pairwise(words):

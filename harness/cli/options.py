@@ -23,7 +23,7 @@ def experiment_and_clip_names(incomplete: str) -> list[str]:
     from harness.clips.manifest import clip_files
     from harness.files.folders import names
 
-    return _matching([*names("experiments"), *names("datasets"), *clip_files()], incomplete)
+    return _matching(["paper_cases", *names("experiments"), *names("datasets"), *clip_files()], incomplete)
 
 
 def preset_names(incomplete: str) -> list[str]:

@@ -33,7 +33,7 @@ def run(
     what: Annotated[
         list[str] | None,
         typer.Argument(
-            help="An experiment (name or .toml file), or clips. Default: the one in ./experiments.",
+            help="An experiment (name or .toml file), clips, or paper_cases. Default: the one in ./experiments.",
             metavar="EXPERIMENT | CLIP",
             autocompletion=experiment_and_clip_names,
         ),
@@ -83,7 +83,29 @@ def run(
     ] = False,
     verbose: Verbose = False,
 ) -> None:
-    """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
+    """Run clips under configurations; write recordings, results and tables, and print the FRR table.
+
+    With paper_cases, print the paper's simulated cases, without a clip; --out writes them as paper_cases.md.
+    """
+    if what == ["paper_cases"]:
+        given = {
+            "--set": overrides,
+            "--preset": preset,
+            "--clip": clips,
+            "--workers": workers,
+            "--threads": threads,
+            "--scheduler": scheduler,
+            "--limit": limit,
+            "--recording": recording,
+            "--oracle": oracle,
+            "--cache": cache,
+            "--no-cache": no_cache,
+            "--annotator": annotator,
+            "--retry-failed": retry_failed,
+            "--verbose": verbose,
+        }
+        _run_paper_cases(out, [option for option, value in given.items() if value])
+        return
     from harness.cli.terminal import frames_bar, print_scores
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_whole
@@ -122,6 +144,23 @@ def run(
         say(advice)
     print_scores(scores, directory.path, verbose=verbose)
     _report_failures(directory)
+
+
+def _run_paper_cases(out: str | None, unused: list[str]) -> None:
+    """Print the paper's simulated cases; with ``out``, write them as paper_cases.md there."""
+    from harness.cli.terminal import print_reports
+    from harness.files.io import atomic_write
+    from harness.report.formats import to_markdown
+    from harness.report.paper_cases import paper_cases
+    from harness.run.directory import out_folder
+    from vfoa.errors import VfoaError
+
+    if unused:
+        raise VfoaError(f"run paper_cases: found {', '.join(unused)}; expected no option but --out FOLDER")
+    table = paper_cases()
+    if out is not None:
+        atomic_write(out_folder(out) / "paper_cases.md", to_markdown(table))
+    print_reports([table])
 
 
 def _advice(plan: Plan) -> str | None:
@@ -178,7 +217,7 @@ def experiment_of(
     clips_known = {*clip_files(), *families()}
     for name in what:
         if not name.endswith(".toml") and name not in clips_known:
-            hint = did_you_mean(name, [*names("experiments"), *clips_known])
+            hint = did_you_mean(name, ["paper_cases", *names("experiments"), *clips_known])
             raise VfoaError(f"run: no experiment or clip {name!r}; {hint}, or a .toml file")
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
