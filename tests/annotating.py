@@ -16,12 +16,11 @@ from harness.annotate.app import PageServer
 from harness.annotate.session import Session
 from harness.labels.labels import IGNORED, Label, Labels, ranges_of
 from harness.run.records import FrameRecord
-from harness.run.results import to_line
 from harness.sources import Clip
 from harness.studio import StudioSettings
 from harness.studio.store import cache_folder
 from tests.disk import stereo_pair_folder, write_text
-from tests.records import frame_record, subject_record, target_record
+from tests.records import frame_record, subject_record, target_record, write_run
 from tests.repository import REPOSITORY
 
 if TYPE_CHECKING:
@@ -132,7 +131,7 @@ def make_work(folder: Path) -> Path:
     """A working directory with the clip ``noise``, twelve frames of 64 x 48 pixels, and a run of it."""
     stereo_pair_folder(folder / "pairs", FRAMES)
     write_text(folder / "datasets" / "noise.toml", MANIFEST)
-    write_text(folder / "run" / "results.jsonl", "".join(map(to_line, _records())))
+    write_run(folder / "run", _records())
     return folder
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.results import to_line
+from tests import records
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")
@@ -41,9 +41,7 @@ def write_run(root: Path, frames: int, configurations: int, subjects: int) -> Ru
         }
     )
     rng = np.random.default_rng(0)
-    records = (record for name in names for record in _records(name, frames, subjects, rng))
-    directory.results.write_text("".join(map(to_line, records)), encoding="utf-8")
-    return directory
+    return records.write_run(root / "run", (each for name in names for each in _records(name, frames, subjects, rng)))
 
 
 def _write_clip(root: Path, subjects: int) -> Path:

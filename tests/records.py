@@ -10,9 +10,9 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.record_parts import RecordParts
 from harness.report.stages import stage_times
 from harness.report.write import render_tables, run_tables, write_scores
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.run.results import read_results
+from harness.run.tables import write_tables
 from harness.score.outcomes import Outcomes, Reference, to_outcomes
 from harness.score.score import Scores
 
@@ -111,10 +111,32 @@ def run_manifest(clips: Iterable[str]) -> dict[str, Any]:
     }
 
 
-def score_run(results: Path, reference: Reference) -> None:
-    """Score a ``results.jsonl``, and write the tables and the page beside it."""
-    parts = RecordParts(reference, read_results(results))
-    directory = RunDirectory(results.parent)
+def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> RunDirectory:
+    """A finished run of these records, by clip and configuration: its tables, and its manifest if there is none.
+
+    ``about`` are more keys of the manifest, or others for the same keys.
+    """
+    directory, by_pair = RunDirectory(folder), dict[Pair, list[FrameRecord]]()
+    for record in records:
+        by_pair.setdefault((record.clip, record.configuration), []).append(record)
+    if about or not directory.manifest.exists():
+        frames = {clip: [each.frame for each in of_pair] for (clip, _), of_pair in by_pair.items()}
+        clips = [{"name": clip, "frames": numbers} for clip, numbers in frames.items()]
+        configurations = {name: dict[str, Any]() for _, name in by_pair}
+        directory.write_manifest({"clips": clips, "configurations": configurations, "finished": "now", **about})
+    write_tables(directory, by_pair, by_pair.__getitem__)
+    return directory
+
+
+def tables_of(directory: RunDirectory) -> dict[str, bytes]:
+    """The content of every table of frames of a run, by its path."""
+    paths = sorted(directory.path.rglob("*.parquet"))
+    return {path.relative_to(directory.path).as_posix(): path.read_bytes() for path in paths}
+
+
+def score_run(folder: Path, records: Iterable[FrameRecord], reference: Reference) -> None:
+    """Score records, and write the tables and the page into the folder."""
+    parts, directory = RecordParts(reference, records), RunDirectory(folder)
     write_scores(directory, parts, run_manifest(reference.labels), stage_times(directory.timings))
 
 

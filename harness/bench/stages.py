@@ -78,7 +78,7 @@ def measure_stages(
         for outcome in [run_clip(job, lambda clip: None)]:
             for error in outcome.failures.values():
                 raise error
-        directory.join(job.pairs)
+        directory.join_timings(job.pairs)
         return _costs(directory, job)
 
 

@@ -1,4 +1,4 @@
-"""Write the layer of the verdicts from a finished run's results and the present labels."""
+"""Write the layer of the verdicts from a finished run's tables and the present labels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
-from harness.run.results import Block, find_blocks, read_block
+from harness.run.table_records import Block, TableReader
 from harness.score import verdicts as scored
 from harness.score.verdicts import judge
 from vfoa.errors import VfoaError
@@ -34,7 +34,7 @@ _MADE_FROM = "made_from"
 
 
 class _Stretch(msgspec.Struct, frozen=True):
-    """A stretch of a layer, which shows one block of results: a digest of its inputs, and its sums.
+    """A stretch of a layer, which shows one block of the tables: a digest of its inputs, and its sums.
 
     ``outcomes`` are counts, ``targets`` the names in order of their first appearance, ``shown`` the entities of the
     last frame, ``paths`` those of any frame.
@@ -50,7 +50,7 @@ class _Stretch(msgspec.Struct, frozen=True):
 def write_verdict_layers(
     directory: RunDirectory,
     labels: Mapping[str, Labels],
-    blocks: Sequence[Block] | None = None,
+    reader: TableReader | None = None,
     names_now: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
@@ -62,27 +62,27 @@ def write_verdict_layers(
     ----------
     labels
         The labels of the clips by name; a clip without any has only predictions.
-    blocks
-        The blocks of the results; looked up if not given.
+    reader
+        The reader of the run's tables; a new one if not given.
     names_now
         The present names of renamed targets by clip and name in the results.
 
     Raises
     ------
     VfoaError
-        If the manifest or the results of the run cannot be read.
+        If the manifest or the tables of the run cannot be read.
     """
     manifest = directory.read_manifest()
     clips = {clip["name"]: clip_names(clip) for clip in manifest["clips"]}
-    of_pair: dict[Pair, list[Block]] = {}
-    for block in find_blocks(directory.results) if blocks is None else blocks:
+    reader, of_pair = reader or TableReader(directory), dict[Pair, list[Block]]()
+    for block in reader.blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():
         attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
         if attention.is_file():
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.get("run_id"), clip))
             names = (names_now or {}).get(clip, {})
-            layer = _Layer(directory.results, files, configuration, clips[clip], labels.get(clip), names)
+            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names)
             layer.write(its_blocks)
 
 
@@ -109,14 +109,14 @@ class _Layer:
 
     def __init__(
         self,
-        results: Path,
+        reader: TableReader,
         files: ClipFiles,
         configuration: str,
         names: tuple[tuple[str, ...], tuple[str, ...]],
         labels: Labels | None,
         names_now: Mapping[str, str],
     ) -> None:
-        self._results, self._configuration, self._labels = results, configuration, labels
+        self._reader, self._configuration, self._labels = reader, configuration, labels
         self._subjects, self._names_now = names[0], names_now
         self._targets = tuple(names_now.get(name, name) for name in names[1])
         self._files, self._path = files, files.verdicts(configuration)
@@ -160,7 +160,7 @@ class _Layer:
 
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
         log, outcomes, targets = FrameLog(layer.stream, before=shown), Counter[str](), dict[str, None]()
-        for record in (renamed(frame, self._names_now) for frame in read_block(self._results, block)):
+        for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
             labels = self._labels
             verdicts = [
                 judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects

@@ -2,12 +2,11 @@
 
 They are in ``score_cache/`` in a run's directory, so that only changed results are read again::
 
-    blocks.noted    the blocks of results.jsonl, each with the digest of its lines
     times.noted     the times of the stages from timings.csv
     inputs.noted    digests of the inputs, which the run notes
-    <key>.part      the part of a block; the key depends on its lines, its labels and the code
+    <key>.part      the part of a block (:class:`TableReader`); the key depends on its files, its labels and the code
 
-All of it can be removed at any time. A file is read again unless it has the stamp noted
+All of it can be removed at any time. ``timings.csv`` is read again unless it has the stamp noted
 (:mod:`harness.files.digests`); a damaged part is rebuilt.
 """
 
@@ -23,14 +22,15 @@ from typing import Any
 
 import harness
 import vfoa
-from harness.files.digests import file_digest, settled_stamp
+from harness.files.digests import file_digest
 from harness.files.folders import kept_while_unchanged, read_value, write_value
 from harness.report.csv_tables import FrameLines, frame_lines
 from harness.report.page.packing import AttentionPart
 from harness.report.stages import StageTimes, stage_times
 from harness.run.directory import Pair
 from harness.run.records import FrameRecord, merge, renamed
-from harness.run.results import Block, MeasuredPart, block_bytes, find_blocks, lines_digest, read_block
+from harness.run.results import MeasuredPart
+from harness.run.table_records import Block, TableReader
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import JudgedPart, Reference
 from harness.score.score import Scores, score_parts
@@ -72,15 +72,14 @@ class RecordParts:
 
 
 class KeptParts:
-    """The blocks of a run's results, and the stored part of each; ``reference`` holds the labels."""
+    """The blocks of a run's tables, and the stored part of each; ``reference`` holds the labels."""
 
     def __init__(self, run: FinishedRun, reference: Reference) -> None:
-        self._results, self._timings = run.directory.results, run.directory.timings
-        self._folder = run.directory.score_cache
+        self._timings, self._folder = run.directory.timings, run.directory.score_cache
         self._reference = reference
         self._labels: dict[tuple[str, tuple[int, ...]], str] = {}
-        self.blocks = _indexed(self._results, self._folder / "blocks.noted")
-        self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
+        self.reader = TableReader(run.directory)
+        self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.reader.blocks)]
 
     def read(self) -> RecordParts:
         """Return the parts of all blocks. New ones are stored, and those that are no longer used are removed."""
@@ -105,7 +104,7 @@ class KeptParts:
 
     def _watched(self, block: Block) -> Part:
         names, part = self._reference.names_now.get(block.clip, {}), Part()
-        for record in read_block(self._results, block):
+        for record in self.reader.read(block):
             part.take(renamed(record, names), self._reference)
         return part
 
@@ -125,24 +124,6 @@ class KeptParts:
             labelled = list(labels.labelled(block.frames)) if labels else None
             self._labels[key] = hashlib.blake2b(repr(labelled).encode(), digest_size=16).hexdigest()
         return self._labels[key]
-
-
-def _indexed(results: Path, index: Path) -> list[Block]:
-    """Return the blocks of the results: those of the index if every line is the same, otherwise divided again."""
-    stamp = settled_stamp([("file", str(results))])
-    noted: tuple[str | None, list[Block]] | None = read_value(index, tuple[str | None, list[Block]])
-    before, blocks = noted or (None, [])
-    if stamp is not None and stamp == before:
-        return blocks
-    size = results.stat().st_size if results.is_file() else None
-    if not (blocks and blocks[-1].end == size and all(_is_unchanged(results, block) for block in blocks)):
-        blocks = find_blocks(results)
-    write_value(index, (stamp, blocks))
-    return blocks
-
-
-def _is_unchanged(results: Path, block: Block) -> bool:
-    return lines_digest(block_bytes(results, block)) == block.digest
 
 
 @cache

@@ -106,7 +106,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
-            write_verdict_layers(directory, reference.labels, kept.blocks, reference.names_now)
+            write_verdict_layers(directory, reference.labels, kept.reader, reference.names_now)
         run.note_labels(annotator)
     return scores
 

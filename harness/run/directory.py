@@ -1,9 +1,9 @@
 """The files of a run; none of them is ever half-written.
 
 While a run is on, ``partial/`` holds one JSON-lines file per (clip, configuration), with the suffix ``.partial`` until
-it is finished, and the directory has no tables. At the end these files are joined into ``results.jsonl`` and
-``timings.csv``, in the order of the experiment, and the tables are written from those. The traceback of a faulty stage
-is in ``partial/``. Only one run at a time can use the directory.
+it is finished, and the directory has no tables. At the end the tables of frames (:mod:`harness.run.tables`) are written
+from these files, and ``timings.csv``, in the order of the experiment. The traceback of a faulty stage is in
+``partial/``. Only one run at a time can use the directory.
 """
 
 from __future__ import annotations
@@ -194,11 +194,6 @@ class RunDirectory:
     path: Path
 
     @property
-    def results(self) -> Path:
-        """One record per line and frame, in the order of the experiment."""
-        return self.path / "results.jsonl"
-
-    @property
     def timings(self) -> Path:
         """Milliseconds per clip, configuration, frame and stage. Not a result: it differs from run to run."""
         return self.path / "timings.csv"
@@ -211,8 +206,9 @@ class RunDirectory:
     @property
     def inputs(self) -> Iterator[Path]:
         """The files that scores, exports and fits read, with those of the clips: what no output may replace."""
-        yield from (self.manifest, self.results, self.timings)
+        yield from (self.manifest, self.timings)
         yield from self.path.glob("*.rrd")
+        yield from self.path.rglob("*.parquet")
         yield from (self.path / "partial").rglob("*")
         run: dict[str, Any] = self.read_manifest() if self.manifest.is_file() else {"clips": []}
         for clip in run["clips"]:
@@ -281,11 +277,15 @@ class RunDirectory:
         self.path.mkdir(parents=True, exist_ok=True)
         atomic_write(self.manifest, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
 
-    def join(self, pairs: Iterable[Pair]) -> None:
-        """Make ``results.jsonl`` and ``timings.csv`` from the finished partial results, which are kept."""
-        pairs = list(pairs)
-        _concatenate([self.partial(pair, "csv") for pair in pairs], self.timings, "clip,configuration,frame,stage,ms\n")
-        _concatenate([self.partial(pair, "jsonl") for pair in pairs], self.results)
+    def join_timings(self, pairs: Iterable[Pair]) -> None:
+        """Make ``timings.csv`` from the times of finished pairs, which are kept."""
+        draft = self.timings.with_suffix(".csv.partial")
+        with open(draft, "wb") as joined:
+            joined.write(b"clip,configuration,frame,stage,ms\n")
+            for pair in pairs:
+                with open(self.partial(pair, "csv"), "rb") as source:
+                    shutil.copyfileobj(source, joined)
+        draft.replace(self.timings)
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""
@@ -321,16 +321,6 @@ def _is_traceback(path: Path) -> bool:
 
 def _stem(pair: Pair) -> str:
     return "__".join(pair)
-
-
-def _concatenate(parts: list[Path], place: Path, header: str = "") -> None:
-    draft = place.with_suffix(place.suffix + ".partial")
-    with open(draft, "wb") as joined:
-        joined.write(header.encode())
-        for part in parts:
-            with open(part, "rb") as source:
-                shutil.copyfileobj(source, joined)
-    draft.replace(place)
 
 
 @contextmanager

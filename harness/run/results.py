@@ -1,16 +1,12 @@
-"""``results.jsonl``: the records of a run, one JSON line per frame.
-
-Every line begins with the version of the format, so that files can be joined line by line.
-"""
+"""The records of a run: as JSON lines while it is on, one per frame; and those of one clip of a finished run."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -20,16 +16,16 @@ from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
+from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
 
-T = TypeVar("T")
 VERSION = 1
 _START = b'{"version":%d,' % VERSION
 """The first bytes of each line."""
 
 
 def to_line(record: FrameRecord) -> str:
-    """Encode one frame as a line of ``results.jsonl``, with its newline.
+    """Encode one frame as a line, with its newline. It begins with the version of the format.
 
     Raises
     ------
@@ -42,110 +38,25 @@ def to_line(record: FrameRecord) -> str:
     return line.decode() + "\n"
 
 
-def read_results(path: Path) -> Iterator[FrameRecord]:
-    """Read a ``results.jsonl``, one record at a time in the order of the file. Nothing is skipped or repaired.
+def read_lines(path: Path) -> Iterator[FrameRecord]:
+    """Read the lines of a (clip, configuration), one record at a time. Nothing is skipped or repaired.
 
     Raises
     ------
     VfoaError
-        If the file is missing, a line has another version or is no record of a frame, the last line is cut, or a
-        frame occurs twice; the message names the file and the line.
+        If the file is missing, a line has another version or is no record of a frame, or the last line is cut; the
+        message names the file and the line.
     """
-    for block in find_blocks(path):
-        yield from read_block(path, block)
-
-
-def _decoded(decoder: msgspec.json.Decoder[T], line: bytes, path: Path, number: int) -> T:
-    if not line.endswith(b"\n"):
-        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
-    if not line.startswith(_START):
-        raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
-    try:
-        return decoder.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
-    """Consecutive lines of a ``results.jsonl``, of one configuration on one clip: their bytes, and their frames.
-
-    ``line`` is the number of the first. ``digest`` is of the bytes.
-    """
-
-    clip: str
-    configuration: str
-    line: int
-    start: int
-    end: int
-    frames: tuple[int, ...]
-    digest: str
-
-
-BLOCK_FRAMES = 500
-"""Most frames of a block."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Place:
-    clip: str
-    configuration: str
-    frame: int
-
-
-def find_blocks(path: Path) -> list[Block]:
-    """Divide a ``results.jsonl`` into blocks. Of each record only the clip, configuration and frame are read.
-
-    Raises
-    ------
-    VfoaError
-        For the errors of :func:`read_results` that show in these values; :func:`read_block` finds the rest.
-    """
-    seen: dict[tuple[str, str, int], int] = {}
-    cut: list[Block] = []
-    frames: list[int] = []
-    first, start, end = 1, 0, 0
-    pair: tuple[str, str] | None = None
     with opened(path) as file:
         for number, line in enumerate(file, start=1):
-            place = _decoded(_PLACES, line, path, number)
-            if (earlier := seen.setdefault((place.clip, place.configuration, place.frame), number)) != number:
-                raise VfoaError(
-                    f"{path}:{number}: frame {place.frame} of clip {place.clip!r} under {place.configuration!r} is "
-                    f"on line {earlier} already"
-                )
-            if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
-                cut.append(_block(path, pair, first, start, end, frames))
-                frames, first, start = [], number, end
-            pair = place.clip, place.configuration
-            frames.append(place.frame)
-            end += len(line)
-    return [*cut, _block(path, pair, first, start, end, frames)] if pair else cut
-
-
-def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
-    """Read the records of a block. Raises the errors of :func:`read_results`."""
-    lines = block_bytes(path, block).splitlines(keepends=True)
-    return (_decoded(_RECORDS, line, path, number) for number, line in enumerate(lines, start=block.line))
-
-
-def block_bytes(path: Path, block: Block) -> bytes:
-    """Read the lines of a block; fewer if the file has become shorter."""
-    with opened(path) as file:
-        file.seek(block.start)
-        return file.read(block.end - block.start)
-
-
-def lines_digest(lines: bytes) -> str:
-    """The digest of a block's lines."""
-    return hashlib.blake2b(lines, digest_size=16).hexdigest()
-
-
-def _block(path: Path, pair: tuple[str, str], first: int, start: int, end: int, frames: list[int]) -> Block:
-    block = Block(
-        clip=pair[0], configuration=pair[1], line=first, start=start, end=end, frames=tuple(frames), digest=""
-    )
-    return replace(block, digest=lines_digest(block_bytes(path, block)))
+            if not line.endswith(b"\n"):
+                raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
+            if not line.startswith(_START):
+                raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
+            try:
+                yield _RECORDS.decode(line)
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+                raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
 
 
 def _plain(value: object) -> int | float:
@@ -158,7 +69,7 @@ def _plain(value: object) -> int | float:
 
 
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
-_RECORDS, _PLACES = msgspec.json.Decoder(FrameRecord), msgspec.json.Decoder(_Place)
+_RECORDS = msgspec.json.Decoder(FrameRecord)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,16 +124,17 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     Raises
     ------
     VfoaError
-        If the run has no such clip or configuration, or several configurations and none was chosen.
+        If the run has no such clip or configuration, or several configurations and none was chosen; or its tables
+        cannot be read.
     """
     directory = RunDirectory(run)
-    manifest: Mapping[str, Any] = directory.read_manifest() if directory.manifest.is_file() else {}
-    name, names_now = clip, dict[str, str]()
+    manifest = directory.read_manifest()
+    name, names_now = clip if isinstance(clip, str) else clip.name, dict[str, str]()
     if isinstance(clip, ClipManifest):
         clips = manifest.get("clips", [])
         then: dict[str, Any] = next((entry.get("names", {}) for entry in clips if entry["name"] == clip.name), {})
-        name, names_now = clip.name, clip.names_now(then.get("targets", {}))
-    records = [renamed(frame, names_now) for frame in read_results(directory.results) if frame.clip == name]
+        names_now = clip.names_now(then.get("targets", {}))
+    records = [renamed(frame, names_now) for frame in read_records(directory, {name})]
     if not records:
         raise VfoaError(f"{run}: the run has no frames of clip {name!r}")
     names = list(dict.fromkeys(record.configuration for record in records))

@@ -17,7 +17,7 @@ from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
-from harness.run.results import read_results
+from harness.run.results import read_lines
 from harness.run.tables import write_tables
 from vfoa.errors import VfoaError
 
@@ -37,7 +37,7 @@ def run_plan(
     beside: bool = False,
     retry_failed: bool = False,
 ) -> RunDirectory:
-    """Run a plan into a directory and join its results; results of an earlier run of the same plan are reused.
+    """Run a plan into a directory, and write its tables of frames; results of an earlier run of the plan are reused.
 
     A (clip, configuration) that fails does not stop the others; the manifest's ``failed`` lists it with its error, and
     its ``cache`` lists what was reused and what was computed, and why.
@@ -125,7 +125,7 @@ def _finish(
     account: Account,
     started: str,
 ) -> None:
-    """Join the results, and write the manifest that marks the run as finished.
+    """Write the tables of frames, and the manifest that marks the run as finished.
 
     Raises
     ------
@@ -137,8 +137,8 @@ def _finish(
     if not finished:
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
-    directory.join(finished)
-    write_tables(directory, finished, lambda pair: read_results(directory.partial(pair, "jsonl")))
+    directory.join_timings(finished)
+    write_tables(directory, finished, lambda pair: read_lines(directory.partial(pair, "jsonl")))
     directory.write_manifest(
         {
             **of_run,

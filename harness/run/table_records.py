@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
+from harness.files.digests import file_digest
 from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.tables import Row, find_tables, open_table, read_columns
+from harness.run.tables import Row, find_tables, read_columns, read_numbers
 from vfoa.errors import VfoaError
 
 _KEPT_GROUPS = 40
@@ -21,29 +24,97 @@ _KEPT_GROUPS = 40
 _OF_OBJECT, _OF_PERSON = ([each.name for each in fields(kind)] for kind in (TargetMeasure, PersonMeasure))
 
 
-def read_records(directory: RunDirectory) -> Iterator[FrameRecord]:
-    """Read the records of a finished run from its tables, by clip, configuration and frame as the experiment has them.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """A row group of the tables of one configuration on one clip, and its frames.
+
+    ``digest`` is of the files of all tables, and of the number of the group.
+    """
+
+    clip: str
+    configuration: str
+    group: int
+    frames: tuple[int, ...]
+    digest: str
+
+
+class TableReader:
+    """Reads the records of a finished run. What configurations share is decoded once for those that follow.
+
+    Parameters
+    ----------
+    clips
+        Read only these clips; None for all of them.
 
     Raises
     ------
     VfoaError
-        If a table is missing, damaged, of another version, or does not fit the others; the message names the file.
+        If a table is missing, damaged, of another version, or does not fit the others; the message names the file. This
+        also holds for what is read later.
     """
-    kept = lru_cache(maxsize=_KEPT_GROUPS)
-    scenes, directions = kept(_read_scene), kept(_read_directions)
-    for pair, paths in find_tables(directory):
-        with open_table(paths["frames"], "frames") as file:
-            groups = file.num_row_groups
-        for group in range(groups):
-            seen = scenes(paths["frames"].parent, group)
-            frames = tuple(frame.number for frame in seen)
-            looks = directions(paths["directions"].parent, group, frames)
-            answers = _by_frame(paths["answers"], "answers", group, frames)
-            for parts in zip(seen, looks, answers, strict=True):
-                try:
-                    yield _record(pair, *parts)
-                except ValueError as error:
-                    raise VfoaError(f"{paths['answers']}: {error}") from None
+
+    def __init__(self, directory: RunDirectory, clips: Collection[str] | None = None) -> None:
+        self._paths = dict(find_tables(directory, clips))
+        kept = lru_cache(maxsize=_KEPT_GROUPS)
+        self._scene, self._directions = kept(_read_scene), kept(_read_directions)
+
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """All blocks, by clip, configuration and frame as the experiment has them. No record is read for them."""
+        groups, digest = cache(_frames_of), cache(file_digest)
+        found = []
+        for pair, paths in self._paths.items():
+            files = [digest(path) for path in paths.values()]
+            for group, frames in enumerate(groups(paths["frames"])):
+                of_group = hashlib.blake2b(repr((files, group)).encode(), digest_size=16).hexdigest()
+                found.append(Block(clip=pair[0], configuration=pair[1], group=group, frames=frames, digest=of_group))
+        return found
+
+    def read(self, block: Block) -> Iterator[FrameRecord]:
+        """Yield the records of a block."""
+        pair, group = (block.clip, block.configuration), block.group
+        paths = self._paths[pair]
+        seen = self._scene(paths["frames"].parent, group)
+        looks = self._directions(paths["directions"].parent, group, block.frames)
+        answers = _by_frame(paths["answers"], "answers", group, block.frames)
+        for parts in zip(seen, looks, answers, strict=True):
+            try:
+                yield _record(pair, *parts)
+            except ValueError as error:
+                raise VfoaError(f"{paths['answers']}: {error}") from None
+
+
+def read_records(directory: RunDirectory, clips: Collection[str] | None = None) -> Iterator[FrameRecord]:
+    """Yield the records of a finished run in the order of :attr:`TableReader.blocks`.
+
+    Parameters and errors are those of :class:`TableReader`.
+    """
+    reader = TableReader(directory, clips)
+    for block in reader.blocks:
+        yield from reader.read(block)
+
+
+def most_people(directory: RunDirectory, clips: Collection[str]) -> dict[str, int]:
+    """The most people in a frame of each clip, in any scene. Raises the errors of :class:`TableReader`."""
+    most = dict.fromkeys(clips, 0)
+    of_file = cache(_most_people)
+    for (clip, _), paths in find_tables(directory, clips):
+        most[clip] = max(most[clip], of_file(paths["people"]))
+    return most
+
+
+def _most_people(path: Path) -> int:
+    counts = Counter(frame for frames in read_numbers(path, "people") for frame in frames)
+    return max(counts.values(), default=0)
+
+
+def _frames_of(path: Path) -> list[tuple[int, ...]]:
+    """The frames of each row group of ``frames.parquet``."""
+    groups = read_numbers(path, "frames")
+    for before, frame in pairwise(number for frames in groups for number in frames):
+        if frame <= before:
+            raise VfoaError(f"{path}: expected ascending frames, found frame {frame} after a later one or itself")
+    return groups
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +138,6 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
     path = folder / "frames.parquet"
     rows = list(zip(*read_columns(path, "frames", group), strict=True))
     frames = tuple(row[0] for row in rows)
-    if descents := [frame for before, frame in pairwise(frames) if frame <= before]:
-        raise VfoaError(f"{path}: expected ascending frames, found frame {descents[0]} after a later one or itself")
     instances, objects, people = (
         _by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "objects", "people")
     )

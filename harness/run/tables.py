@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, fields
 from functools import cache
@@ -344,21 +344,26 @@ def _schema(table: str) -> Any:
     )
 
 
-def find_tables(directory: RunDirectory) -> Iterator[tuple[Pair, dict[str, Path]]]:
+def find_tables(
+    directory: RunDirectory, clips: Collection[str] | None = None
+) -> Iterator[tuple[Pair, dict[str, Path]]]:
     """Find the files of the tables of every finished (clip, configuration), in the order of the experiment.
+
+    With ``clips``, find those of these clips alone.
 
     Raises
     ------
     VfoaError
-        If one of the answers is missing or damaged, or the run is of an earlier version.
+        If one of the answers is missing or damaged, or the run has no tables: it is of an earlier version, or not
+        finished.
     """
     manifest = directory.read_manifest()
     if not (directory.path / "answers").is_dir():
-        raise VfoaError(
-            f"{directory.path}: has no tables of frames (answers/): it is of an earlier version; run it again"
-        )
+        why = "is of an earlier version; run it again" if "finished" in manifest else "is not finished"
+        raise VfoaError(f"{directory.path}: has no tables of frames (answers/): it {why}")
     failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
-    for clip, configuration in product((clip["name"] for clip in manifest["clips"]), manifest["configurations"]):
+    names = [clip["name"] for clip in manifest.get("clips", ()) if clips is None or clip["name"] in clips]
+    for clip, configuration in product(names, manifest.get("configurations", ())):
         if (clip, configuration) not in failed:
             path = directory.path / "answers" / configuration / f"{clip}.parquet"
             with open_table(path, "answers") as file:
@@ -408,6 +413,13 @@ def read_table(directory: RunDirectory, table: str) -> pa.Table:
         with open_table(path, table) as file:
             parts.append(file.read(use_threads=False).replace_schema_metadata())
     return pa.concat_tables(parts)
+
+
+def read_numbers(path: Path, table: str) -> list[tuple[int, ...]]:
+    """Read the numbers of the frames of each row group. Raises the errors of :func:`open_table`."""
+    with open_table(path, table) as file:
+        groups = [file.read_row_group(group, ["frame"], use_threads=False) for group in range(file.num_row_groups)]
+    return [tuple(group.column("frame").to_pylist()) for group in groups]
 
 
 def read_columns(path: Path, table: str, group: int) -> list[list[Any]]:

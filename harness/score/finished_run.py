@@ -18,14 +18,8 @@ from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import (
-    Block,
-    answers_of,
-    find_blocks,
-    has_images,
-    read_block,
-    read_results,
-)
+from harness.run.results import answers_of, has_images
+from harness.run.table_records import Block, TableReader, most_people
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -76,9 +70,10 @@ class FinishedRun:
 
         Renamed targets have their present names.
         """
-        names, results = self._names_now(self._manifests(self.manifest.get("annotator"))), self.directory.results
-        for block in self.scored_blocks(find_blocks(results)):
-            yield from (renamed(record, names[block.clip]) for record in read_block(results, block))
+        names = self._names_now(self._manifests(self.manifest.get("annotator")))
+        reader = TableReader(self.directory)
+        for block in self.scored_blocks(reader.blocks):
+            yield from (renamed(record, names[block.clip]) for record in reader.read(block))
 
     def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
         """The present manifest of each clip, whose names the labels of this annotator have."""
@@ -95,13 +90,12 @@ class FinishedRun:
         }
 
     def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
-        """Return the blocks of the results that hold comparable records.
+        """Return the blocks of the run that hold comparable records.
 
         Raises
         ------
         VfoaError
-            If there is no such record, a clip of the results is not in the manifest, or results have lost lines: they
-            would be scored as frames without a prediction.
+            If there is no such record, or tables have lost frames: these would be scored as without a prediction.
         """
         run, (clips, configurations, _) = self.manifest, _left_out(self.manifest)
         if not run["configurations"].keys() - configurations:
@@ -112,17 +106,12 @@ class FinishedRun:
         counts: Counter[Pair] = Counter()
         for block in blocks:
             counts[block.clip, block.configuration] += len(block.frames)
-            if block.clip not in frames:
-                raise VfoaError(
-                    f"{self.directory.manifest}: clips: found {', '.join(frames)}; expected {block.clip!r}, of which "
-                    "results.jsonl has frames"
-                )
         failed = {(failure["clip"], failure["configuration"]) for failure in run.get("failed", [])}
         for clip, configuration in product(frames, run["configurations"]):
             count = counts[clip, configuration]
             if (clip, configuration) not in failed and count != frames[clip]:
                 raise VfoaError(
-                    f"{self.directory.results}: found {count} frames of {clip} under {configuration}; expected "
+                    f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
                 )
         return [block for block in blocks if block.clip not in clips and block.configuration not in configurations]
@@ -184,10 +173,7 @@ class FinishedRun:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
-        people = dict.fromkeys((clip.name for clip in clips), 0)
-        for record in read_results(self.directory.results):
-            if record.clip in people:
-                people[record.clip] = max(people[record.clip], len(record.subjects))
+        people = most_people(self.directory, [clip.name for clip in clips])
         return [
             f"{clip.name}: no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
             "found in its frames; "
@@ -306,5 +292,5 @@ def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Itera
         yield (
             f"{', '.join(chosen)}: masks are found once in {every} frames (segmentation.every = {every}). Optical flow "
             f"carries them to the frames in between, so they are up to {every - 1} frames old; masks_from and "
-            "masks_age_s in results.jsonl say which and how old."
+            "masks_age_s in frames.parquet say which and how old."
         )

@@ -168,7 +168,7 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
     Parameters
     ----------
     records
-        As :func:`harness.run.results.read_results` yields them; each is read once.
+        As :func:`harness.run.table_records.read_records` yields them; each is read once.
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """

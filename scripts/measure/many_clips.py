@@ -197,7 +197,7 @@ def _run(experiment: Experiment, out: Path, scheduler: str | None) -> Cost:
     return Cost(
         seconds=time.perf_counter() - started,
         cpu_seconds=used_cpu_seconds(scheduler) - cpu_before,
-        results=directory.results.read_bytes(),
+        results=b"".join(path.read_bytes() for path in sorted(directory.path.rglob("*.parquet"))),
     )
 
 

@@ -19,7 +19,7 @@ from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
-from harness.run.results import read_results, to_line
+from harness.run.results import read_lines, to_line
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
@@ -136,7 +136,7 @@ PARSERS: Sequence[Parser] = (
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
     # Runs and the cache
-    Parser("results", "results.jsonl", _RESULTS, lambda path: list(read_results(path))),
+    Parser("results", "mine__one.jsonl", _RESULTS, lambda path: list(read_lines(path))),
     Parser("answers", "mine.parquet", states.write_table, states.read_run),
     Parser("instances", "instances.parquet", states.write_table, states.read_run),
     Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),

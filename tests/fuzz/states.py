@@ -132,10 +132,11 @@ def write_run_manifest(path: Path) -> None:
 
 def open_run(path: Path) -> Any:
     """A run with this manifest and whole results."""
-    shutil.copyfile(_run(once(path, _run)) / "results.jsonl", path.with_name("results.jsonl"))
-    run = FinishedRun.read(RunDirectory(path.parent))
+    directory = RunDirectory(_run(once(path, _run)))
+    shutil.copyfile(path, directory.manifest)
+    run = FinishedRun.read(directory)
     records, reference = list(run.records()), run.reference()
-    read_labelled(RunDirectory(path.parent), None)
+    read_labelled(directory, None)
     return score(records, reference)
 
 

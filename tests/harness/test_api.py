@@ -16,7 +16,6 @@ from harness.clips.add import add_clip
 from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
 from harness.run.directory import RunDirectory
 from harness.run.experiment import RecordingKind
-from harness.run.results import read_results
 from harness.run.table_records import read_records
 from harness.run.tables import TABLES
 from tests.command import vfoa
@@ -71,7 +70,7 @@ def test_every_column_of_every_table_is_documented(run: harness.RunResults) -> N
 
 
 def test_the_frames_of_a_run_are_read_back_from_their_tables(run: harness.RunResults) -> None:
-    records = list(read_results(run.directory.results))
+    records = list(read_records(run.directory))
     assert list(read_records(run.directory)) == records
     subjects = [subject for record in records for subject in record.subjects]
     assert run.answers["focus"].tolist() == [subject.focus or pd.NA for subject in subjects]

@@ -17,8 +17,8 @@ from harness.record.composed import find_clips
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results, to_line
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.score.metrics import load_metrics
 from harness.score.outcomes import Reference
 from scripts.worked_examples import example
@@ -34,9 +34,7 @@ ANSWERS = answers(["cup", "can", None, "can", "can"])
 
 
 def _score(tmp_path: Path) -> Path:
-    results = tmp_path / "results.jsonl"
-    results.write_text("".join(map(to_line, ANSWERS)), encoding="utf-8")
-    score_run(results, TRUTH)
+    score_run(tmp_path, ANSWERS, TRUTH)
     return tmp_path
 
 
@@ -155,7 +153,7 @@ def test_a_method_that_fails_ends_its_configuration_alone(tmp_path: Path, monkey
     directory = run_plan(prepare(experiment), tmp_path / "run", workers=1, progress=lambda clip: None)
     (failure,) = directory.read_manifest()["failed"]
     assert (failure["configuration"], "no third frame" in failure["error"]) == ("steady", True)
-    assert [record.configuration for record in read_results(directory.results)] == ["nearest"] * 12
+    assert [record.configuration for record in read_records(directory)] == ["nearest"] * 12
 
 
 def test_nobody_but_the_methods_asks_for_the_class_of_a_methods_settings() -> None:

@@ -12,9 +12,9 @@ from pympi.Elan import Eaf
 
 from harness.annotate.convert import export_predictions, predicted_labels
 from harness.labels.formats import FORMATS
-from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.results import read_clip_records, to_line
+from harness.run.results import read_clip_records
+from tests import records as of_records
 from tests.command import vfoa
 from tests.disk import write_image, write_text
 from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange
@@ -43,10 +43,8 @@ def write_run(folder: Path, girl: list[str | None], *, probabilistic: bool = Tru
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
     times = [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
-    run = RunDirectory(folder)
     method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
-    run.write_manifest({"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}})
-    write_text(run.results, "".join(map(to_line, records.values())))
+    of_records.write_run(folder, records.values(), clips=[clip], configurations={"one": {}}, methods={"one": method})
     return folder
 
 

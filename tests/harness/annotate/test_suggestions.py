@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotate.suggestions import Predictions, label_first
-from harness.run.results import to_line
 from tests.annotating import FRAMES
-from tests.disk import write_text
-from tests.records import frame_record, subject_record, target_record
+from tests.records import frame_record, subject_record, target_record, write_run
 
 NAMES = st.sampled_from(["cup", "book", "none"])
 
@@ -73,13 +71,14 @@ def test_a_subject_without_answers_is_left_out_and_a_frame_alone_is_a_block() ->
 def test_all_configurations_of_the_run_count_and_blind_shows_none(opened: Any, work: Path) -> None:
     """Two configurations differ on ben in the last two frames; in 24 s, these are among the 20 s that are chosen."""
     targets = [target_record(1, "cup"), target_record(2, "book")]
-    lines = [
-        to_line(frame_record(targets, [subject_record("ben", focus=focus)], frame=n, clip="noise", configuration=name))
+    records = [
+        frame_record(targets, [subject_record("ben", focus=focus)], frame=n, clip="noise", configuration=name)
         for name, late in (("one", 1), ("two", 2))
         for n in FRAMES
         for focus in [late if n > 10 else 1]
     ]
-    write_text(work / "run" / "results.jsonl", "".join(lines))
+    (work / "run" / "manifest.json").unlink()
+    write_run(work / "run", records)
     session = opened(run=work / "run", configuration="one", annotator="anna")
     shown = session.about()["label_first"]
     assert {each["subject"] for each in shown} == {"ben"}

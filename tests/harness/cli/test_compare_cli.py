@@ -9,10 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.run.results import to_line
 from harness.score import comparison
 from harness.score.intervals import ScoredFrames
-from tests.records import answers
+from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
 LOOK, LOOKS = 50, 8  # two seconds each: none is joined with another
@@ -42,13 +41,10 @@ def _target(look: int) -> str:
 
 def _run(folder: Path, correct: int, configuration: str = "one", frames: range = range(1, FRAMES + 1)) -> str:
     """A finished run that is right in so many of the first 20 frames of every look, and in no other."""
-    folder.mkdir()
     said = [_target(k // LOOK) if k % LOOK < correct else "none" for k in range(FRAMES)]
     records = [each for each in answers(said, clip="tabletop", configuration=configuration) if each.frame in frames]
-    (folder / "results.jsonl").write_text("".join(map(to_line, records)))
     entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [record.frame for record in records]}
-    manifest = {"notes": [], "clips": [entry], "configurations": {configuration: {}}, "finished": "now"}
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    write_run(folder, records, notes=[], clips=[entry], configurations={configuration: {}})
     return str(folder)
 
 

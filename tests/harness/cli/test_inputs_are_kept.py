@@ -13,7 +13,7 @@ from tests.faults.project import MANIFEST
 from tests.measured import EXPERIMENT, measured_tables, true_labels
 
 CASES = [
-    ("compare run --page", "run/results.jsonl"),
+    ("compare run --page", "run/answers/cones/talk.parquet"),
     ("compare run --page", "run/manifest.json"),
     ("compare run --page", "annotations/talk.csv"),
     ("compare run --page", "datasets/talk.toml"),
@@ -24,9 +24,9 @@ CASES = [
     ("view run --config cones --screenshot", "run/talk.rrd"),
     ("models export gaze360 --checkpoint gaze.pth --out", "gaze.pth"),
     ("labels export talk --format csv", "annotations/talk.csv"),
-    ("labels export run --format csv --config cones", "run/results.jsonl"),
+    ("labels export run --format csv --config cones", "run/answers/cones/talk.parquet"),
     ("fit run --even-if-worse --out", "datasets/talk.toml"),
-    ("fit run --even-if-worse --out", "run/results.jsonl"),
+    ("fit run --even-if-worse --out", "run/answers/cones/talk.parquet"),
 ]
 
 

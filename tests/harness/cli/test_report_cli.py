@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import signal
 import subprocess
 import sys
@@ -14,8 +13,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.cli.terminal import ended_by_signals
-from harness.run.results import to_line
-from tests.records import answers
+from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
 MAIN = "from harness.cli import main; main()"
@@ -27,11 +25,8 @@ def run(tmp_path: Path) -> Path:
     manifest = tmp_path / "clip.toml"
     manifest.write_text('name = "clip"\nadapter = "studio"\nlicence = "MIT"\n[subjects.girl]\ncategory = "person"\n')
     run = tmp_path / "a run"
-    run.mkdir()
-    (run / "results.jsonl").write_text("".join(map(to_line, answers(["cup", None], configuration="one"))))
     entry = {"name": "clip", "manifest": str(manifest), "licence": "MIT", "notes": [], "frames": [1, 2], "rate_hz": 25}
-    about = {"experiment": "small", "notes": [], "clips": [entry], "configurations": {"one": {}}, "versions": {}}
-    (run / "manifest.json").write_text(json.dumps({**about, "finished": "now"}))
+    write_run(run, answers(["cup", None]), experiment="small", notes=[], clips=[entry], versions={})
     return run
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import struct
 import zlib
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 
 from tests.disk import write_text
 from tests.graphs import mean_color
@@ -209,9 +211,20 @@ def _stray(root: Path) -> None:
     Path(os.fsdecode(os.fsencode(root / "images" / "left") + b"/\xff\xfe.png")).write_bytes(b"")
 
 
-def _without_last_line(root: Path) -> None:
-    path = root / "run" / "results.jsonl"
-    put(path, "".join(path.read_text().splitlines(keepends=True)[:-1]))
+def _without_last_answer(root: Path) -> None:
+    table, changed = pq.read_table(root / _ANSWERS), BytesIO()
+    pq.write_table(table.slice(0, table.num_rows - 1), changed, write_page_checksum=True)
+    put(root / _ANSWERS, changed.getvalue())
+
+
+def _answers_flipped(root: Path) -> None:
+    """Flip the bits of the last byte of the frames' numbers."""
+    table = pq.ParquetFile(root / _ANSWERS)
+    numbers = table.metadata.row_group(0).column(table.schema_arrow.names.index("frame"))
+    begin = numbers.dictionary_page_offset or numbers.data_page_offset
+    data = bytearray((root / _ANSWERS).read_bytes())
+    data[begin + numbers.total_compressed_size - 1] ^= 0xFF
+    put(root / _ANSWERS, bytes(data))
 
 
 # The table
@@ -364,24 +377,18 @@ SURVIVED = [
 
 _SCORE = ("score", "run")
 _EXPORT = ("export-failure", "run", "--clip", "mine", "--frame", "2")
-_RESULTS = "run/results.jsonl"
+_ANSWERS = "run/answers/only/mine.parquet"
 _RUN_MANIFEST = "run/manifest.json"
 
 RUNS = [
-    case("results empty", empty(_RESULTS), "results.jsonl", "found 0", "expected 3", command=_SCORE),
-    case("results cut", cut(_RESULTS, 0.5), "results.jsonl:", "cut short", command=_SCORE),
-    case("results lack a line", _without_last_line, "results.jsonl", "found 2", command=_SCORE),
-    case("results with a flipped bit", flipped(_RESULTS, 0.0), "results.jsonl:1:", command=_SCORE),
-    case("results are binary", text(_RESULTS, bytes(range(256))), "results.jsonl:1:", command=_SCORE),
-    case(
-        "results with a wrong type",
-        replaced(_RESULTS, '"frame":1', '"frame":"one"'),
-        "results.jsonl:1:",
-        command=_SCORE,
-    ),
-    case("results is a pipe", a_pipe(_RESULTS), "results.jsonl", "not a plain file", command=_SCORE),
-    case("results of many brackets", text(_RESULTS, 10_000 * "[" + "\n"), "results.jsonl:1:", command=_SCORE),
-    case("results gone", gone(_RESULTS), "results.jsonl", command=_SCORE),
+    case("answers empty", empty(_ANSWERS), "mine.parquet: damaged:", command=_SCORE),
+    case("answers cut", cut(_ANSWERS, 0.5), "mine.parquet: damaged:", command=_SCORE),
+    case("answers lack a row", _without_last_answer, "mine.parquet: frame 3: expected the tracks", command=_SCORE),
+    case("answers with a flipped bit", _answers_flipped, "mine.parquet: cannot be read", "CRC", command=_SCORE),
+    case("answers are binary", text(_ANSWERS, bytes(range(256))), "mine.parquet: damaged:", command=_SCORE),
+    case("answers are a pipe", a_pipe(_ANSWERS), "mine.parquet", "not a plain file", command=_SCORE),
+    case("answers gone", gone(_ANSWERS), "mine.parquet: no such file", command=_SCORE),
+    case("run without answers", lambda root: shutil.rmtree(root / "run/answers"), "an earlier version", command=_SCORE),
     case("run's manifest empty", empty(_RUN_MANIFEST), "manifest.json", command=_SCORE),
     case("run's manifest cut", cut(_RUN_MANIFEST), "manifest.json", command=_SCORE),
     case("run's manifest is a list", text(_RUN_MANIFEST, "[1, 2]"), "manifest.json", command=_SCORE),

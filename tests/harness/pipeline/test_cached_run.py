@@ -14,6 +14,7 @@ from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.records import tables_of
 
 FRAMES = 3
 EXPERIMENT = """
@@ -59,7 +60,7 @@ def _uses(directory: RunDirectory) -> dict[str, tuple[int, int, str | None]]:
 def test_a_cache_changes_nothing_and_saves_everything(experiment: Path, plain: RunDirectory, tmp_path: Path) -> None:
     store = Store(tmp_path / "cache", 10**9)
     first, second = (_run(experiment, tmp_path / name, store) for name in ("first", "second"))
-    assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
+    assert tables_of(first) == tables_of(second) == tables_of(plain)
     stages = ("stereo bm", "heads person_mask", "gaze gaze360", "gaze l2cs")
     assert _uses(first) == dict.fromkeys(stages, (0, FRAMES, "first time"))
     assert _uses(second) == dict.fromkeys(stages, (FRAMES, 0, None))
@@ -86,7 +87,7 @@ def test_a_damaged_result_is_named_and_made_again(
     second = _run(experiment, tmp_path / "second", store)
     assert f"{victim}: damaged; its result is computed again" in caplog.text
     assert _uses(second)["stereo bm"] == (FRAMES - 1, 1, "missing or damaged")
-    assert second.results.read_bytes() == plain.results.read_bytes()
+    assert tables_of(second) == tables_of(plain)
     assert _uses(_run(experiment, tmp_path / "third", store))["stereo bm"] == (FRAMES, 0, None)
 
 
@@ -96,7 +97,7 @@ def test_a_cache_that_cannot_be_written_costs_no_run(
     nowhere = tmp_path / "file"
     nowhere.write_text("")
     directory = _run(experiment, tmp_path / "run", Store(nowhere, 10**9))
-    assert directory.results.read_bytes() == plain.results.read_bytes()
+    assert tables_of(directory) == tables_of(plain)
     assert "are not stored" in caplog.text
 
 
@@ -135,6 +136,6 @@ def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path:
     store, region = Store(tmp_path / "cache", 10**9), "stereo.region=needed"
     plain = _run(experiment, tmp_path / "plain", None, region)
     first, second = (_run(experiment, tmp_path / name, store, region) for name in ("first", "second"))
-    assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
+    assert tables_of(first) == tables_of(second) == tables_of(plain)
     assert _uses(first)["stereo bm"] == (0, FRAMES, "first time")
     assert _uses(second)["stereo bm"] == (FRAMES, 0, None)

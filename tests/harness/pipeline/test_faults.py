@@ -18,8 +18,10 @@ from harness.pipeline.cache_store import Store
 from harness.pipeline.stage_runner import StageRunner
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
+from harness.run.records import FrameRecord
+from harness.run.results import read_lines
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
 from tests import graphs
 from tests.alley import write_clip, write_masks
@@ -93,7 +95,7 @@ def experiment(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[FrameRecord]]:
     """The results of what is sound, run by itself."""
     folder = tmp_path_factory.mktemp("alone")
     return _results(_run(write_text(folder / "sound.toml", _only(experiment, "sound", "flat")), folder / "run"))
@@ -110,13 +112,14 @@ def _run(experiment: Path, out: Path, *, workers: int = 1, **how: Any) -> RunDir
     return run_plan(plan, out, workers=workers, progress=lambda clip: None, **how)
 
 
-def _results(directory: RunDirectory) -> dict[str, list[str]]:
-    lines = directory.results.read_text().splitlines()
-    names = [record.configuration for record in read_results(directory.results)]
-    return {name: [line for each, line in zip(names, lines, strict=True) if each == name] for name in set(names)}
+def _results(directory: RunDirectory) -> dict[str, list[FrameRecord]]:
+    found: dict[str, list[FrameRecord]] = {}
+    for record in read_records(directory):
+        found.setdefault(record.configuration, []).append(record)
+    return found
 
 
-def _check(directory: RunDirectory, alone: dict[str, list[str]]) -> None:
+def _check(directory: RunDirectory, alone: dict[str, list[FrameRecord]]) -> None:
     assert _results(directory) == alone
     (failed,) = directory.read_manifest()["failed"]
     assert failed == {
@@ -134,14 +137,14 @@ def _check(directory: RunDirectory, alone: dict[str, list[str]]) -> None:
 @pytest.mark.parametrize("how", [{}, {"threads": 2}, {"workers": 2}], ids=str)
 @pytest.mark.parametrize("cached", [False, True])
 def test_a_bug_in_a_matcher_of_somebodys_own_ends_its_configuration_alone(
-    how: dict[str, int], cached: bool, experiment: Path, alone: dict[str, list[str]], tmp_path: Path
+    how: dict[str, int], cached: bool, experiment: Path, alone: dict[str, list[FrameRecord]], tmp_path: Path
 ) -> None:
     store = Store(tmp_path / "cache", 10**9) if cached else None
     _check(_run(experiment, tmp_path / "run", cache=store, **how), alone)
 
 
 def test_a_bug_on_a_cluster_is_said_in_the_same_words(
-    experiment: Path, alone: dict[str, list[str]], tmp_path: Path
+    experiment: Path, alone: dict[str, list[FrameRecord]], tmp_path: Path
 ) -> None:
     with local_cluster(1) as scheduler:
         _check(_run(experiment, tmp_path / "run", scheduler=scheduler), alone)
@@ -150,7 +153,7 @@ def test_a_bug_on_a_cluster_is_said_in_the_same_words(
 
 
 def test_a_mended_stage_is_tried_again_and_leaves_nothing_of_its_fault(
-    experiment: Path, alone: dict[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    experiment: Path, alone: dict[str, list[FrameRecord]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _check(_run(experiment, tmp_path / "run"), alone)
     flat = importlib.import_module("vfoa_flat").Flat
@@ -205,7 +208,7 @@ def test_the_steps_of_an_oracle_ablation_that_do_without_a_faulty_stage_are_fini
 
 
 def test_a_gaze_from_several_frames_that_fails_names_its_frame(
-    experiment: Path, alone: dict[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    experiment: Path, alone: dict[str, list[FrameRecord]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     estimate, calls = Gaze360.estimate_sequence, list[int]()
 
@@ -220,12 +223,11 @@ def test_a_gaze_from_several_frames_that_fails_names_its_frame(
     line = r"frame 3: gaze\.model = \"gaze360\", estimate_sequence: IndexError: no such bin"
     with pytest.raises(VfoaError, match=line):
         _run(sound, tmp_path / "run")
-    kept = (tmp_path / "run" / "partial" / "alley__sound.jsonl.partial").read_text().splitlines()
-    assert kept == alone["sound"][:2]
+    assert [*read_lines(tmp_path / "run" / "partial" / "alley__sound.jsonl.partial")] == alone["sound"][:2]
 
 
 def test_a_fault_of_attention_is_one_line_too(
-    experiment: Path, alone: dict[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    experiment: Path, alone: dict[str, list[FrameRecord]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(scene: Any, *_: Any) -> Any:
         raise FloatingPointError("not a number")

@@ -21,7 +21,7 @@ from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import to_record
-from harness.run.results import to_line
+from harness.run.tables import write_tables
 from harness.score.verdicts import Verdict, judge
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.geometry import fov_from_radius
@@ -179,8 +179,8 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
                 for frame in found:
                     if frame.record.frame == number:
                         recorders[name].write(under(frame, name))
-    lines = [to_line(under(frame, name).record) for name, found in frames.items() for frame in found]
-    directory.results.write_text("".join(lines), encoding="utf-8")
+    records = {("clip", name): [under(frame, name).record for frame in found] for name, found in frames.items()}
+    write_tables(directory, records, records.__getitem__)
     write_verdict_layers(directory, {"clip": LABELS})
     return Recorded(run, tuple(frames))
 

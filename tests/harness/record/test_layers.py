@@ -14,7 +14,8 @@ from harness.record.reading import ids_of
 from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
-from harness.run.results import read_block
+from harness.run.table_records import TableReader, read_records
+from harness.run.tables import write_tables
 from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
 from vfoa.errors import VfoaError
 
@@ -120,8 +121,13 @@ def test_only_layers_that_change_are_written(shared):
 
 
 def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stays(shared, read_back, monkeypatch):
-    monkeypatch.setattr("harness.run.results.BLOCK_FRAMES", 2)  # blocks of frames 10 and 11, 13 and 14
-    directory, read = RunDirectory(shared.run), []
+    monkeypatch.setattr("harness.run.tables.GROUP_FRAMES", 2)  # blocks of frames 10 and 11, 13 and 14
+    directory, read, real = RunDirectory(shared.run), [], TableReader.read
+    records = list(read_records(directory))
+    by_pair = {
+        ("clip", name): [each for each in records if each.configuration == name] for name in shared.configurations
+    }
+    write_tables(directory, by_pair, by_pair.__getitem__)
     late = [
         LabelRange(first_frame=0, last_frame=13, subject=ANN, label=LABEL),
         LabelRange(first_frame=14, last_frame=1000, subject=ANN, label=Label(target="book#4")),
@@ -144,7 +150,7 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
         )
 
     monkeypatch.setattr(
-        verdict_layer, "read_block", lambda path, block: (read.append(block), read_block(path, block))[1]
+        verdict_layer.TableReader, "read", lambda reader, block: (read.append(block), real(reader, block))[1]
     )
     assert written([LABELS.ranges[0]]) == {(10, 11), (13, 14), (13,)}
     assert written(late) == {(13, 14)}  # the third configuration has not seen frame 14

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import json
-import os
 import random
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.report import record_parts
 from harness.report.write import rescore
-from harness.run import results
+from harness.run import tables
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.results import Block
+from harness.run.table_records import Block, TableReader, read_records
 from tests import large_run
+from tests.records import write_run
+from vfoa.types import DirectionFit
 
 FRAMES, BLOCK, CONFIGURATIONS = 90, 30, 2
 
@@ -30,22 +30,12 @@ Read = list[tuple[str, int]]
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     """A run of two configurations, one of them with probabilities, in three blocks each; scored once."""
-    monkeypatch.setattr(results, "BLOCK_FRAMES", BLOCK)
+    monkeypatch.setattr(tables, "GROUP_FRAMES", BLOCK)
     directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
     manifest = directory.read_manifest()
     manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
     directory.write_manifest(manifest)
-    lines = directory.results.read_text().splitlines()
-    for place, line in enumerate(lines):
-        record = json.loads(line)
-        if record["configuration"] == "configuration-1":
-            for subject in record["subjects"]:
-                total = sum(each["total"] for each in subject["attention"]) * 1.1
-                for each in subject["attention"]:
-                    each["total"] /= total
-                subject["fit"] = {"tail": 0.01 * (place % 90), "claimed_error_rad": 0.1, "implied_error_rad": 0.3}
-        lines[place] = json.dumps(record, separators=(",", ":"))
-    directory.results.write_text("\n".join(lines) + "\n")
+    write_run(directory.path, map(_with_probabilities, list(read_records(directory))))
     large_run.write_labels(tmp_path, FRAMES, 2, 0)
     rescore(directory)
     return directory
@@ -55,14 +45,36 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
 def read(monkeypatch: pytest.MonkeyPatch) -> Read:
     """The configuration and the first frame of each block whose records are read."""
     seen: Read = []
-    real = results.read_block
+    real = TableReader.read
 
-    def watched(path: Path, block: Block) -> Iterator[FrameRecord]:
+    def watched(reader: TableReader, block: Block) -> Iterator[FrameRecord]:
         seen.append((block.configuration, block.frames[0]))
-        return real(path, block)
+        return real(reader, block)
 
-    monkeypatch.setattr(record_parts, "read_block", watched)
+    monkeypatch.setattr(TableReader, "read", watched)
     return seen
+
+
+def _with_probabilities(record: FrameRecord) -> FrameRecord:
+    """The record, of the second configuration with totals that are probabilities, and how well they fit."""
+    if record.configuration != "configuration-1":
+        return record
+    fit = DirectionFit(tail=0.01 * (record.frame % 90), claimed_error_rad=0.1, implied_error_rad=0.3)
+    sums = [1.1 * sum(each.total for each in subject.attention) for subject in record.subjects]
+    attentions = (
+        tuple(replace(each, total=each.total / total) for each in subject.attention)
+        for subject, total in zip(record.subjects, sums, strict=True)
+    )
+    subjects = zip(record.subjects, attentions, strict=True)
+    return replace(record, subjects=tuple(replace(each, fit=fit, attention=values) for each, values in subjects))
+
+
+def _edit_results(directory: RunDirectory, place: int) -> None:
+    """Say of one frame that somebody's eyes were not found."""
+    records = list(read_records(directory))
+    first, *others = records[place].subjects
+    records[place] = replace(records[place], subjects=(replace(first, missing="no_eyes_3d"), *others))
+    write_run(directory.path, records)
 
 
 def _written(directory: RunDirectory) -> dict[str, bytes]:
@@ -108,7 +120,9 @@ def test_one_edited_label_reads_its_own_blocks_alone(run: RunDirectory, read: Re
 def test_several_blocks_give_the_tables_of_one(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
     rescore(run)  # the page shows the labels that the first scoring noted in the manifest
     in_blocks = _written(run)
-    monkeypatch.setattr(results, "BLOCK_FRAMES", FRAMES)
+    records = list(read_records(run))
+    monkeypatch.setattr(tables, "GROUP_FRAMES", FRAMES)
+    write_run(run.path, records)
     shutil.rmtree(run.score_cache)
     rescore(run)
     assert len(list(run.score_cache.glob("*.part"))) == CONFIGURATIONS
@@ -121,37 +135,15 @@ def test_nothing_is_read_where_nothing_has_changed(run: RunDirectory, read: Read
 
 
 def test_another_record_is_read_again(run: RunDirectory, read: Read) -> None:
-    lines = run.results.read_bytes().splitlines(keepends=True)
-    lines[65] = lines[65].replace(b'"missing":null', b'"missing":"no_eyes_3d"', 1)
-    run.results.write_bytes(b"".join(lines))
+    _edit_results(run, 65)
     _, seen = _score_both_ways(run, read)
-    assert seen == [("configuration-0", 61)]
-
-
-def test_lines_are_digested_only_if_the_file_looks_different(
-    run: RunDirectory, settled: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    digested: list[Block] = []
-    real = record_parts._is_unchanged
-    monkeypatch.setattr(
-        record_parts, "_is_unchanged", lambda path, block: (digested.append(block), real(path, block))[1]
-    )
-    counts = []
-    for touched in (False, False, True):
-        if touched:
-            run.results.write_bytes(run.results.read_bytes() + b"")
-            os.utime(run.results, ns=(1, 1))
-        rescore(run)
-        counts.append(len(digested))
-        digested.clear()
-    blocks = CONFIGURATIONS * FRAMES // BLOCK
-    assert counts == [blocks, 0, blocks]  # the first scoring was too early to note it
+    assert seen == [("configuration-0", first) for first in (1, 31, 61)]
 
 
 def test_any_edits_are_scored_as_from_nothing(run: RunDirectory, read: Read, settled: None) -> None:
     rng = random.Random(0)
     run.timings.write_text("clip,configuration,frame,stage,ms\nlarge,configuration-0,1,stereo,1\n")
-    whole = run.results.read_bytes()
+    whole = list(read_records(run))
     pages = set()
     for edit in ("label", "result", "time", "part", "label back", "result back"):
         parts = sorted(run.score_cache.glob("*.part"))
@@ -159,12 +151,9 @@ def test_any_edits_are_scored_as_from_nothing(run: RunDirectory, read: Read, set
             case "label" | "label back":
                 large_run.write_labels(run.path.parent, FRAMES, 2, rng.randrange(1, 5) if edit == "label" else 0)
             case "result":
-                lines = whole.splitlines(keepends=True)
-                place = rng.randrange(len(lines))
-                lines[place] = lines[place].replace(b'"missing":null', b'"missing":"no_eyes_3d"', 1)
-                run.results.write_bytes(b"".join(lines))
+                _edit_results(run, rng.randrange(len(whole)))
             case "result back":
-                run.results.write_bytes(whole)
+                write_run(run.path, whole)
             case "time":
                 run.timings.write_text(run.timings.read_text().replace("stereo,1\n", "stereo,25\n"))
             case "part":

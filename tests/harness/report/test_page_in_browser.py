@@ -22,7 +22,6 @@ from harness.report.page.data import ERROR_COLOURS
 from harness.report.page.render import render_comparison
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
-from harness.run.results import to_line
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from harness.score.score import score
@@ -59,10 +58,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, given in GIVEN.items()
         for each in answers(given, configuration=name, clip=clip)
     ]
-    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     atomic_write(picture_path(run, "clip", 2), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
     atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
-    score_run(run / "results.jsonl", Reference(labels={name: labels(*TRUTH) for name in ("clip", "other")}))
+    score_run(run, records, Reference(labels={name: labels(*TRUTH) for name in ("clip", "other")}))
     return run / "report.html"
 
 
@@ -181,9 +179,8 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for track, (who, given) in enumerate(focus.items())
         ]
         records.append(frame_record([CUP, CAN], subjects, frame=frame, clip=clip, configuration=name))
-    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     both = Labels(row for who in ("girl", "boy") for row in labels("cup", "cup", subject=who).ranges)
-    score_run(run / "results.jsonl", Reference(labels={"a": both, "b": both}))
+    score_run(run, records, Reference(labels={"a": both, "b": both}))
     return run / "report.html"
 
 
@@ -270,8 +267,7 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of 1,500 frames of which twelve are wrong, the last of them without a person."""
     run = tmp_path_factory.mktemp("long")
     given = [{1490: None}.get(frame, "dragon") if frame in WRONG_OF_LONG else "cup" for frame in range(1, 1501)]
-    (run / "results.jsonl").write_text("".join(map(to_line, answers(given))), encoding="utf-8")
-    score_run(run / "results.jsonl", Reference(labels={"clip": labels(*["cup"] * 1500)}))
+    score_run(run, answers(given), Reference(labels={"clip": labels(*["cup"] * 1500)}))
     return run / "report.html"
 
 
@@ -342,9 +338,8 @@ def colourful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of one subject whose frames have one state after the other."""
     run = tmp_path_factory.mktemp("states")
     records = [replace(record, frame=frame) for frame, (record, _) in enumerate(ONE_OF_EACH.values(), start=1)]
-    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     truth = labels(*(target for _, target in ONE_OF_EACH.values()))
-    score_run(run / "results.jsonl", Reference(labels={"clip": truth}))
+    score_run(run, records, Reference(labels={"clip": truth}))
     return run / "report.html"
 
 
@@ -428,9 +423,8 @@ def test_the_forest_rounds_rates_and_intervals_as_the_table_does(session: Chrome
     """1 of 16 is 6.25 %, a tie that Python rounds to 6.2 and JavaScript's toFixed to 6.3."""
     given = ["cup", *["dragon"] * 15]
     records = [record for clip in ("a", "b") for record in answers(given, clip=clip)]
-    (tmp_path / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     of_clips = Reference(labels={clip: labels(*["cup"] * 16) for clip in ("a", "b")})
-    score_run(tmp_path / "results.jsonl", of_clips)
+    score_run(tmp_path, records, of_clips)
     set_width(session, 1280)
     last = (tmp_path / "frr.md").read_text(encoding="utf-8").partition("| (all) |")[2].split("|")
     _open(session, tmp_path / "report.html")
@@ -556,8 +550,7 @@ def test_a_page_compares_runs_in_a_table_that_is_sorted_by_points_interval_and_p
 def test_the_oracle_ablation_is_a_waterfall(session: Chrome, tmp_path: Path) -> None:
     said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
     records = [record for name, words in said.items() for record in answers(words, configuration=name)]
-    (tmp_path / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
-    score_run(tmp_path / "results.jsonl", Reference(labels={"clip": labels(*["cup"] * 4)}))
+    score_run(tmp_path, records, Reference(labels={"clip": labels(*["cup"] * 4)}))
     _open(session, tmp_path / "report.html")
     titles = session.find_elements("css selector", "#draw-oracle rect ~ title, #draw-oracle g > title")
     assert [title.get_attribute("textContent") for title in titles] == [

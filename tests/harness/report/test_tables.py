@@ -14,11 +14,11 @@ from harness.report.formats import to_rich
 from harness.report.record_parts import RecordParts
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
 from harness.run.records import FrameRecord
-from harness.run.results import to_line
+from harness.run.table_records import read_records
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
-from tests.records import answers, frame_record, labels, score_run, subject_record, target_record, texts_of
+from tests.records import answers, frame_record, labels, score_run, subject_record, target_record, texts_of, write_run
 from vfoa.errors import VfoaError
 
 PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}
@@ -38,13 +38,6 @@ def _paper_records() -> list[FrameRecord]:
 PAPER_LABELS = {"bandage_2": labels(*["dragon"] * 50)}
 
 
-@pytest.fixture
-def results(tmp_path: Path) -> Path:
-    path = tmp_path / "results.jsonl"
-    path.write_text("".join(map(to_line, _paper_records())), encoding="utf-8")
-    return path
-
-
 def _csv(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
@@ -62,11 +55,10 @@ def test_the_papers_table_comes_out_as_printed_there() -> None:
     assert wilson == ["42–69", "56–81", "48–74", "63–86"]
 
 
-def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) -> None:
-    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
-    assert {path.name for path in results.parent.iterdir()} == {
+def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(tmp_path: Path) -> None:
+    score_run(tmp_path, _paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES))
+    assert {path.name for path in tmp_path.iterdir()} == {
         *(
-            "results.jsonl",
             "frr.csv",
             "frr.md",
             "frr.tex",
@@ -78,20 +70,22 @@ def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) 
     }
 
 
-def test_equal_results_give_equal_bytes(results: Path) -> None:
-    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
-    first = {path.name: path.read_bytes() for path in results.parent.iterdir()}
-    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
-    assert {path.name: path.read_bytes() for path in results.parent.iterdir()} == first
+def test_equal_results_give_equal_bytes(tmp_path: Path) -> None:
+    score_run(tmp_path, _paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES))
+    first = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    score_run(tmp_path, _paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == first
 
 
-def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None:
-    score_run(results, Reference(labels=PAPER_LABELS))
-    before = (results.parent / "frr.csv").read_bytes()
-    results.write_bytes(results.read_bytes()[:-5])
-    with pytest.raises(VfoaError, match=r"jsonl:200: cut short"):
-        score_run(results, Reference(labels={}))
-    assert (results.parent / "frr.csv").read_bytes() == before
+def test_results_that_cannot_be_read_leave_the_old_tables(tmp_path: Path) -> None:
+    directory = write_run(tmp_path, _paper_records())
+    score_run(tmp_path, read_records(directory), Reference(labels=PAPER_LABELS))
+    before = (tmp_path / "frr.csv").read_bytes()
+    (table, *_) = (tmp_path / "answers").rglob("*.parquet")
+    table.write_bytes(table.read_bytes()[:-5])
+    with pytest.raises(VfoaError, match=r"bandage_2\.parquet: damaged"):
+        score_run(tmp_path, read_records(directory), Reference(labels={}))
+    assert (tmp_path / "frr.csv").read_bytes() == before
 
 
 def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
@@ -191,9 +185,7 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
         frame_record([cup], [subject_record("girl", missing="no_eyes_3d")], frame=2),
         frame_record([cup], frame=3),
     ]
-    path = tmp_path / "results.jsonl"
-    path.write_text("".join(map(to_line, records)), encoding="utf-8")
-    score_run(path, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
+    score_run(tmp_path, records, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
     rows = _csv((tmp_path / "frames.csv").read_text(encoding="utf-8"))
     shown = [
         [row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "error_type")] for row in rows

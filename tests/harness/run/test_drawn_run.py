@@ -17,11 +17,12 @@ from harness.pipeline.cache_store import Store
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.sources import Truth
 from harness.studio import StudioClip
 from tests.disk import write_text
+from tests.records import tables_of
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Mask
@@ -97,8 +98,8 @@ def test_four_key_frames_are_enough_for_a_clip_without_masks(drawn_clip: Path, m
 def test_results_are_the_same_with_workers(drawn_clip: Path) -> None:
     one = _run("one", limit=2)
     two = _run("two", limit=2, workers=2)
-    assert one.results.read_bytes() == two.results.read_bytes()
-    for record in read_results(one.results):
+    assert tables_of(one) == tables_of(two)
+    for record in read_records(one):
         assert {target.name for target in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
         assert {subject.name for subject in record.subjects} == {"anna", "ben"}
 

@@ -12,10 +12,11 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.score.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
+from tests.records import tables_of
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
 from vfoa.types import Disparity, StereoFrame
@@ -63,7 +64,7 @@ def test_a_configuration_that_fails_is_left_out_and_said(tmp_path: Path, broken_
         ("studio_table", "sgbm", "out of memory"),
         ("studio_talk", "sgbm", "out of memory"),
     ]
-    assert [record.configuration for record in read_results(directory.results)] == ["bm"] * 6
+    assert [record.configuration for record in read_records(directory)] == ["bm"] * 6
     assert sorted(path.name for path in directory.path.glob("*.rrd")) == [
         f"{clip}{part}.rrd" for clip in ("studio_table", "studio_talk") for part in ("", "__bm", "__bm.scene")
     ]
@@ -82,12 +83,12 @@ def test_what_failed_stays_failed_until_it_is_tried_again(
     assert [each["configuration"] for each in again.read_manifest()["failed"]] == ["sgbm"]
     mended = _run(tmp_path, ["studio_table"], recorded=True, retry=True)
     assert mended.read_manifest()["failed"] == []
-    assert [record.configuration for record in read_results(mended.results)] == ["bm"] * 3 + ["sgbm"] * 3
+    assert [record.configuration for record in read_records(mended)] == ["bm"] * 3 + ["sgbm"] * 3
     assert not (mended.path / "partial").exists()
     rescore(mended)
     other = tmp_path / "other"
     other.mkdir()
-    assert mended.results.read_bytes() == _run(other, ["studio_table"]).results.read_bytes()
+    assert tables_of(mended) == tables_of(_run(other, ["studio_table"]))
 
 
 def test_a_configuration_is_left_out_that_failed_on_one_of_two_clips(
@@ -104,7 +105,7 @@ def test_a_configuration_is_left_out_that_failed_on_one_of_two_clips(
     calls: list[int] = []
     monkeypatch.setattr(SemiGlobalMatcher, "match", fails_on_the_second)
     directory = _run(tmp_path, ["studio_table", "studio_talk"])
-    assert {(each.clip, each.configuration) for each in read_results(directory.results)} == {
+    assert {(each.clip, each.configuration) for each in read_records(directory)} == {
         ("studio_table", "bm"),
         ("studio_talk", "bm"),
         ("studio_table", "sgbm"),

@@ -14,7 +14,7 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.loop import ClipJob, run_clip
-from harness.run.results import read_results
+from harness.run.results import read_lines
 from harness.run.results_sink import ResultsSinks
 from vfoa.errors import VfoaError
 
@@ -91,5 +91,5 @@ def test_a_sink_that_fails_ends_its_configuration_alone(tmp_path: Path, frame: i
     assert [event for name, event in said if name == "a bm-one"] == ["enter", *range(1, frame + 1), VfoaError]
     directory = RunDirectory(tmp_path)
     assert [directory.is_finished(("studio_table", name)) for name in ("bm-one", "bm-two")] == [False, True]
-    directory.join([("studio_table", "bm-two")])
-    assert [record.frame for record in read_results(directory.results)] == [1, 2]
+    lines = read_lines(directory.partial(("studio_table", "bm-two"), "jsonl"))
+    assert [record.frame for record in lines] == [1, 2]

@@ -24,9 +24,12 @@ from harness.run import runner
 from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.results import to_line
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text
+from tests.records import tables_of
 from vfoa.errors import VfoaError
 
 FRAMES = 20
@@ -108,7 +111,7 @@ def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     kept = {path: path.read_bytes() for path in (tmp_path / "out").glob("partial/*.jsonl*")}
     assert any(kept.values())
     again = run_plan(prepare(load_experiment(str(experiment))), tmp_path / "out", workers=1, progress=print)
-    results = again.results.read_bytes()
+    results = "".join(map(to_line, read_records(again))).encode()
     assert results.count(b"\n") == 2 * FRAMES
     assert all(line in results for text in kept.values() for line in text.splitlines())
 
@@ -210,7 +213,7 @@ def test_images_that_change_while_a_run_is_on_end_it_and_do_not_reach_the_cache(
     with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
         run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None, cache=store)
     assert {path.name.partition("-")[0] for path in store.stages.rglob("*.bin")} == {"000001", "000002"}
-    assert not (tmp_path / "out" / "results.jsonl").exists()
+    assert not (tmp_path / "out" / "answers").exists()
 
 
 def _files_put_back(folder: Path) -> Callable[[int], None]:
@@ -238,15 +241,15 @@ def test_images_that_are_exchanged_and_put_back_end_the_run_and_reach_neither_ta
 ) -> None:
     _left_alone(monkeypatch)
     experiment, store = load_experiment(str(small)), Store(tmp_path / "cache", 10**9)
-    expected = run_plan(prepare(experiment), tmp_path / "whole", workers=1, progress=print).results.read_bytes()
+    expected = tables_of(run_plan(prepare(experiment), tmp_path / "whole", workers=1, progress=print))
     change = exchange(tmp_path)
     plan = prepare(experiment, sinks=[Exchange(change)])
     with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
         run_plan(plan, tmp_path / "out", workers=1, progress=print, cache=store)
-    assert not (tmp_path / "out" / "results.jsonl").exists()
+    assert not (tmp_path / "out" / "answers").exists()
     change(3)
     again = run_plan(prepare(experiment), tmp_path / "again", workers=1, progress=print, cache=store)
-    assert again.results.read_bytes() == expected
+    assert tables_of(again) == expected
 
 
 def test_images_that_are_only_touched_do_not_end_a_run(small: Path, tmp_path: Path) -> None:
@@ -255,7 +258,7 @@ def test_images_that_are_only_touched_do_not_end_a_run(small: Path, tmp_path: Pa
     directory = run_plan(
         prepare(load_experiment(str(small)), sinks=[touching]), tmp_path / "out", workers=1, progress=print
     )
-    assert directory.results.read_bytes().count(b"\n") == 3
+    assert len(list(read_records(directory))) == 3
 
 
 def _run_once(small: Path, out: Path, monkeypatch: pytest.MonkeyPatch, *, frames: int = 3) -> list[str]:

@@ -16,8 +16,8 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from tests import graphs
 from tests.disk import write_text
 from vfoa.segmentation.yolo_seg import YoloSeg
@@ -74,12 +74,12 @@ def run(experiment: Path, folder: Path, workers: int = 1, *, cached: bool = True
 
 
 def masks_from(directory: RunDirectory, configuration: str) -> list[int | None]:
-    return [each.masks_from for each in read_results(directory.results) if each.configuration == configuration]
+    return [each.masks_from for each in read_records(directory) if each.configuration == configuration]
 
 
 def unmeasured(directory: RunDirectory) -> list[FrameRecord]:
     """The records without the measures against the rendered ground truth, which may differ in their last digits."""
-    return [replace(each, measures=None) for each in read_results(directory.results)]
+    return [replace(each, measures=None) for each in read_records(directory)]
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_records_and_tables_say_which_masks_were_carried(alone: tuple[RunDirecto
 
 
 def test_records_say_how_old_the_masks_are(alone: tuple[RunDirectory, list[int]]) -> None:
-    records = [each for each in read_results(alone[0].results) if each.configuration == "network"]
+    records = [each for each in read_records(alone[0]) if each.configuration == "network"]
     times_ns = {each.frame: each.time_ns for each in records}
     for record, key in zip(records, KEYS, strict=True):
         expected = None if key is None else 1e-9 * (record.time_ns - times_ns[key])

@@ -10,8 +10,8 @@ from harness.clips.manifest import load_manifest
 from harness.clips.naming import Names, Rules, SubjectNames, name_frame
 from harness.pipeline.perception import Followed, Perception
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from tests.disk import write_text
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.pipeline import Attending
@@ -57,7 +57,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     run = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
     written = [
         [(subject.track_id, subject.focus, [value.total for value in subject.attention]) for subject in record.subjects]
-        for record in read_results(run.results)
+        for record in read_records(run)
     ]
 
     configuration = experiment.configurations[0].for_clip("studio_talk")

@@ -22,10 +22,11 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
+from tests.records import tables_of
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between
@@ -66,7 +67,7 @@ def test_a_run_answers_for_people_the_origin_and_scores_all_of_it(talk: Path) ->
     found = {(row.configuration, row.n): row.correct for row in scores.rows}
     assert found["cones", 24] == 24
     assert found["forward", 24] >= 22  # a posterior may be a frame late
-    record = next(iter(read_results(directory.results)))
+    record = next(iter(read_records(directory)))
     assert [subject.head_box_px for subject in record.subjects] == [None, None]
     assert {target.name for target in record.targets} == {"anna", "ben", "robot", "cup"}
     assert all((directory.path / name).is_file() for name in ("frr.md", "frames.csv", "report.html"))
@@ -90,13 +91,13 @@ def test_any_experiment_runs_and_uses_no_model(talk: Path, monkeypatch: pytest.M
     directory = _run(talk, "default", clips=("talk",))
     (settings,) = directory.read_manifest()["configurations"].values()
     assert [settings[stage] for stage in ("stereo", "segmentation", "heads", "head_pose", "gaze")] == [None] * 5
-    assert len(list(read_results(directory.results))) == 12
+    assert len(list(read_records(directory))) == 12
 
 
 def test_workers_change_nothing(talk: Path) -> None:
-    one = _run(talk).results.read_bytes()
+    one = tables_of(_run(talk))
     shutil.rmtree(talk / "run")
-    assert _run(talk, workers=2).results.read_bytes() == one
+    assert tables_of(_run(talk, workers=2)) == one
 
 
 def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) -> None:
@@ -124,7 +125,7 @@ def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypat
     assert check_clip("talk").problems == ()
     found = {
         (record.frame, subject.name): record.target(subject.focus).name
-        for record in read_results(_run(tmp_path, "conversation", clips=("talk",)).results)
+        for record in read_records(_run(tmp_path, "conversation", clips=("talk",)))
         for subject in record.subjects
         if record.configuration == "nearest" and subject.focus is not None
     }
@@ -147,7 +148,7 @@ def test_a_true_gaze_is_seen_only_through_its_stages(talk: Path) -> None:
     )
     directory = _run(talk, "gaze.toml")
     found: dict[str, list[object]] = {"heads": [], "true": [], "wrong": []}
-    for record in read_results(directory.results):
+    for record in read_records(directory):
         found[record.configuration] += [subject.gaze for subject in record.subjects if subject.name == "anna"]
     clip = load_manifest("talk").open()
     truth = [

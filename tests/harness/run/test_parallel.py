@@ -26,17 +26,18 @@ from harness.run.executors.cluster import Cluster, connect
 from harness.run.experiment import load_experiment
 from harness.run.jobs import executor
 from harness.run.loop import run_clip
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
 from tests import graphs, tasks
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text
+from tests.records import tables_of
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
 
 FRAMES = 8
-TABLES = ("results.jsonl", "frr.csv", "frames.csv", "comparisons.csv", "frr.tex")
+TABLES = ("frr.csv", "frames.csv", "comparisons.csv", "frr.tex")
 
 # one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
 EXPERIMENT = """
@@ -85,7 +86,8 @@ def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDire
 
 
 def _same(one: RunDirectory, other: RunDirectory) -> bool:
-    return all((one.path / name).read_bytes() == (other.path / name).read_bytes() for name in TABLES)
+    same = ((one.path / name).read_bytes() == (other.path / name).read_bytes() for name in TABLES)
+    return all(same) and tables_of(one) == tables_of(other)
 
 
 @pytest.mark.parametrize("workers", [4])  # more than configurations; two: below, and one of them is killed
@@ -94,7 +96,7 @@ def test_workers_share_a_clip_and_change_nothing(
 ) -> None:
     told: list[str] = []
     shared = _run(experiment, tmp_path, workers, told=told.append)
-    assert all(record.subjects and record.subjects[0].gaze for record in read_results(shared.results))
+    assert all(record.subjects and record.subjects[0].gaze for record in read_records(shared))
     assert _same(shared, alone)
     assert told == ["alley"] * FRAMES
     stereo = [row for row in shared.read_manifest()["cache"] if row["slot"] == "stereo"]
@@ -180,9 +182,9 @@ def test_what_kills_workers_is_never_done_by_the_run_itself_and_ends_no_other_co
     assert 3 not in matched
     failed = {(each["configuration"], each["error"]) for each in run.read_manifest()["failed"]}
     assert failed == {("bm", "died"), ("sgbm", "died")}  # they share a temporal gaze, so they are done together
-    expected = [line for line in alone.results.read_text().splitlines() if '"configuration":"wider"' in line]
+    expected = [record for record in read_records(alone) if record.configuration == "wider"]
     assert len(expected) == FRAMES
-    assert run.results.read_text().splitlines() == expected
+    assert list(read_records(run)) == expected
 
 
 class _Watched:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from tests.plugins import install
 
 PLUGIN = """
@@ -50,7 +50,7 @@ def test_a_gaze_model_of_another_package_is_used_by_its_name(tmp_path: Path, mon
     plan = prepare(experiment, limit=2)
     directory = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
 
-    gazes = [subject.gaze for record in read_results(directory.results) for subject in record.subjects]
+    gazes = [subject.gaze for record in read_records(directory) for subject in record.subjects]
     assert gazes
     for gaze in gazes:
         np.testing.assert_allclose(gaze, (0, 0.6, 0.8), atol=1e-9)

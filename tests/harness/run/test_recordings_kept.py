@@ -20,6 +20,7 @@ from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
 from tests.recorded import values_of
+from tests.records import tables_of
 from vfoa.errors import VfoaError
 
 FRAMES = 2
@@ -82,7 +83,7 @@ def killed(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 
 def _assert_whole(run: RunDirectory, whole: RunDirectory) -> None:
     assert {path.name for path in run.path.glob("*.rrd*")} == RECORDINGS
-    assert run.results.read_bytes() == whole.results.read_bytes()
+    assert tables_of(run) == tables_of(whole)
     for name in RECORDINGS:
         assert values_of(run.path / name) == values_of(whole.path / name), name
     assert not (run.path / "partial").exists()

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 
 from harness.run.records import FrameRecord
-from harness.run.results import read_results, to_line
+from harness.run.results import read_lines, to_line
 from tests.drawn_records import records
 from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
@@ -26,8 +26,8 @@ def _write(path: Path, *lines: str) -> Path:
 @given(record=records())
 def test_what_is_written_is_read_back_exactly(record: FrameRecord, tmp_path_factory: pytest.TempPathFactory) -> None:
     line = to_line(record)
-    path = _write(tmp_path_factory.mktemp("results") / "results.jsonl", line)
-    assert list(read_results(path)) == [record]
+    path = _write(tmp_path_factory.mktemp("results") / "clip__one.jsonl", line)
+    assert list(read_lines(path)) == [record]
     assert line.endswith("\n")
     assert line.count("\n") == 1
     assert json.loads(line)["version"] == 1
@@ -35,11 +35,11 @@ def test_what_is_written_is_read_back_exactly(record: FrameRecord, tmp_path_fact
 
 def test_records_are_read_in_the_order_of_the_file(tmp_path: Path) -> None:
     written = [replace(RECORD, frame=frame) for frame in (3, 1, 2)]
-    assert list(read_results(_write(tmp_path / "results.jsonl", *map(to_line, written)))) == written
+    assert list(read_lines(_write(tmp_path / "clip__one.jsonl", *map(to_line, written)))) == written
 
 
 def test_an_empty_file_holds_no_frames(tmp_path: Path) -> None:
-    assert list(read_results(_write(tmp_path / "results.jsonl"))) == []
+    assert list(read_lines(_write(tmp_path / "clip__one.jsonl"))) == []
 
 
 @pytest.mark.parametrize(
@@ -55,20 +55,19 @@ def test_an_empty_file_holds_no_frames(tmp_path: Path) -> None:
         (to_line(RECORD).replace('"frame":1', '"frame":"1"'), r"Expected `int`, got `str` - at `\$\.frame`"),
         (to_line(replace(RECORD, frame=2)).replace('"time_ns"', '"time"'), "missing required field `time_ns`"),
         (to_line(replace(RECORD, frame=2)).replace('"focus":1', '"focus":7'), r"attends to instances \[7\]"),
-        (to_line(RECORD), "frame 1 of clip 'clip' under 'one' is on line 1 already"),
     ],
 )
 def test_a_wrong_line_is_one_error_with_file_and_line(tmp_path: Path, second: str, expected: str) -> None:
-    path = _write(tmp_path / "results.jsonl", to_line(RECORD), second)
+    path = _write(tmp_path / "clip__one.jsonl", to_line(RECORD), second)
     with pytest.raises(VfoaError, match=expected) as caught:
-        list(read_results(path))
+        list(read_lines(path))
     assert str(caught.value).startswith(f"{path}:2: ")
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_one_error(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"results\.jsonl: no such file"):
-        list(read_results(tmp_path / "results.jsonl"))
+    with pytest.raises(VfoaError, match=r"clip__one\.jsonl: no such file"):
+        list(read_lines(tmp_path / "clip__one.jsonl"))
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf])

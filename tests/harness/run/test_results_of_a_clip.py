@@ -4,18 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from harness.run.results import read_clip_records, to_line
-from tests.disk import write_text
-from tests.records import frame_record
+from harness.run.results import read_clip_records
+from tests.records import frame_record, write_run
 from vfoa.errors import VfoaError
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     kinds = (("table", "one", 1), ("talk", "one", 1), ("table", "two", 1), ("table", "one", 2))
-    lines = [to_line(frame_record([], [], clip=clip, configuration=name, frame=frame)) for clip, name, frame in kinds]
-    write_text(tmp_path / "results.jsonl", "".join(lines))
-    return tmp_path
+    records = [frame_record([], [], clip=clip, configuration=name, frame=frame) for clip, name, frame in kinds]
+    failed = [{"clip": "talk", "configuration": "two", "error": "no images"}]
+    return write_run(tmp_path, records, failed=failed).path
 
 
 def test_they_are_those_of_the_clip_and_the_configuration(run: Path) -> None:

@@ -18,10 +18,12 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
-from harness.run.results import read_results
+from harness.run.results import to_line
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from tests.records import tables_of
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
@@ -52,7 +54,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
 
 
 def test_a_run_holds_every_frame_of_every_configuration(finished: RunDirectory) -> None:
-    found = [(record.clip, record.configuration, record.frame) for record in read_results(finished.results)]
+    found = [(record.clip, record.configuration, record.frame) for record in read_records(finished)]
     expected = [
         (clip, configuration, frame)
         for clip in ("studio_table", "studio_talk")
@@ -76,8 +78,9 @@ def test_the_manifest_says_what_the_results_depend_on(finished: RunDirectory) ->
 def test_recording_and_workers_change_nothing(finished: RunDirectory, tmp_path: Path) -> None:
     other = _run(tmp_path / "other", workers=2)
     rescore(other)
-    for name in ("results.jsonl", *TABLES):
+    for name in TABLES:
         assert (other.path / name).read_bytes() == (finished.path / name).read_bytes(), name
+    assert tables_of(other) == tables_of(finished)
 
 
 def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) -> None:
@@ -88,21 +91,21 @@ def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) 
     directory = run_plan(plan, tmp_path / "alone", workers=1, progress=lambda clip: None)
     among = [
         record
-        for record in read_results(finished.results)
+        for record in read_records(finished)
         if (record.clip, record.configuration) == ("studio_talk", "sgbm-two")
     ]
-    assert list(read_results(directory.results)) == among
+    assert list(read_records(directory)) == among
 
 
 def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDirectory) -> None:
-    before = finished.results.stat().st_mtime_ns
+    before = finished.timings.stat().st_mtime_ns
     _run(finished.path, recorded=True)
-    assert finished.results.stat().st_mtime_ns == before
+    assert finished.timings.stat().st_mtime_ns == before
     with pytest.raises(VfoaError, match=r"holds another run \(different: head_pose\.error_deg"):
         _run(finished.path, recorded=True, head_pose__error_deg="8")
     with pytest.raises(VfoaError, match=r"holds another run \(different: recording\)"):
         _run(finished.path, recorded=True, jpeg=True)
-    assert finished.results.stat().st_mtime_ns == before
+    assert finished.timings.stat().st_mtime_ns == before
 
 
 def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,12 +114,12 @@ def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkey
     monkeypatch.chdir(tmp_path)
     plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     first = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
-    before, results = rescore(first), first.results.stat().st_mtime_ns
+    before, results = rescore(first), first.timings.stat().st_mtime_ns
     labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,4,anna,none,\n"
     write_text(tmp_path / "annotations" / "studio_table.csv", labels)
     plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     again = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
-    assert again.results.stat().st_mtime_ns == results
+    assert again.timings.stat().st_mtime_ns == results
     assert rescore(again).rows != before.rows
 
 
@@ -142,23 +145,24 @@ def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, t
     for later in ("commit", "host", "started", "finished", "failed", "labels_sha256"):
         del unfinished[later]
     directory.write_manifest({**unfinished, "recording": None})
-    lines = finished.results.read_text().splitlines(keepends=True)
+    records = list(read_records(finished))
     for pair in [("studio_table", name) for name in CONFIGURATIONS]:
-        kept = [line for line in lines if f'"clip":"{pair[0]}","configuration":"{pair[1]}"' in line]
+        kept = [to_line(record) for record in records if (record.clip, record.configuration) == pair]
         write_text(directory.partial(pair, "jsonl"), "".join(kept))
         write_text(directory.partial(pair, "csv"), "")
     done: list[str] = []
     plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=3)
     run_plan(plan, directory.path, workers=1, progress=done.append)
-    assert directory.results.read_bytes() == finished.results.read_bytes()
+    assert tables_of(directory) == tables_of(finished)
     assert done == ["studio_table"] * 3 + ["studio_talk"] * 3
 
 
 def test_scoring_again_needs_only_results_and_labels(finished: RunDirectory, tmp_path: Path) -> None:
     copy = RunDirectory(tmp_path / "copy")
     copy.path.mkdir()
-    for name in ("results.jsonl", "manifest.json"):
-        shutil.copy(finished.path / name, copy.path / name)
+    shutil.copy(finished.manifest, copy.manifest)
+    for name in ("scenes", "directions", "answers"):
+        shutil.copytree(finished.path / name, copy.path / name)
     rescore(copy)
     for name in TABLES:
         assert (copy.path / name).read_bytes() == (finished.path / name).read_bytes(), name

@@ -16,8 +16,8 @@ from harness.pipeline.ground_truth import OracleSettings, TruthSegmenter
 from harness.pipeline.perception import Perception
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.records import FrameRecord
-from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.sources import Clip
 from tests import graphs
 from tests.disk import write_text
@@ -65,7 +65,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 def run(experiment: Experiment, out: Path, *, only: str | None = None) -> list[FrameRecord]:
     chosen = tuple(configuration for configuration in experiment.configurations if only in (None, configuration.name))
     plan = prepare(Experiment(name="temporal", clips=experiment.clips, configurations=chosen), limit=LAST)
-    return list(read_results(run_plan(plan, out, workers=1, progress=lambda clip: None).results))
+    return list(read_records(run_plan(plan, out, workers=1, progress=lambda clip: None)))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from contextlib import closing
 from pathlib import Path
 
@@ -11,10 +10,9 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
-from harness.run.results import find_blocks, to_line
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
-from tests.records import answers
+from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
 
@@ -30,10 +28,10 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
     write_text(
         tmp_path / "annotations" / "new.csv", "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
     )
-    write_text(tmp_path / "run" / "results.jsonl", "".join(map(to_line, answers(["cup"], clip="new"))))
     clip = {"name": "new", "manifest": "", "frames": [1], "notes": []}
     manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
-    reference = FinishedRun(directory=RunDirectory(tmp_path / "run"), manifest=manifest).reference()
+    directory = write_run(tmp_path / "run", answers(["cup"], clip="new"), **manifest)
+    reference = FinishedRun.read(directory).reference()
     assert reference.labels == {}
     assert reference.notes == (
         f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it.",
@@ -50,16 +48,6 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
     assert run.reference().notes == ("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
 
 
-def test_results_of_a_clip_that_the_manifest_does_not_have_are_one_line(tmp_path: Path) -> None:
-    results = write_text(tmp_path / "results.jsonl", "".join(map(to_line, answers(["cup"], clip="old"))))
-    clip = {"name": "studio_table", "manifest": "", "frames": [1], "notes": []}
-    manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
-    run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
-    for read in (lambda: list(run.records()), lambda: run.scored_blocks(find_blocks(results))):
-        with pytest.raises(VfoaError, match=r"manifest\.json: clips: found studio_table; expected .old."):
-            read()
-
-
 def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,13 +57,8 @@ def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(
     built_in = load_manifest("studio_talk")
     looks = ["bear", "bear", "bowl"]
     records = answers(looks, subject="ben", clip="studio_talk")
-    write_text(tmp_path / "run" / "results.jsonl", "".join(map(to_line, records)))
     clip = {"name": "studio_talk", "manifest": str(built_in.path), "frames": [1, 2, 3], "names": built_in.naming()}
-    write_text(
-        tmp_path / "run" / "manifest.json",
-        json.dumps({"clips": [clip], "configurations": {"one": {}}, "finished": "now"}),
-    )
-    directory = RunDirectory(tmp_path / "run")
+    directory = write_run(tmp_path / "run", records, clips=[clip])
 
     def of_ben() -> list[tuple[str | None, str | None]]:
         verdicts = read_scores(directory).verdicts

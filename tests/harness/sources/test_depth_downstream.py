@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import cv2
@@ -12,6 +11,8 @@ from mcap.writer import Writer as McapWriter
 from rosbags.typesys import Stores, get_typestore
 
 from harness.record import entities
+from harness.run.directory import RunDirectory
+from harness.run.table_records import read_records
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings
 from scripts.measure.stage_outputs import write_coco_panoptic
@@ -76,15 +77,20 @@ def test_a_run_places_objects_and_records_the_measured_depth(
 ) -> None:
     ran = vfoa(monkeypatch, capsys, "run", "depth.toml", "--out", "out", "--workers", "1")
     assert ran[0] == 0, ran
-    for line in (work / "out" / "results.jsonl").read_text().splitlines():
-        record = json.loads(line)
-        if "targets" in record:
-            boxes = {target["label"]: target["box"] for target in record["targets"]}
-            assert boxes["cup"]["center_m"][2] == pytest.approx(1.5, abs=1e-4)
-            assert boxes["cup"]["center_m"][0] == pytest.approx((45.5 - LENS.cx) * 1.5 / LENS.fx, abs=1e-4)
-            assert 2 * boxes["cup"]["half_size_m"][0] == pytest.approx(11 * 1.5 / LENS.fx, abs=1e-4)
-            assert boxes["person"]["center_m"][2] == pytest.approx(2.0, abs=1e-4)
-            assert record["subjects"][0]["eye_origin_m"][2] == pytest.approx(2.0, abs=1e-3)
+    records = list(read_records(RunDirectory(work / "out")))
+    assert records
+    for record in records:
+        boxes = {target.label: target.box for target in record.targets}
+        cup, person = boxes["cup"], boxes["person"]
+        assert cup is not None
+        assert person is not None
+        assert cup.center_m[2] == pytest.approx(1.5, abs=1e-4)
+        assert cup.center_m[0] == pytest.approx((45.5 - LENS.cx) * 1.5 / LENS.fx, abs=1e-4)
+        assert 2 * cup.half_size_m[0] == pytest.approx(11 * 1.5 / LENS.fx, abs=1e-4)
+        assert person.center_m[2] == pytest.approx(2.0, abs=1e-4)
+        eyes = record.subjects[0].eye_origin_m
+        assert eyes is not None
+        assert eyes[2] == pytest.approx(2.0, abs=1e-3)
     columns = Columns(work / "out" / "take.rrd")  # what all configurations of the clip share
     shown = columns.at(entities.MEASURED_DEPTH, "EncodedDepthImage:blob")
     assert len(shown) == 3

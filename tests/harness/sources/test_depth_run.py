@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.topics import RecordingSettings
 from harness.sources.sintel import SintelClip, SintelSettings
@@ -67,12 +67,10 @@ def boxes(clip: str, matcher: str, work: Path) -> dict[tuple[int, str], np.ndarr
     plan = prepare(load_experiment(f"{name}.toml", clips=(clip,)), limit=len(NUMBERS))
     directory = run_plan(plan, work / name, workers=1, progress=lambda clip: None)
     found = {}
-    for line in (directory.path / "results.jsonl").read_text().splitlines():
-        record = json.loads(line)
-        for target in record.get("targets", ()):
-            box = target["box"]
-            assert box is not None
-            found[record["frame"], target["label"]] = np.array([box["center_m"], box["half_size_m"]])
+    for record in read_records(directory):
+        for target in record.targets:
+            assert target.box is not None
+            found[record.frame, target.label] = np.array([target.box.center_m, target.box.half_size_m])
     return found
 
 

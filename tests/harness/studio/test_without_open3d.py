@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.run.directory import RunDirectory
+from harness.run.table_records import read_records
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.types import Instances
@@ -40,7 +42,7 @@ def test_a_real_clip_runs_without_open3d(tmp_path: Path) -> None:
     write_text(tmp_path / "mine.toml", f'clips = ["real"]\n[[configuration]]\nname = "only"\n{stages}')
     ran = _vfoa(tmp_path, "run", "mine.toml", "--workers", "1", "--recording", "none", "--out", "out")
     assert ran.returncode == 0, ran.stderr
-    assert len((tmp_path / "out" / "results.jsonl").read_text().splitlines()) == 2
+    assert len(list(read_records(RunDirectory(tmp_path / "out")))) == 2
 
 
 def test_the_studio_says_in_one_line_that_it_needs_open3d(tmp_path: Path) -> None:
