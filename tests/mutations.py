@@ -143,7 +143,7 @@ MUTATIONS = (
     Mutation(
         "a track ends at its first gap",
         "vfoa/tracking.py",
-        "elif track.missed < settings.ttl:",
+        "elif track.missed < self._settings.ttl:",
         "elif track.missed < 0:",
         "vfoa/test_tracking.py",
     ),
