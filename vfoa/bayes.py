@@ -10,7 +10,7 @@ about where their body faces. A large target is not favoured: its density is spr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -92,11 +92,7 @@ def infer_attentions(
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by their
     precision. ``belief`` is the input of :func:`smooth`; ``fit`` says how well the directions fit the belief.
     """
-    eyes = {
-        subject.person.instance_id: subject.person.eye_origin_left
-        for subject in subjects
-        if subject.person.instance_id is not None and subject.person.eye_origin_left is not None
-    }
+    eyes = eyes_of(subjects)
     attentions = tuple(
         _infer(subject, targets, eyes, before, settings, time_ns)
         for subject, before in zip(subjects, states, strict=True)
@@ -164,7 +160,7 @@ def _infer(
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
-    belief = update(last, scenery, cues, _seconds(last_ns, time_ns, settings), settings)
+    belief = update(last, scenery, cues, seconds_between(last_ns, time_ns, settings.frame_rate_hz), settings)
     shares = cue_shares(cues, belief, settings)
     unknown = tuple(
         TargetAttention(instance_id=target.instance.id, gaze=shares[0], head=shares[1], total=1.0) for target in others
@@ -190,10 +186,20 @@ def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | N
     )
 
 
-def _seconds(before_ns: int | None, now_ns: int | None, settings: BayesSettings) -> float:
-    """Time between two frames, seconds; one period of ``frame_rate_hz`` where it is unknown or not positive."""
+def eyes_of(subjects: Iterable[Subject]) -> dict[int, Float]:
+    """Return the known eye origins (3,) of people by instance id."""
+    people = (subject.person for subject in subjects)
+    return {
+        person.instance_id: person.eye_origin_left
+        for person in people
+        if person.instance_id is not None and person.eye_origin_left is not None
+    }
+
+
+def seconds_between(before_ns: int | None, now_ns: int | None, frame_rate_hz: float) -> float:
+    """Return the time between two frames, seconds; one period of the rate where it is unknown or not positive."""
     if before_ns is None or now_ns is None or now_ns <= before_ns:
-        return 1 / settings.frame_rate_hz
+        return 1 / frame_rate_hz
     return (now_ns - before_ns) / 1e9
 
 

@@ -27,7 +27,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from vfoa.bayes import BayesSettings, Held, infer_attentions
+from vfoa.bayes import BayesSettings, Held, eyes_of, infer_attentions, seconds_between
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings
@@ -243,18 +243,13 @@ def weigh_attentions(
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
     their weights. ``belief`` is the input of :func:`weigh_again`.
     """
-    people = (subject.person for subject in subjects)
-    eyes = {
-        person.instance_id: person.eye_origin_left
-        for person in people
-        if person.instance_id is not None and person.eye_origin_left is not None
-    }
+    eyes = eyes_of(subjects)
     posteriors, held = infer_attentions(
         subjects, targets, tuple(state.held for state in states), _posterior(settings.frame_rate_hz), time_ns
     )
     attentions, after = [], []
     for subject, posterior, before, belief in zip(subjects, posteriors, states, held, strict=True):
-        dt_s = seconds_between(before.means.time_ns, time_ns, settings)
+        dt_s = seconds_between(before.means.time_ns, time_ns, settings.frame_rate_hz)
         observed = observe(subject, targets, eyes, before.means, dt_s, posterior)
         if isinstance(observed, NoAttention):
             attentions.append(Attention(subject=subject, missing=observed))
@@ -278,7 +273,7 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
         ]
         seen = [attention.belief for _, _, attention in of_track]
         times = [time_ns for _, time_ns, _ in of_track]
-        gaps_s = [seconds_between(*pair, settings) for pair in pairwise(times)]
+        gaps_s = [seconds_between(*pair, settings.frame_rate_hz) for pair in pairwise(times)]
         for (index, _, attention), after in zip(of_track, later_means(seen, gaps_s), strict=True):
             weights = settings.of_case(attention.belief.case, later=True)
             weighed[index, track] = _attention(attention.subject, attention.belief, weights, after)
@@ -293,15 +288,13 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
     ]
 
 
-def seconds_between(before_ns: int | None, now_ns: int | None, settings: LogitSettings) -> float:
-    """Time between two frames, seconds; one period of ``frame_rate_hz`` where it is unknown or not positive."""
-    if before_ns is None or now_ns is None or now_ns <= before_ns:
-        return 1 / settings.frame_rate_hz
-    return (now_ns - before_ns) / 1e9
+def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
+    """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
+    return probabilities(features(seen, seen.case, after) @ weights.vector, weights.spread)
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
-    probability = probabilities(features(seen, seen.case, after) @ weights.vector, weights.spread)
+    probability = target_probabilities(seen, weights, after)
     nowhere = 1 - probability.sum()
     on_gaze = sum(weights.gaze) + sum(weights.middle) / 2
     on_head = sum(map(sum, (weights.head, weights.head_swing, weights.head_overlap))) + sum(weights.middle) / 2

@@ -26,8 +26,8 @@ from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.statistics import Flags
 from vfoa import __version__
 from vfoa.errors import VfoaError
-from vfoa.logit import LogitSettings, LogitWeights, Weights, probabilities, shipped_fit, shipped_weights
-from vfoa.logit_cues import ROWS, features, later_means
+from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
+from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
 from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
@@ -192,9 +192,7 @@ def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Floa
     outcomes = []
     for k in person.labelled:
         seen, target = sequence.seen[k], sequence.targets[k]
-        weights_of_case: Weights = getattr(cases, seen.case)
-        utility = features(seen, seen.case, after[k]) @ weights_of_case.vector
-        chance = probabilities(utility, weights_of_case.spread)
+        chance = target_probabilities(seen, getattr(cases, seen.case), after[k])
         nowhere = float(1 - chance.sum())
         best = int(chance.argmax()) if len(chance) and chance.max() > nowhere else None
         of_best = nowhere if best is None else float(chance[best])
