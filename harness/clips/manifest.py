@@ -43,11 +43,18 @@ _AUTOMATIC = re.compile(r".+#\d+")
 """The names that the program gives to objects without one: label#id."""
 
 
+class PhaseRule(Settings):
+    """Which frames of a clip are a phase of it: those with so many things beside people."""
+
+    things: int = Field(ge=0)
+
+
 class ClipManifest(Settings):
     """One clip: the source of its frames, the people and objects in it, and its licence.
 
     ``source`` holds the adapter's own settings, ``notes`` are for readers of the tables. ``labels_file`` is an
     annotation file below the root, which counts as long as there is no ``annotations/<clip>.csv``, and must then exist.
+    ``phases`` are parts of the recording in which people do something else: tables have their rates apart, too.
     """
 
     # two underscores separate clip and configuration in the names of a run's files
@@ -61,6 +68,7 @@ class ClipManifest(Settings):
     source: dict[str, Any] = Field(default_factory=dict)
     subjects: dict[str, NameRule] = Field(default_factory=dict)
     targets: dict[str, NameRule] = Field(default_factory=dict)
+    phases: dict[str, PhaseRule] = Field(default_factory=dict)
 
     _path: Path = PrivateAttr()
 
@@ -73,6 +81,18 @@ class ClipManifest(Settings):
             if _AUTOMATIC.fullmatch(name):
                 raise ValueError(f"found the name {name!r}, as objects without one are called; expected no #NUMBER")
             check_name(name)
+        return rules
+
+    @field_validator("phases")
+    @classmethod
+    def _distinct_phases(cls, rules: dict[str, PhaseRule]) -> dict[str, PhaseRule]:
+        names: dict[int, str] = {}
+        for name, rule in rules.items():
+            check_name(name)
+            if names.setdefault(rule.things, name) != name:
+                raise ValueError(
+                    f"{name}: things: {rule.things} is that of {names[rule.things]!r}; expected another number"
+                )
         return rules
 
     @model_validator(mode="after")
@@ -105,6 +125,10 @@ class ClipManifest(Settings):
         return self.model_dump(
             mode="json", include={*kinds}, exclude={kind: {"__all__": {"key", "colour", "formerly"}} for kind in kinds}
         )
+
+    def phase_of_things(self) -> dict[int, str]:
+        """The phase of a frame by the number of its things."""
+        return {rule.things: name for name, rule in self.phases.items()}
 
     def names_now(self, then: Mapping[str, Any]) -> dict[str, str]:
         """Return the present name of each target that was renamed since a run, by its name in the run.

@@ -112,6 +112,7 @@ class KeptParts:
         name = block.configuration
         of = (
             *(block.digest, self._labelled(block), sorted(self._reference.names_now.get(block.clip, {}).items())),
+            sorted(self._reference.phases.get(block.clip, {}).items()),
             *(name in self._reference.says_nowhere, name in self._reference.probabilistic, _code_digest()),
         )
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()

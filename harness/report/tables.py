@@ -22,6 +22,7 @@ from harness.score.calibration import (
     DirectionCheck,
     Reliability,
     SetCoverage,
+    reliabilities,
 )
 from harness.score.finished_run import how_to_label
 from harness.score.intervals import LEAST_CLIPS
@@ -212,6 +213,36 @@ def baselines_table(scores: Scores) -> Table:
     )
 
 
+def phases_table(scores: Scores) -> Table:
+    """Rates of each phase of the clips that have some, over all clips; no rows without phases."""
+    rates = ("n", "FRR %", "95 %", "Balanced %", "Targets %", "Nowhere %", "Log loss")
+    rows = []
+    for phase, of_phase in scores.phases.items():
+        errors = {
+            of_method.configuration: of_method.calibration_error for of_method in reliabilities(of_phase.outcomes)
+        }
+        rows += [
+            (
+                *(phase, row.configuration),
+                *(_CELLS[name](row) for name in rates),
+                number(errors.get(row.configuration, math.nan), 3),
+                *(_words(row.best_baseline).lower(), percent(row.baselines[row.best_baseline])),
+                *(percent(row.baselines_balanced[row.best_baseline]), row.beats),
+            )
+            for row in of_phase.rows
+        ]
+    return Table.of(
+        "FRR by phase",
+        f"Phase | Configuration | {' | '.join(rates)} | ECE | Baseline | Baseline % | Baseline balanced % | Beaten",
+        rows,
+        words=2,
+        notes=(
+            "Phases: parts of a recording in which people do something else, by [phases] of the clip's manifest. The "
+            "baseline is fitted to the same phase of the other clips. ECE: see the calibration of the probabilities.",
+        ),
+    )
+
+
 def seeds_table(scores: Scores) -> Table:
     """Variation of rates between the seeds of the simulated errors; no rows for a run with one seed."""
     return _rates(
@@ -303,15 +334,12 @@ def _words(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def reliability_table(reliabilities: Sequence[Reliability]) -> Table:
+def reliability_table(found: Sequence[Reliability]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
     return Table.of(
         "Calibration of the probabilities",
         "Configuration | n | Right % | Mean confidence % | ECE | 95 % | ECE, adaptive | Brier",
-        (
-            (row.configuration, *_means(row), interval_range(row.interval, ".3f"), *_errors(row))
-            for row in reliabilities
-        ),
+        ((row.configuration, *_means(row), interval_range(row.interval, ".3f"), *_errors(row)) for row in found),
         words=1,
         notes=(
             f"Over the scored frames with a prediction. ECE: expected calibration error, {BINS} equal bins of the "
@@ -321,12 +349,12 @@ def reliability_table(reliabilities: Sequence[Reliability]) -> Table:
     )
 
 
-def subject_reliability_table(reliabilities: Sequence[tuple[str, str, Reliability]]) -> Table:
+def subject_reliability_table(found: Sequence[tuple[str, str, Reliability]]) -> Table:
     """One row for each subject of a clip and configuration that gives probabilities."""
     return Table.of(
         "Calibration by subject",
         "Clip | Subject | Configuration | n | Right % | Mean confidence % | ECE | ECE, adaptive | Brier",
-        ((*place, row.configuration, *_means(row), *_errors(row)) for *place, row in reliabilities),
+        ((*place, row.configuration, *_means(row), *_errors(row)) for *place, row in found),
         words=3,
     )
 

@@ -37,6 +37,7 @@ from harness.report.tables import (
     measures_table,
     nowhere_table,
     paper_table,
+    phases_table,
     prediction_set_table,
     reliability_table,
     seeds_table,
@@ -141,6 +142,7 @@ def run_tables(scores: Scores) -> RunTables:
     comparisons = compare_configurations(scores)
     return {
         "frr": frr_table(scores),
+        "phases": phases_table(scores),
         "paper": paper_table(scores),
         "agreement": measures_table(scores),
         "baselines": baselines_table(scores),

@@ -158,6 +158,7 @@ class FinishedRun:
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
             settings=run["configurations"],
+            phases={name: manifests[name].phase_of_things() for name in read if manifests[name].phases},
         )
 
     def note_labels(self, annotator: str | None = None) -> None:

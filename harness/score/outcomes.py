@@ -49,7 +49,8 @@ class Reference:
     attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
     they can only be wrong. ``names_now`` are the present names of renamed targets by clip and name in the results.
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
-    ``settings`` are those of each configuration as JSON values, for advice; empty if not known.
+    ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
+    each clip that has some, by the number of things beside people in a frame.
     """
 
     labels: Mapping[str, Labels]
@@ -62,6 +63,7 @@ class Reference:
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    phases: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +128,7 @@ Judged = dict[int, Judgement]
 
 @dataclass(slots=True)
 class JudgedPart:
-    """The judgements of a configuration on a clip by subject, the time of each frame, and the fits of the directions.
+    """The judgements of a configuration on a clip by subject, time and phase of each frame, fits of the directions.
 
     ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
     other, each with the vector from the eyes to what the label says: six numbers. ``head_widths_m`` are some widths.
@@ -135,6 +137,7 @@ class JudgedPart:
 
     by_subject: dict[str, Judged] = field(default_factory=dict)
     times_ns: dict[int, int] = field(default_factory=dict)
+    phases: dict[int, str] = field(default_factory=dict)
     fits: list[DirectionFit] = field(default_factory=list)
     aims: list[float] = field(default_factory=list)
     head_widths_m: list[float] = field(default_factory=list)
@@ -144,6 +147,11 @@ class JudgedPart:
         """Judge every labelled or named subject of a record."""
         self.times_ns[record.frame] = record.time_ns
         self.targets.update((target.name, True) for target in record.targets)
+        if phases := reference.phases.get(record.clip):
+            bodies = {subject.instance_id for subject in record.subjects}
+            things = sum(target.instance_id not in bodies for target in record.targets)
+            if (phase := phases.get(things)) is not None:
+                self.phases[record.frame] = phase
         named = [subject for subject in record.subjects if subject.name is not None]
         self.fits += [subject.fit for subject in named if subject.fit is not None]
         is_compared = len(self.times_ns) % COMPARED_EVERY == 1
@@ -202,10 +210,11 @@ def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
     return tuple(notes.values())
 
 
-def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference) -> list[Outcomes]:
-    """The outcomes of all judged records, and of every labelled frame without a record.
+def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: str | None = None) -> list[Outcomes]:
+    """The outcomes of all judged records, and of every labelled frame without a record; or of one phase's records.
 
-    In order of clip, configuration (both as they first appear in the records) and subject (by name).
+    In order of clip, configuration (both as they first appear in the records) and subject (by name). The baselines of a
+    phase are fitted to that phase of the other clips.
     """
     codes: dict[str, int] = {}
     outcomes = []
@@ -223,9 +232,10 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference) -> list
                 if frame not in of_subject:
                     verdict = judge_absent(name, configuration, frame, subject, label)
                     of_subject[frame] = Judgement(verdict, label.is_blocked, worth=worth)
-            for subject, of_subject in sorted(part.by_subject.items()):
+            for subject, judgements in sorted(part.by_subject.items()):
+                in_phase = {k: each for k, each in judgements.items() if phase in (None, part.phases.get(k))}
                 key = name, configuration, subject
-                outcomes.append(_outcomes(key, of_subject, places, _rate_hz(times_ns), codes))
+                outcomes.append(_outcomes(key, in_phase, places, _rate_hz(times_ns), codes))
     return _with_limits(_with_commonest(_with_longer_looks(outcomes), judged, codes))
 
 

@@ -44,7 +44,8 @@ class ScoreRow:
     of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` counts the frames in which "looks at
     nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and ``visible_correct`` count
     the frames whose line of sight no label calls blocked. ``baselines`` are the rates of
-    :mod:`harness.score.baselines`, ``beats`` says whether the best of them is beaten.
+    :mod:`harness.score.baselines`, ``baselines_balanced`` their means of the rates with and without a true target;
+    ``beats`` says whether the best of them is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
     ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
     """
@@ -67,6 +68,7 @@ class ScoreRow:
     visible: int
     visible_correct: int
     baselines: Mapping[str, float]
+    baselines_balanced: Mapping[str, float]
     beats: Beats
     error_types: Mapping[str, int]
     seed_rates: tuple[float, ...] = ()
@@ -105,7 +107,8 @@ class Scores:
     are shown with every table; ``doubts`` are those of them that question the clip's axes and units, and are shown on
     the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
-    ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`.
+    ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`. ``phases`` are the scores of each
+    phase of the clips that have some, on these clips together; without notes and measures.
     """
 
     clips: tuple[str, ...]
@@ -121,6 +124,7 @@ class Scores:
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    phases: Mapping[str, Scores] = field(default_factory=dict)
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips and, if there are several, of all clips together."""
@@ -193,6 +197,7 @@ def score_parts(
         *map(base_of, reference.says_nowhere),
         *(base_of(outcome.configuration) for outcome in outcomes if outcome.says_nowhere.any()),
     }
+    phases = dict.fromkeys(phase for of_clip in reference.phases.values() for phase in of_clip.values())
     rows = [_row(*group, metrics, says_nowhere) for group in _groups(outcomes, clips, configurations)]
     verdicts = tuple(verdict for outcome in outcomes for verdict in outcome.verdicts)
     return Scores(
@@ -209,6 +214,21 @@ def score_parts(
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
         settings=reference.settings,
+        phases={phase: _phase_scores(to_outcomes(judged, reference, phase), metrics) for phase in phases},
+    )
+
+
+def _phase_scores(outcomes: Sequence[Outcomes], metrics: Mapping[str, Metric]) -> Scores:
+    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes if outcome.frames))
+    configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
+    by_clip = [group for group in _groups(outcomes, clips, configurations) if group[1] is None]
+    overall = [group for group in by_clip if group[0] is None] or by_clip
+    return Scores(
+        clips=clips,
+        configurations=configurations,
+        verdicts=(),
+        rows=tuple(_row(*group, metrics, ()) for group in overall),
+        outcomes=tuple(outcomes),
     )
 
 
@@ -249,6 +269,8 @@ def _row(
         return np.concatenate([getattr(outcome, name) for outcome in group])
 
     correct, no_hit, visible, baselines = column("correct"), column("no_hit"), ~column("blocked"), column("baselines")
+    nowhere = column("nowhere")
+    recalls = [baselines[frames].mean(axis=0) for frames in (~nowhere, nowhere) if frames.any()]
     answered = (column("predicted") >= 0) & ~no_hit
     error_types = Counter(error_type for outcome in group for error_type in outcome.error_types)
     units = _units_of(group, [outcome.correct for outcome in group])
@@ -267,10 +289,11 @@ def _row(
         wilson=wilson_interval(_count(correct), len(correct)),
         metrics={name: float(metric(group)) for name, metric in metrics.items()},
         events=count_events((outcome.truth, outcome.predicted, outcome.positions) for outcome in group),
-        nowhere=_matches(column("nowhere"), column("says_nowhere")) if configuration in says_nowhere else None,
+        nowhere=_matches(nowhere, column("says_nowhere")) if configuration in says_nowhere else None,
         visible=_count(visible),
         visible_correct=_count(correct & visible),
         baselines=dict(zip(BASELINES, baselines.mean(axis=0).tolist(), strict=True)),
+        baselines_balanced=dict(zip(BASELINES, np.mean(recalls, axis=0).tolist(), strict=True)),
         beats=_beats(group, baselines),
         error_types={error_type: error_types[error_type] for error_type in ERROR_TYPES},
         seed_rates=_seed_rates(group),

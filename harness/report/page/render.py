@@ -27,7 +27,7 @@ _FOLDER = Path(__file__).parent
 RunTables = Mapping[str, Table]
 """Tables by name, as :func:`harness.report.write.run_tables` makes them."""
 _GROUPS = {
-    "rates": ("frr", "comparisons", "factors", "seeds", "visible", "nowhere", "published"),
+    "rates": ("frr", "phases", "comparisons", "factors", "seeds", "visible", "nowhere", "published"),
     "errors": ("errors",),
     "oracle": ("ablation",),
     "calibration": ("calibration", "calibration by subject", "sets", "directions"),

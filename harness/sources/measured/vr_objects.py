@@ -11,7 +11,8 @@ of each tenth of a second of the previews, in which all things are in place, and
 target is missing. Between them are gaps in time.
 
 The number of things tells the phase, and with it nearly the answer: in previews half of the frames are looks at one of
-the ten, in responses 1 % at one of the nine. A method that counts targets learns that, and nothing about people.
+the ten, in responses 1 % at one of the nine. A method that counts targets learns that, and nothing about people. The
+manifests call the two phases search and answer, and tables have the rates of each.
 
 The head is the cue. The gaze is ground truth, and so is its target: the thing whose collider it hits, ``none`` for
 another collider; unknown for an invalid gaze, a copy of a thing, a cursor, and a look under 0.1 s.

@@ -88,6 +88,12 @@ def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.Mon
             '[targets.b]\ncategory="bird"\n[targets.bird]',
             r"targets\.bird: every 'bird' is 'b' already",
         ),
+        (
+            "[targets.bird]",
+            "[phases]\na = { things = 2 }\nb = { things = 2 }\n[targets.bird]",
+            r"phases: b: things: 2 is that of 'a'; expected another number",
+        ),
+        ("[targets.bird]", "[phases.a]\nthing = 2\n[targets.bird]", r"unknown key 'phases\.a\.thing'.*things"),
         ('name = "clip"', 'name = "other"', r"name: found 'other'; expected 'clip'"),
         ('name = "clip"', 'name = "../clip"', r"name: "),
         ('name = "clip"', 'name = "clip__two"', r"name: "),

@@ -8,6 +8,7 @@ import pytest
 from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
+from harness.report.tables import phases_table
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.looks import correlation_time_s, number_looks
@@ -289,6 +290,46 @@ def test_the_limit_of_the_angle_is_tuned_on_the_other_clips() -> None:
     assert _row(scores, clip="one").baselines["nearest_in_angle"] == 0.5  # tuned on the other: no limit
     alone = score(found[:2], Reference(labels={"one": truth["one"]}))
     assert _row(alone, clip="one").baselines["nearest_in_angle"] == 0.5
+
+
+def test_phases_are_scored_apart_with_baselines_of_their_own() -> None:
+    """Two things in the frames of a search, one in those of an answer; a frame with none is in no phase."""
+    things = [target_record(1, "cup", center=(0.2, 0.0, 2.0)), target_record(2, "can", center=(5.0, 0.0, 2.0))]
+    body = target_record(9, "girl")
+
+    def records(clip: str, counts: list[int], foci: list[int | None]) -> list[FrameRecord]:
+        return [
+            frame_record(
+                [*things[:count], body],
+                [subject_record("girl", instance_id=9, totals={focus: 0.8} if focus else {}, focus=focus)],
+                frame=frame,
+                clip=clip,
+            )
+            for frame, (count, focus) in enumerate(zip(counts, foci, strict=True), start=1)
+        ]
+
+    found = [*records("one", [2, 2, 1, 1, 0], [1, 2, 1, None, None]), *records("two", [2, 1, 1], [1, 1, 1])]
+    truth = {"one": labels("cup", "cup", "none", "none", "none"), "two": labels("cup", "none", "none")}
+    phases = {clip: {2: "search", 1: "answer"} for clip in truth}
+    scores = score(found, Reference(labels=truth, phases=phases))
+    rows = {name: _row(of_phase, clip=None) for name, of_phase in scores.phases.items()}
+    assert {name: (row.n, row.correct) for name, row in rows.items()} == {"search": (3, 2), "answer": (4, 1)}
+    nearest = {name: row.baselines["nearest_in_angle"] for name, row in rows.items()}
+    assert nearest == {"search": 1.0, "answer": 1.0}  # no limit in a search, and never a target in an answer
+    assert {name: row.baselines_balanced["commonest"] for name, row in rows.items()} == {"search": 1.0, "answer": 1.0}
+    whole = _row(scores, clip=None)
+    assert (whole.n, whole.baselines["nearest_in_angle"]) == (8, 3 / 8)
+    table = phases_table(scores)
+    assert [row[:4] for row in table.rows] == [("search", "one", "3", "66.7"), ("answer", "one", "4", "25.0")]
+    assert not phases_table(score(found, Reference(labels=truth))).rows
+
+
+def test_a_phase_that_one_clip_alone_has_is_that_clips() -> None:
+    scores = score(
+        [*answers(["cup", "cup"], clip="one"), *answers(["cup"], clip="two")],
+        Reference(labels={"one": labels("cup", "can"), "two": labels("cup")}, phases={"one": {1: "search"}}),
+    )
+    assert [(row.clip, row.n, row.correct) for row in scores.phases["search"].rows] == [("one", 2, 1)]
 
 
 def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
