@@ -10,6 +10,7 @@ from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.methods import DEFAULT_METHOD, METHODS, MethodSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
+from vfoa.registry import Registry
 from vfoa.settings import Settings
 from vfoa.tracking import TrackingSettings
 from vfoa.validation import parse
@@ -45,7 +46,7 @@ def dotted_tables(changes: Iterable[tuple[str, Any]], tables: Collection[str], w
     return by_table
 
 
-def _method_class(table: Mapping[str, Any], where: str) -> Any:
+def _method_class(table: Mapping[str, Any], methods: Registry, where: str) -> Any:
     """Return the class of the method that a table of attention names; without a name, the default one.
 
     Raises
@@ -54,20 +55,24 @@ def _method_class(table: Mapping[str, Any], where: str) -> Any:
         If there is no such method.
     """
     try:
-        return METHODS.load(str(table.get("method", DEFAULT_METHOD)))
+        return methods.load(str(table.get("method", DEFAULT_METHOD)))
     except VfoaError as error:
         raise VfoaError(f"{where}: {error}") from None
 
 
-def read_steps(tables: Tables, stereo: Settings | None, where: str) -> tuple[ReconstructionSettings, AttendSettings]:
+def read_steps(
+    tables: Tables, stereo: Settings | None, where: str, *, methods: Registry = METHODS
+) -> tuple[ReconstructionSettings, AttendSettings]:
     """Read the tables of the steps, which must fit the settings of the matcher, ``stereo``.
+
+    ``methods`` are those that the table of attention may name.
 
     Raises
     ------
     VfoaError
         If a key or a value is wrong, or stuff is to be reconstructed where the matcher leaves it out.
     """
-    models = {**STEPS, "attention": _method_class(tables.get("attention", {}), where).Settings}
+    models = {**STEPS, "attention": _method_class(tables.get("attention", {}), methods, where).Settings}
     steps: dict[str, Any] = {step: parse(model, tables.get(step, {}), where, step) for step, model in models.items()}
     reconstruction: ReconstructionSettings = steps.pop("reconstruction")
     if is_in_region(stereo) and reconstruction.stuff:

@@ -14,9 +14,10 @@ temporal gaze model needs the neighbouring frames: perceive keeps its crops, and
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from concurrent.futures import Executor, wait
 from contextvars import copy_context
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from pydantic import InstanceOf, SerializeAsAny
@@ -27,7 +28,7 @@ from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
-from vfoa.methods import MethodSettings, RevisingMethod, look_ahead_s, open_method
+from vfoa.methods import AttentionMethod, MethodSettings, RevisingMethod, look_ahead_s, open_method
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
@@ -147,18 +148,19 @@ class Attending:
     come in blocks of that length, so that one revision serves a block, and always in the order of the frames.
     """
 
-    def __init__(self, settings: AttendSettings) -> None:
+    def __init__(self, settings: AttendSettings, method: AttentionMethod[Any] | None = None) -> None:
+        """Begin a sequence. ``method`` is that of ``settings.attention``; None: one of :data:`vfoa.methods.METHODS`."""
         self._settings = settings
-        self._method = open_method(settings.attention)
+        self._method = open_method(settings.attention) if method is None else method
         self._look_ahead_s = look_ahead_s(self._method)
         self._gaze_filter = GazeFilterState()
         self._states: dict[int, Any] = {}
         self._waiting: list[FrameResult] = []
 
-    def step(self, scene: Scene, tracked: Tracked) -> list[FrameResult]:
+    def step(self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None = None) -> list[FrameResult]:
         """Attend to the next frame; return the frames whose results are ready, which may be none.
 
-        ``tracked`` are the tracks of the scene's people.
+        ``tracked`` are the tracks of the scene's people, ``names`` the names of people by track; None: they have none.
 
         Raises
         ------
@@ -167,6 +169,8 @@ class Attending:
         """
         people = tracked.people(scene.people)
         subjects, gaze_filter = filter_cues(people, self._gaze_filter, self._settings.gaze_filter)
+        if names:
+            subjects = tuple(replace(subject, name=names.get(subject.track_id)) for subject in subjects)
         ids = [subject.track_id for subject in subjects]
         before = tuple(self._states[track] if track in self._states else self._method.start() for track in ids)
         attentions, after = self._method.attend(subjects, scene, before)

@@ -17,6 +17,7 @@ Values are frozen. Their arrays are checked for shape and dtype when a value is 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Literal
@@ -410,7 +411,8 @@ class Scene:
 
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the
-    seconds between; None if they were found in it.
+    seconds between; None if they were found in it. ``names`` are the targets' by instance id, in their order; empty
+    where nobody names them.
     """
 
     index: int
@@ -419,16 +421,21 @@ class Scene:
     people: tuple[Person, ...]
     masks_from: int | None = None
     masks_age_s: float | None = None
+    names: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """A person followed over frames: the track's id, and the cues after filtering. None: not measured."""
+    """A person followed over frames: the track's id, and the cues after filtering. None: not measured.
+
+    ``name`` is None where nobody names the person.
+    """
 
     track_id: int
     person: Person
     gaze: Gaze | None
     head_pose: HeadPose | None
+    name: str | None = None
 
     def direction(self, cue: Cue) -> Float | None:
         """The cue's direction (3,), camera frame, or None if it was not measured."""
@@ -487,6 +494,8 @@ class NoAttention(Enum):
 
     NO_EYES_3D = "no_eyes_3d"
     NO_DIRECTION = "no_direction"
+    NO_ANSWER = "no_answer"
+    """Of a method that reads its answers: they have none for this person and frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,14 +17,16 @@ from typing import TYPE_CHECKING, Any
 import vfoa.gaze
 import vfoa.head_pose
 import vfoa.heads
+import vfoa.methods
 import vfoa.segmentation
 import vfoa.stereo
-from harness.sources import Clip
+from harness.clips.manifest import ClipManifest
+from harness.sources import Clip, MeasuredClip
 from vfoa import config
 from vfoa.config import Tables, is_in_region, read_steps
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.methods import DEFAULT_METHOD, METHODS
+from vfoa.methods import DEFAULT_METHOD, MethodSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
@@ -210,6 +212,33 @@ STAGES: dict[str, StageKind] = {
 }
 
 
+METHODS_OF_CLIP = {"answers": "harness.pipeline.outputs.answers:FileAnswers"}
+"""Methods of attention that read something of the clip: built as ``Class(settings, manifest, clip)``."""
+METHODS = Registry(
+    kind=vfoa.methods.METHODS.kind,
+    builtin={**vfoa.methods.METHODS.builtin, **METHODS_OF_CLIP},
+    group=vfoa.methods.METHODS.group,
+)
+"""The methods of the library, and those of a clip."""
+
+
+def reads_clip(settings: MethodSettings) -> bool:
+    """Whether the method that these settings name reads something of the clip, which has a ``digest``."""
+    return settings.method in METHODS_OF_CLIP
+
+
+def open_method(settings: MethodSettings, manifest: ClipManifest, clip: Clip | MeasuredClip) -> Any:
+    """Return the method that these settings name, a :class:`vfoa.methods.AttentionMethod`, for one clip.
+
+    Raises
+    ------
+    VfoaError
+        If a file of the clip that it reads is missing or wrong.
+    """
+    cls = METHODS.load(settings.method)
+    return cls(settings, manifest, clip) if reads_clip(settings) else cls(settings)
+
+
 STEPS: Mapping[str, type[Settings]] = {"drawn": DrawnSettings, **config.STEPS}
 """Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""
 
@@ -329,7 +358,7 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
     """
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in STAGES.values()}
     stereo = choices["stereo"]
-    reconstruction, attend = read_steps(tables, stereo.settings if stereo else None, where)
+    reconstruction, attend = read_steps(tables, stereo.settings if stereo else None, where, methods=METHODS)
     drawn = _switched_on(parse(DrawnSettings, tables.get("drawn", {}), where, "drawn"), choices)
     return Configuration(
         name=name, choices=choices, drawn=drawn, reconstruction=reconstruction, attend=attend, factors=factors

@@ -23,8 +23,9 @@ from harness.clips.manifest import ClipManifest
 from harness.clips.naming import Namer, Names
 from harness.files.io import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
-from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice
+from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.outputs.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
 from vfoa.drawn import DrawnSettings
@@ -121,6 +122,7 @@ class Perception:
         parallel: bool = False,
     ) -> None:
         self._rules = (manifest.subjects, manifest.targets) if manifest else ({}, {})
+        self._answers = {} if manifest is None else _answers(configurations, manifest, clip)
         self._configurations, self._clip, self._cache, self._drawn = configurations, clip, cache, drawn
         self._heads_thread = ThreadPoolExecutor(1) if parallel else None
         self._memo = Memo()
@@ -229,6 +231,9 @@ class Perception:
                     named[namer] = _name(scene, tracked, namer)
                 names, seconds = named[namer]
                 memo.charge("tracking", seconds)
+                scene = memo.call("tracking", _with_names, scene, names)
+                if answers := self._answers.get(name):
+                    scene, tracked, names = answers.complete(scene, tracked, names)
                 results[name] = Followed(percepts, scene, tracked, names, memo.timings)
         return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **results})
 
@@ -315,6 +320,18 @@ def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[Names, float]:
     return names, seconds["tracking"]
 
 
+def _with_names(scene: Scene, names: Names) -> Scene:
+    return replace(scene, names=names.targets)
+
+
+def _answers(
+    configurations: Iterable[Configuration], manifest: ClipManifest, clip: Clip | MeasuredClip
+) -> dict[str, FileAnswers]:
+    """The answers of the configurations that read them from a file: they may name what was not found."""
+    settings = {each.name: each.attend.attention for each in configurations if reads_clip(each.attend.attention)}
+    return {name: open_method(attention, manifest, clip) for name, attention in settings.items()}
+
+
 _DIRECTIONS = {"head_pose": "head_direction", "gaze": "gaze_direction"}
 """The slots whose stages can answer from the truth of a person, and the direction that each needs."""
 
@@ -339,6 +356,7 @@ def pose_frames(
         tracking: (Tracker(tracking), Namer(manifest.subjects, manifest.targets))
         for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
     }
+    answers = _answers(configurations, manifest, clip)
     for number in numbers:
         started = time.perf_counter()
         scene, people = clip.scene(number), clip.truth(number).people
@@ -357,7 +375,10 @@ def pose_frames(
         for configuration in configurations:
             name = configuration.name
             tracked, names, timings = tracks[configuration.attend.tracking]
-            results[name] = Followed(None, scenes[tuple(stages[name])], tracked, names, {**timings})
+            seen = _with_names(scenes[tuple(stages[name])], names)
+            if name in answers:
+                seen, tracked, names = answers[name].complete(seen, tracked, names)
+            results[name] = Followed(None, seen, tracked, names, {**timings})
         yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 

@@ -11,9 +11,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from harness.pipeline.configuration import OFF, STAGES, STEPS, TABLES
+from harness.pipeline.configuration import METHODS, OFF, STAGES, STEPS, TABLES
 from vfoa.errors import check_known
-from vfoa.methods import METHODS
 from vfoa.registry import AUTO
 from vfoa.settings import Settings
 

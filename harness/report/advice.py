@@ -98,6 +98,11 @@ def _no_direction(run: _Run) -> Iterator[str]:
     yield "coverage says how many frames have an answer"
 
 
+def _no_answer(run: _Run) -> Iterator[str]:
+    yield "the other system has no row for these frames, or a blank target"
+    yield "coverage says how many frames have an answer"
+
+
 def _target_not_segmented(run: _Run) -> Iterator[str]:
     if run.has_images:
         yield "give the target a category that the model finds ([targets.NAME] in the manifest)"
@@ -157,6 +162,7 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
     "no_eyes_3d": _without_depth("the head"),
     "face_turned_away": _face_turned_away,
     "no_direction": _no_direction,
+    "no_answer": _no_answer,
     "target_not_segmented": _target_not_segmented,
     "target_without_box": _without_depth("the target"),
     "false_attention": _false_attention,

@@ -60,6 +60,10 @@ COMPARISON_COLUMNS: Mapping[str, str] = {
 """Column of ``comparisons.csv`` to its meaning. A row is a pair of configurations."""
 
 
+_NO_ANSWER = "error_type_no_answer"
+"""The column of ``frr.csv`` that only runs with another system's answers have."""
+
+
 def frr_columns() -> Mapping[str, str]:
     """Column of ``frr.csv`` to its meaning, in their order.
 
@@ -106,6 +110,7 @@ def frr_columns() -> Mapping[str, str]:
         **{f"baseline_{name}": f"frr of the baseline rule {name!r} on the same frames" for name in BASELINES},
         "beats_baselines": "whether frr is above that of the best baseline: yes (significantly), not shown, or no",
         **{f"error_type_{name}": f"wrong frames because {why}" for name, why in ERROR_TYPES.items()},
+        _NO_ANSWER: f"wrong frames because {ERROR_TYPES['no_answer']}; only in runs with attention.method = answers",
         "unknown_names": "names in the results that the clip's manifest does not know: such an answer counts as wrong",
     }
     metrics = {name: metric.meaning for name, metric in load_metrics().items()}
@@ -122,11 +127,15 @@ def scores_table(scores: Scores) -> Table:
     VfoaError
         If a metric has the name of an existing column.
     """
+    columns = tuple(frr_columns())
+    left_out = () if scores.has_answers_of_file else (_NO_ANSWER,)
+    kept = [place for place, column in enumerate(columns) if column not in left_out]
+    rows = ((*_score_cells(row, scores), *map(csv_share, row.metrics.values())) for row in scores.rows)
     return Table(
         title="Scores",
-        columns=tuple(frr_columns()),
+        columns=tuple(columns[place] for place in kept),
         words=3,
-        rows=tuple((*_score_cells(row, scores), *map(csv_share, row.metrics.values())) for row in scores.rows),
+        rows=tuple(tuple(row[place] for place in kept) for row in rows),
     )
 
 

@@ -113,7 +113,8 @@ class KeptParts:
         of = (
             *(block.digest, self._labelled(block), sorted(self._reference.names_now.get(block.clip, {}).items())),
             sorted(self._reference.phases.get(block.clip, {}).items()),
-            *(name in self._reference.says_nowhere, name in self._reference.probabilistic, _code_digest()),
+            *(name in self._reference.says_nowhere, name in self._reference.probabilistic),
+            *(name in self._reference.from_file, _code_digest()),
         )
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()
 

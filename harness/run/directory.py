@@ -103,6 +103,7 @@ class _Configuration(_Table):
 class _Method(_Table):
     probabilistic: bool
     says_nowhere: bool
+    from_file: bool = False
 
 
 class _Failure(_Table):

@@ -18,7 +18,7 @@ from harness.clips.naming import Names
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
-from harness.pipeline.configuration import Configuration
+from harness.pipeline.configuration import Configuration, open_method
 from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.measures import Measurer
@@ -104,7 +104,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     chosen = job.frames if numbers is None else numbers
     if isinstance(clip, MeasuredClip):
         scenes = pose_frames(job.configurations, clip, chosen, job.manifest)
-        runners = attend_to(scenes, job, clip.rate_hz, progress)
+        runners = attend_to(scenes, job, clip, progress)
         return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
     parallel = job.ahead > 0
@@ -115,7 +115,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         ) as perception,
     ):
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
-        runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth))
+        runners = attend_to(frames, job, clip, progress, measurer=Measurer(truth))
     if job.cache:
         job.cache.store.trim()
     return job.outcome((runner.error for runner in runners), perception.take_tallies())
@@ -124,7 +124,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
 def attend_to(
     frames: Generator[SharedFrame],
     job: ClipJob,
-    rate_hz: float | None,
+    clip: Clip | MeasuredClip,
     progress: Progress,
     *,
     measurer: Measurer | None = None,
@@ -134,7 +134,7 @@ def attend_to(
     Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
     Returns one runner per configuration of the job, in order, each finished, with its error.
     """
-    runners = [ConfigurationRunner(job, configuration, rate_hz, measurer) for configuration in job.configurations]
+    runners = [ConfigurationRunner(job, configuration, clip, measurer) for configuration in job.configurations]
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
@@ -174,7 +174,7 @@ class ConfigurationRunner:
         self,
         job: ClipJob,
         configuration: Configuration,
-        rate_hz: float | None,
+        clip: Clip | MeasuredClip,
         measurer: Measurer | None,
     ) -> None:
         self.error: VfoaError | None = None
@@ -182,17 +182,20 @@ class ConfigurationRunner:
         self._context = SinkContext(
             manifest=job.manifest,
             configuration=configuration.name,
-            rate_hz=rate_hz,
+            rate_hz=clip.rate_hz,
             directory=job.directory,
             run_id=job.run_id,
         )
-        self._attending = Attending(configuration.attend)
+        self._clip = clip
+        self._attending: Attending
         self._companions: deque[_Companion] = deque()
         self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
 
     def __enter__(self) -> Self:
+        attend, manifest = self._configuration.attend, self._job.manifest
         try:
+            self._attending = Attending(attend, open_method(attend.attention, manifest, self._clip))
             for factory in self._job.sinks:
                 if (sink := factory.open(self._context)) is not None:
                     self._sinks.append(self._open_sinks.enter_context(sink))
@@ -237,7 +240,7 @@ class ConfigurationRunner:
         percepts, scene, tracked, names, timings = perceived
         try:
             with timed(timings, "attention"):
-                ready = guarded("attention", self._attending.step, scene, tracked)
+                ready = guarded("attention", self._attending.step, scene, tracked, names.subjects)
             with timed(timings, "measures"):
                 measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
             self._companions.append(_Companion(shared.frame, percepts, names, measures, timings))

@@ -18,7 +18,7 @@ from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
 from harness.files.digests import code_digest, file_digest
 from harness.labels.labels import Labels, timeline_of
-from harness.pipeline.configuration import STAGES, Configuration, StageChoice
+from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn import DrawnClip, check_drawn
 from harness.pipeline.stage_runner import guarded
 from harness.pipeline.weights import locate_weights, missing_weights
@@ -27,7 +27,6 @@ from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
-from vfoa.methods import METHODS, open_method
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 
@@ -214,7 +213,9 @@ def describe(plan: Plan) -> dict[str, Any]:
         **{key: value for sink in plan.sinks for key, value in sink.described().items()},
         "clips": [_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
         "configurations": {configuration.name: configuration.plain() for configuration in configurations},
-        "methods": {configuration.name: _describe_method(configuration) for configuration in configurations},
+        "methods": {
+            configuration.name: _describe_method(configuration, plan.clips) for configuration in configurations
+        },
         "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
         "weights_sha256": {
             name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
@@ -224,10 +225,32 @@ def describe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _describe_method(configuration: Configuration) -> dict[str, bool]:
-    """What the answers of a configuration are: scores need it, and import no method."""
-    method = guarded(f"{configuration.name}: attention", open_method, configuration.attend.attention)
-    return {"probabilistic": method.probabilistic, "says_nowhere": method.says_nowhere}
+def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> dict[str, bool]:
+    """What the answers of a configuration are: scores need it, and import no method.
+
+    Raises
+    ------
+    VfoaError
+        If a method cannot be opened, or the answers of clips differ in this.
+    """
+    described: dict[str, dict[str, bool]] = {}
+    for prepared in clips:
+        settings = configuration.attend.attention.for_clip(prepared.manifest.name)
+        where = f"{configuration.name}: attention"
+        method = guarded(where, open_method, settings, prepared.manifest, prepared.clip)
+        described[prepared.manifest.name] = {
+            "probabilistic": method.probabilistic,
+            "says_nowhere": method.says_nowhere,
+            "from_file": getattr(method, "from_file", False),
+        }
+    (first, of_first), *others = described.items()
+    if other := next((name for name, of_other in others if of_other != of_first), None):
+        differ = next(key for key, value in of_first.items() if value != described[other][key])
+        raise VfoaError(
+            f"{configuration.name}: attention: {differ} is {of_first[differ]} for {first} and "
+            f"{described[other][differ]} for {other}; expected answers of one kind, or a configuration for each"
+        )
+    return of_first
 
 
 def _default_fetch(plan: Plan) -> str | None:
@@ -253,7 +276,7 @@ def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> dict[str, 
         "sha256": prepared.digest,
         "drawn_sha256": None if prepared.drawn is None else prepared.drawn.digest,
         "names": prepared.manifest.naming(),
-        "stage_outputs_sha256": output_digests(experiment, prepared.manifest.name, prepared.clip),
+        "stage_outputs_sha256": output_digests(experiment, prepared.manifest, prepared.clip),
     }
 
 
@@ -263,17 +286,17 @@ _PACKAGES = (
 )
 
 
-def output_digests(experiment: Experiment, name: str, clip: Clip | MeasuredClip) -> list[str]:
-    """The sha256 of the files that each distinct stage reads for the clip ``name``, in the order of the stages."""
+def output_digests(experiment: Experiment, manifest: ClipManifest, clip: Clip | MeasuredClip) -> list[str]:
+    """The sha256 of the files that each distinct stage reads for a clip, in their order, then those of methods."""
+    own = [configuration.for_clip(manifest.name) for configuration in experiment.configurations]
+    methods = {each.attend.attention.model_dump_json(): each.attend.attention for each in own}
+    answers = [open_method(settings, manifest, clip) for settings in methods.values() if reads_clip(settings)]
+    of_methods = [method.digest() for method in answers]
     if isinstance(clip, MeasuredClip):
-        return []
-    distinct = {
-        f"{choice.slot} {choice.plain()}": choice
-        for configuration in experiment.configurations
-        for choice in configuration.for_clip(name).stages
-    }
+        return of_methods
+    distinct = {f"{choice.slot} {choice.plain()}": choice for each in own for choice in each.stages}
     digests = (STAGES[choice.slot].files_digest(choice, clip) for choice in distinct.values())
-    return [digest for digest in digests if digest is not None]
+    return [*(digest for digest in digests if digest is not None), *of_methods]
 
 
 def versions() -> dict[str, str]:

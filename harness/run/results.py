@@ -87,10 +87,14 @@ class ClipRecords:
 
 
 class Answers(NamedTuple):
-    """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing"."""
+    """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
+
+    Those ``from_file`` are another system's, which needs nothing of what the stages found.
+    """
 
     probabilistic: bool
     says_nowhere: bool
+    from_file: bool = False
 
 
 def answers_of(manifest: Mapping[str, Any], configuration: str, path: Path) -> Answers:
@@ -103,7 +107,7 @@ def answers_of(manifest: Mapping[str, Any], configuration: str, path: Path) -> A
     """
     of_method = manifest.get("methods", {}).get(configuration)
     if of_method is not None:
-        return Answers(of_method["probabilistic"], of_method["says_nowhere"])
+        return Answers(of_method["probabilistic"], of_method["says_nowhere"], of_method.get("from_file", False))
     if "method" in manifest.get("configurations", {}).get(configuration, {}).get("attention", {}):
         raise VfoaError(
             f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"

@@ -155,6 +155,7 @@ class FinishedRun:
             names_now=self._names_now(manifests),
             says_nowhere=frozenset(name for name, of_method in answers.items() if of_method.says_nowhere),
             probabilistic=dict.fromkeys(name for name, of_method in answers.items() if of_method.probabilistic),
+            from_file=frozenset(name for name, of_method in answers.items() if of_method.from_file),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
             settings=run["configurations"],

@@ -23,6 +23,7 @@ from harness.score.verdicts import (
     Verdict,
     Worth,
     answer,
+    by_name,
     find_subject,
     judge,
     judge_absent,
@@ -46,8 +47,9 @@ class Reference:
     cover (a clip whose numbers have gaps, a run with a limit): a labelled frame without a record counts as wrong.
     ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
     ``says_nowhere`` are the configurations whose method can answer "looks at nothing", ``probabilistic`` those whose
-    attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
-    they can only be wrong. ``names_now`` are the present names of renamed targets by clip and name in the results.
+    attention is a probability, ``from_file`` those whose answers another system gave. ``unknown_names`` are names in
+    the results of a clip that its manifest does not know: they can only be wrong. ``names_now`` are the present names
+    of renamed targets by clip and name in the results.
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
     ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
     each clip that has some, by the number of things beside people in a frame.
@@ -59,6 +61,7 @@ class Reference:
     published: Published | None = None
     says_nowhere: frozenset[str] = frozenset()
     probabilistic: Collection[str] = frozenset()
+    from_file: frozenset[str] = frozenset()
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -164,6 +167,8 @@ class JudgedPart:
             verdict = judge(record, subject, label)
             if record.configuration in reference.says_nowhere:
                 verdict = _as_said(verdict)
+            if record.configuration in reference.from_file:
+                verdict = by_name(verdict)
             judgement = Judgement(verdict, label is not None and label.is_blocked)
             if label and verdict.outcome != "unscored":
                 person = find_subject(record, subject)
@@ -231,6 +236,8 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: 
                 of_subject = part.by_subject.setdefault(subject, {})
                 if frame not in of_subject:
                     verdict = judge_absent(name, configuration, frame, subject, label)
+                    if configuration in reference.from_file:
+                        verdict = by_name(verdict)
                     of_subject[frame] = Judgement(verdict, label.is_blocked, worth=worth)
             for subject, judgements in sorted(part.by_subject.items()):
                 in_phase = {k: each for k, each in judgements.items() if phase in (None, part.phases.get(k))}

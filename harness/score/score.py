@@ -108,7 +108,8 @@ class Scores:
     the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
     ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`. ``phases`` are the scores of each
-    phase of the clips that have some, on these clips together; without notes and measures.
+    phase of the clips that have some, on these clips together; without notes and measures. ``has_answers_of_file``
+    says whether another system gave the answers of a configuration.
     """
 
     clips: tuple[str, ...]
@@ -125,6 +126,7 @@ class Scores:
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     phases: Mapping[str, Scores] = field(default_factory=dict)
+    has_answers_of_file: bool = False
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips and, if there are several, of all clips together."""
@@ -214,6 +216,7 @@ def score_parts(
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
         settings=reference.settings,
+        has_answers_of_file=bool(reference.from_file),
         phases={phase: _phase_scores(to_outcomes(judged, reference, phase), metrics) for phase in phases},
     )
 

@@ -6,6 +6,8 @@ The error type is the first of these that applies, in the order of the pipeline:
 ``no_eyes_3d``            the subject was seen, but the 3D position of the eyes is not known
 ``face_turned_away``      nothing but gaze was asked for, and the face is turned too far for the gaze model
 ``no_direction``          neither gaze nor head direction was measured
+``no_answer``             the file of another system's answers has none: only there, in place of all above and the next
+                          two
 ``target_not_segmented``  no instance has the true target's name
 ``target_without_box``    instances have the name, but none has a 3D box
 ``false_attention``       the subject looks at nothing, and a target was predicted
@@ -26,7 +28,7 @@ A *set* holds the fewest answers, nowhere among them, that have :data:`SET_LEVEL
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -41,6 +43,7 @@ ERROR_TYPES = {
     "no_eyes_3d": "where the eyes are in space is not known",
     "face_turned_away": "no gaze: face turned away",
     "no_direction": "neither gaze nor head was measured",
+    "no_answer": "the file of answers has none",
     "target_not_segmented": "the true target has no mask",
     "target_without_box": "the true target has a mask and no 3D box",
     "false_attention": "a target was predicted, and there is none",
@@ -106,6 +109,15 @@ def judge_absent(clip: str, configuration: str, frame: int, subject: str, label:
     """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
     empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
     return judge(empty, subject, label)
+
+
+OF_SCENE = {"no_subject": "no_answer", "target_not_segmented": "missed", "target_without_box": "missed"}
+"""Error types of what the stages found, and what they are for answers by name, which need nothing of it."""
+
+
+def by_name(verdict: Verdict) -> Verdict:
+    """The verdict on an answer that another system gave by name."""
+    return replace(verdict, error_type=OF_SCENE.get(verdict.error_type or "", verdict.error_type))
 
 
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:

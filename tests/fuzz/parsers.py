@@ -17,6 +17,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
+from harness.pipeline.outputs.answers import read_answers
 from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
 from harness.run.results import read_lines, to_line
@@ -103,6 +104,11 @@ def _signals(path: Path) -> Any:
     return read_table(path, "gaze", ("x", "y", "z"), range(9)).columns.group(("x", "y", "z"))
 
 
+def _their_answers(path: Path) -> Any:
+    frames = range(1, 4)
+    return read_answers(path, frames, [frame * 40_000_000 for frame in frames], ("mug", "anna", "ben"), ("anna", "ben"))
+
+
 def _video(path: Path) -> Any:
     video = Video(path)
     return [video.read(place) for place in video.frames[:9]]
@@ -157,6 +163,7 @@ PARSERS: Sequence[Parser] = (
     # Tables
     Parser("signal table", "gaze.csv", whole.SIGNALS, _signals),
     Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),
+    Parser("answers of another system", "answers.csv", whole.THEIR_ANSWERS, _their_answers),
     Parser("COCO panoptic", "panoptic.json", states.write_coco, states.read_coco),
     Parser(
         "measured people",

@@ -79,6 +79,10 @@ BORIS_EXPORTS = (
 )
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
+THEIR_ANSWERS = (
+    "frame,subject,target,instance_id\n1,anna,mug,3\n1,ben,none,\n2,anna,,\n3,ben,anna,\n",
+    "time_s,subject,target,p_mug,p_ben,p_none\n0,anna,mug,0.7,0.2,0.1\n0.04,anna,,0.1,0.9,\n0.08,anna,none,,,1\n",
+)
 GAZE3D = (
     "xmin,ymin,xmax,ymax,pid,frame_id,gaze_x,gaze_y,gaze_z\n"
     "10.5,4.0,20.0,18.0,1.0,1.0,0.6,0.0,-0.8\n10.5,4.0,20.0,18.0,1.0,2.0,0.0,0.0,-1.0\n"

@@ -1,0 +1,171 @@
+"""Answers of another system beside those of vfoa: in one run, scored by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.clips import app
+from harness.record.composed import find_clips
+from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
+from harness.score.score import ScoreRow, Scores
+from tests.disk import write_text
+from tests.measured import measured_tables, true_labels
+from vfoa.errors import VfoaError
+
+PAIR = """
+clips = ["talk"]
+preset = "measured"
+
+[[configuration]]
+name = "cones"
+
+[[configuration]]
+name = "theirs"
+attention.method = "answers"
+attention.file = "answers/${CLIP}.csv"
+"""
+
+
+@pytest.fixture
+def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the clip ``talk`` of anna, ben, a robot and a cup; 12 frames are labelled."""
+    measured_tables(tmp_path / "data" / "talk")
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["add", str(tmp_path / "data" / "talk")], catch_exceptions=False).exit_code == 0
+    write_text(tmp_path / "annotations" / "talk.csv", true_labels())
+    write_text(tmp_path / "talk.toml", PAIR)
+    return tmp_path
+
+
+def _labels(folder: Path) -> list[tuple[int, str, str]]:
+    """Every labelled frame, subject and target."""
+    labels = []
+    for line in (folder / "annotations" / "talk.csv").read_text(encoding="utf-8").splitlines()[2:]:
+        first, last, subject, target, *_ = line.split(",")
+        labels += [(frame, subject, target) for frame in range(int(first), int(last) + 1)]
+    return labels
+
+
+def _answer(rows: Iterable[object], header: str = "frame,subject,target") -> None:
+    write_text(Path("answers/talk.csv"), "\n".join([header, *map(str, rows)]) + "\n")
+
+
+def _run(folder: Path) -> tuple[RunDirectory, Scores]:
+    loaded = load_experiment("talk.toml")
+    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations))
+    directory = run_plan(plan, folder / "run", workers=1, progress=lambda clip: None)
+    return directory, rescore(directory)
+
+
+def _row(scores: Scores, configuration: str = "theirs") -> ScoreRow:
+    return next(row for row in scores.overall() if row.configuration == configuration)
+
+
+def test_right_answers_score_everything_and_the_table_has_both(talk: Path) -> None:
+    _answer(f"{frame},{subject},{target}" for frame, subject, target in _labels(talk))
+    directory, scores = _run(talk)
+    assert [(row.configuration, row.n, row.correct) for row in scores.overall()] == [
+        ("cones", 24, 24),
+        ("theirs", 24, 24),
+    ]
+    assert "theirs" in (directory.path / "frr.md").read_text(encoding="utf-8")
+    (clip,) = find_clips(directory.path, "talk", "theirs")
+    assert all(path.stat().st_size for path in clip.compose().files)
+    assert "error_type_no_answer" in (directory.path / "frr.csv").read_text(encoding="utf-8")
+
+
+def test_each_kind_of_wrong_answer_has_its_error_type(talk: Path) -> None:
+    labels = _labels(talk)
+    wrong = dict(zip(labels, ("missing row", "blank", "none", "another"), strict=False))
+    assert all(target != "none" for *_, target in wrong)
+    rows = []
+    for label in labels:
+        frame, subject, target = label
+        another = "robot" if target != "robot" else "cup"
+        said = {"blank": "", "none": "none", "another": another}.get(wrong.get(label, ""), target)
+        if wrong.get(label) != "missing row":
+            rows.append(f"{frame},{subject},{said}")
+    _answer(rows)
+    row = _row(_run(talk)[1])
+    assert (row.n, row.correct, row.predicted) == (24, 20, 22)
+    assert {name: count for name, count in row.error_types.items() if count} == {"no_answer": 2, "missed": 2}
+
+
+def test_what_vfoa_did_not_find_counts_all_the_same(talk: Path) -> None:
+    """A frame in which the tables of measurements have neither ben nor the cup, and the answers do."""
+    people = talk / "data" / "talk" / "people.csv"
+    lines = people.read_text(encoding="utf-8").splitlines()
+    write_text(people, "\n".join(line for line in lines if ",ben," not in line or line.startswith("1,")) + "\n")
+    _answer(f"{frame},{subject},{target}" for frame, subject, target in _labels(talk))
+    directory, scores = _run(talk)
+    assert _row(scores).correct == 24
+    assert _row(scores, "cones").error_types["no_subject"] > 0
+    last = [record for record in read_records(directory) if record.configuration == "theirs"][-1]
+    assert {subject.name for subject in last.subjects} == {"anna", "ben"}
+    assert len({target.instance_id for target in last.targets}) == len(last.targets)
+
+
+def test_probabilities_are_judged(talk: Path) -> None:
+    labels = _labels(talk)
+    names = ("anna", "ben", "robot", "cup", "none")
+
+    def row(frame: int, subject: str, target: str) -> str:
+        chances = [0.7 if name == target else 0.0 if name == subject else 0.1 for name in names]
+        return ",".join(map(str, (frame, subject, "", *chances)))
+
+    _answer((row(*label) for label in labels), f"frame,subject,target,{','.join(f'p_{name}' for name in names)}")
+    _, scores = _run(talk)
+    assert _row(scores).correct == 24
+    theirs = [outcome for outcome in scores.outcomes if outcome.configuration == "theirs"]
+    assert {round(float(value), 9) for outcome in theirs for value in outcome.on_truth} == {0.7}
+
+
+def test_times_in_place_of_frames(talk: Path) -> None:
+    times = {frame: place / 25 for place, frame in enumerate(sorted({frame for frame, *_ in _labels(talk)}))}
+    _answer(
+        (f"{times[frame] + 0.01:.3f},{subject},{target}" for frame, subject, target in _labels(talk)),
+        "time_s,subject,target",
+    )
+    assert _row(_run(talk)[1]).correct == 24
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "problem"),
+    [
+        ("frame,subject,target", "99,anna,robot", r"talk\.csv:2: frame 99: not in the clip.* 1 to 12"),
+        ("frame,subject,target", "0,anna,robot", r"talk\.csv:2: frame 0: .*set attention\.frame_offset = 1"),
+        ("frame,subject,target", "1,Anna,robot", r"talk\.csv:2: subject 'Anna': did you mean 'anna'"),
+        ("frame,subject,target", "1,anna,Robot", r"talk\.csv:2: target 'Robot': did you mean 'robot'"),
+        ("frame,subject,target", "1,anna,lamp", r"talk\.csv:2: target 'lamp': .*expected one of: .*robot"),
+        ("frame,subject,target", "1,anna,anna", r"talk\.csv:2: 'anna' looks at 'anna'"),
+        ("frame,subject,target", "1,anna,robot\n1,anna,cup", r"talk\.csv:3: frame 1, subject 'anna': .*talk\.csv:2"),
+        ("frame,subject,target,p_robot,p_none", "1,anna,robot,.7,.7", r"talk\.csv:2: p_robot, p_none: .* 1\.4;"),
+        ("frame,subject,target,p_robot,p_none", "1,anna,robot,.2,.2", r"talk\.csv:2: .* 0\.4; expected 1"),
+        ("frame,subject,target,p_robot", "1,anna,robot,-.2", r"talk\.csv:2: p_robot: .*found -0\.2"),
+        ("frame,subject,target,p_robot", "1,anna,robot,", r"talk\.csv:2: target 'robot': found no probability"),
+        ("frame,subject,target,p_lamp", "1,anna,robot,1", r"talk\.csv:1: no column 'p_lamp'"),
+        ("frame,person,target", "1,anna,robot", r"talk\.csv:1: no column .*subject"),
+        ("subject,target", "anna,robot", r"talk\.csv:1: found neither of the columns frame and time_s"),
+        ("time_s,subject,target", "7.5,anna,robot", r"talk\.csv:2: time_s: found '7\.5'"),
+    ],
+)
+def test_a_mistake_is_named_before_anything_runs(talk: Path, header: str, row: str, problem: str) -> None:
+    _answer([row], header)
+    with pytest.raises(VfoaError, match=problem):
+        _run(talk)
+    assert not (talk / "run" / "answers").exists()
+
+
+def test_an_offset_moves_the_frames_of_a_table(talk: Path) -> None:
+    write_text(talk / "talk.toml", PAIR + "attention.frame_offset = 1\n")
+    _answer(f"{frame - 1},{subject},{target}" for frame, subject, target in _labels(talk))
+    assert _row(_run(talk)[1]).correct == 24
