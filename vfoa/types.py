@@ -412,7 +412,7 @@ class Scene:
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the
     seconds between; None if they were found in it. ``names`` are the targets' by instance id, in their order; empty
-    where nobody names them.
+    where nobody names them. ``ids`` (H, W) are those of :class:`Instances`; None where there are no masks.
     """
 
     index: int
@@ -422,6 +422,7 @@ class Scene:
     masks_from: int | None = None
     masks_age_s: float | None = None
     names: Mapping[int, str] = field(default_factory=dict)
+    ids: NDArray[np.uint16] | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -496,6 +497,8 @@ class NoAttention(Enum):
     NO_DIRECTION = "no_direction"
     NO_ANSWER = "no_answer"
     """Of a method that reads its answers: they have none for this person and frame."""
+    NO_OBJECT = "no_object"
+    """The point that the person looks at lies on no target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,7 +35,7 @@ from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
-from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
+from vfoa.types import Gaze, Instances, Percepts, Person, Scene, StereoFrame
 
 
 class Followed(NamedTuple):
@@ -231,7 +231,7 @@ class Perception:
                     named[namer] = _name(scene, tracked, namer)
                 names, seconds = named[namer]
                 memo.charge("tracking", seconds)
-                scene = memo.call("tracking", _with_names, scene, names)
+                scene = memo.call("tracking", _with_names, scene, names, percepts.instances)
                 if answers := self._answers.get(name):
                     scene, tracked, names = answers.complete(scene, tracked, names)
                 results[name] = Followed(percepts, scene, tracked, names, memo.timings)
@@ -320,8 +320,8 @@ def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[Names, float]:
     return names, seconds["tracking"]
 
 
-def _with_names(scene: Scene, names: Names) -> Scene:
-    return replace(scene, names=names.targets)
+def _with_names(scene: Scene, names: Names, instances: Instances | None = None) -> Scene:
+    return replace(scene, names=names.targets, ids=None if instances is None else instances.ids)
 
 
 def _answers(

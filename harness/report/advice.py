@@ -103,6 +103,12 @@ def _no_answer(run: _Run) -> Iterator[str]:
     yield "coverage says how many frames have an answer"
 
 
+def _no_object(run: _Run) -> Iterator[str]:
+    yield "see where the point lies (vfoa view RUN --failures)"
+    if run.has_images:
+        yield "give more objects a mask, or draw them (vfoa annotate CLIP, key p)"
+
+
 def _target_not_segmented(run: _Run) -> Iterator[str]:
     if run.has_images:
         yield "give the target a category that the model finds ([targets.NAME] in the manifest)"
@@ -163,6 +169,7 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
     "face_turned_away": _face_turned_away,
     "no_direction": _no_direction,
     "no_answer": _no_answer,
+    "no_object": _no_object,
     "target_not_segmented": _target_not_segmented,
     "target_without_box": _without_depth("the target"),
     "false_attention": _false_attention,

@@ -60,8 +60,11 @@ COMPARISON_COLUMNS: Mapping[str, str] = {
 """Column of ``comparisons.csv`` to its meaning. A row is a pair of configurations."""
 
 
-_NO_ANSWER = "error_type_no_answer"
-"""The column of ``frr.csv`` that only runs with another system's answers have."""
+_OF_FILES = {
+    f"error_type_{name}": f"wrong frames because {ERROR_TYPES[name]}; only in runs with attention.method = answers"
+    for name in ("no_answer", "no_object")
+}
+"""The columns of ``frr.csv`` that only runs with another system's answers have."""
 
 
 def frr_columns() -> Mapping[str, str]:
@@ -110,7 +113,7 @@ def frr_columns() -> Mapping[str, str]:
         **{f"baseline_{name}": f"frr of the baseline rule {name!r} on the same frames" for name in BASELINES},
         "beats_baselines": "whether frr is above that of the best baseline: yes (significantly), not shown, or no",
         **{f"error_type_{name}": f"wrong frames because {why}" for name, why in ERROR_TYPES.items()},
-        _NO_ANSWER: f"wrong frames because {ERROR_TYPES['no_answer']}; only in runs with attention.method = answers",
+        **_OF_FILES,
         "unknown_names": "names in the results that the clip's manifest does not know: such an answer counts as wrong",
     }
     metrics = {name: metric.meaning for name, metric in load_metrics().items()}
@@ -128,7 +131,7 @@ def scores_table(scores: Scores) -> Table:
         If a metric has the name of an existing column.
     """
     columns = tuple(frr_columns())
-    left_out = () if scores.has_answers_of_file else (_NO_ANSWER,)
+    left_out = () if scores.has_answers_of_file else tuple(_OF_FILES)
     kept = [place for place, column in enumerate(columns) if column not in left_out]
     rows = ((*_score_cells(row, scores), *map(csv_share, row.metrics.values())) for row in scores.rows)
     return Table(

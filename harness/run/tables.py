@@ -127,7 +127,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
     "answers": {
         **_of(*_NAMES),
         "track_id": _TRACK,
-        "missing": Column("string?", "Why there is no answer: `no_eyes_3d`, `no_direction`; null: there is one."),
+        "missing": Column("string?", "Why there is none, such as `no_eyes_3d`; null: there is one."),
         "focus": Column("int32?", "Instance with the most attention; null: nowhere, or no answer."),
         "tied": Column("list<int32>", "Other instances with exactly the same attention."),
         "targets": Column("list<int32>", "Instances, in the order of the three lists of attention."),

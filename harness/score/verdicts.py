@@ -8,6 +8,7 @@ The error type is the first of these that applies, in the order of the pipeline:
 ``no_direction``          neither gaze nor head direction was measured
 ``no_answer``             the file of another system's answers has none: only there, in place of all above and the next
                           two
+``no_object``             the point in the image that another system gave lies on no object, and there is a true target
 ``target_not_segmented``  no instance has the true target's name
 ``target_without_box``    instances have the name, but none has a 3D box
 ``false_attention``       the subject looks at nothing, and a target was predicted
@@ -44,6 +45,7 @@ ERROR_TYPES = {
     "face_turned_away": "no gaze: face turned away",
     "no_direction": "neither gaze nor head was measured",
     "no_answer": "the file of answers has none",
+    "no_object": "the point looked at lies on no object",
     "target_not_segmented": "the true target has no mask",
     "target_without_box": "the true target has a mask and no 3D box",
     "false_attention": "a target was predicted, and there is none",
@@ -57,6 +59,8 @@ ERROR_TYPES = {
 
 NO_HIT = "(nothing hit)"
 """The prediction of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
+NO_OBJECT = "no_object"
+"""The reason of a point that lies on no object: like a ray that hits nothing, it is right if the label is none."""
 NO_PREDICTION = "no prediction"
 """The text that people see for a frame without a prediction."""
 ANOTHER = "(another of this name)"
@@ -142,7 +146,7 @@ def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
 
 
 def _predicted(record: FrameRecord, person: SubjectRecord | None) -> str | None:
-    if person is None or person.missing is not None:
+    if person is None or person.missing not in (None, NO_OBJECT):
         return None
     if person.focus is not None:
         return record.target(person.focus).name
@@ -157,6 +161,8 @@ def _error_type(
         return "no_subject"
     if person.missing == "no_direction" and person.no_gaze is not None:
         return person.no_gaze
+    if person.missing == NO_OBJECT:
+        return None if label.target == NOWHERE else NO_OBJECT
     if person.missing is not None:
         return person.missing
     if person.focus in right_answers(record, label):

@@ -82,6 +82,7 @@ HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.
 THEIR_ANSWERS = (
     "frame,subject,target,instance_id\n1,anna,mug,3\n1,ben,none,\n2,anna,,\n3,ben,anna,\n",
     "time_s,subject,target,p_mug,p_ben,p_none\n0,anna,mug,0.7,0.2,0.1\n0.04,anna,,0.1,0.9,\n0.08,anna,none,,,1\n",
+    "frame,subject,u_px,v_px,in_image\n1,anna,300.5,200,1\n2,anna,,,0\n3,ben,20,30,\n",
 )
 GAZE3D = (
     "xmin,ymin,xmax,ymax,pid,frame_id,gaze_x,gaze_y,gaze_z\n"

@@ -2,12 +2,17 @@
 
 frame,subject,target[,instance_id][,p_NAME...]
 time_s,subject,target[,instance_id][,p_NAME...]
+frame,subject,u_px,v_px[,in_image]
 
 CSV in any dialect, or Parquet. A row is one person in one frame. ``target`` is a name of the manifest (a target or a
 subject), ``none`` for "looks at nothing", or blank for no answer; a frame without a row has none either.
 ``instance_id`` says which one it is where things share a name; default: the first. ``p_NAME`` are probabilities of
 targets, ``p_none`` that of nothing, which without a column has the rest up to 1; a blank cell is 0. With
 probabilities a blank target is the likeliest one.
+
+``u_px, v_px`` is the point of the left image that the person looks at, as gaze-following networks say it: the target is
+the object whose mask holds the point (in a frame without masks: the smallest box). ``in_image`` 0 is ``none``; a row
+without a point is no answer.
 
 Answers are joined by name, so they count whether or not this pipeline found the person or the object: what it did not
 find is added to the scene without a box.
@@ -20,7 +25,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +39,7 @@ from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
 from harness.pipeline.configuration import CLIP_VARIABLE
 from harness.remote import expand
+from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.methods import MethodSettings
 from vfoa.tracking import Tracked
@@ -51,9 +57,13 @@ from vfoa.types import (
 
 KEYS = ("frame", "time_s")
 """Columns that say which frame a row is of; a table has one of them."""
+NAMED = ("target", "instance_id")
+POINT = ("u_px", "v_px")
 CHANCE = "p_"
 """How the name of a column of probabilities begins."""
 
+_IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
+"""Cells of ``in_image``, and whether they say that the point is outside."""
 _TOLERANCE = 1e-3
 """By how much the probabilities of a row may differ from 1, for tables with few digits."""
 _FIRST_TRACK = 1_000_000
@@ -77,36 +87,31 @@ class AnswersSettings(MethodSettings):
         return self.model_copy(update={"file": self.file.replace(CLIP_VARIABLE, clip)})
 
 
-class Timeline(Protocol):
-    """The frames of a clip, in ascending order, and their times."""
-
-    @property
-    def frames(self) -> Sequence[int]:
-        """Numbers of the frames."""
-        ...
-
-    def time_ns(self, index: int) -> int:
-        """Time of a frame, ns."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
     """One person's answer in a frame: a name or :data:`NOWHERE`; ``instance_id`` is which one of that name.
 
-    ``chances`` are the probabilities of names above 0; empty where the system gives none.
+    ``chances`` are the probabilities of names above 0; empty where the system gives none. ``point_px`` (u, v) is the
+    point looked at, in place of a name.
     """
 
-    target: str
+    target: str = NOWHERE
     instance_id: int | None = None
     chances: Mapping[str, float] = field(default_factory=dict)
+    point_px: tuple[float, float] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all that it speaks of."""
+        return tuple(name for name in (self.target, *self.chances) if name != NOWHERE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """The answers of a table by frame and subject; ``probabilistic`` says whether it has probabilities."""
+    """The answers of a table by frame and subject; whether it has probabilities, and whether it has points."""
 
     probabilistic: bool
+    has_points: bool
     by_frame: Mapping[int, Mapping[str, Answer]]
 
 
@@ -117,7 +122,7 @@ class FileAnswers:
     says_nowhere = True
     from_file = True
 
-    def __init__(self, settings: AnswersSettings, manifest: ClipManifest, clip: Timeline) -> None:
+    def __init__(self, settings: AnswersSettings, manifest: ClipManifest, clip: Clip | MeasuredClip) -> None:
         self._path = expand(settings.file, Path.cwd(), "attention.file")
         self._rules: Mapping[str, NameRule] = {**manifest.targets, **manifest.subjects}
         self._people = tuple(manifest.subjects)
@@ -125,6 +130,11 @@ class FileAnswers:
         times_ns = tuple(map(clip.time_ns, frames))
         key = file_digest(self._path), frames, times_ns, tuple(self._rules), self._people, settings.frame_offset
         self._answers = _read_once(self._path, *key)
+        if self._answers.has_points and isinstance(clip, MeasuredClip):
+            raise VfoaError(
+                f"{self._path}:1: u_px, v_px: found points of an image, and the clip {manifest.name} has no images; "
+                "expected the column target"
+            )
 
     @property
     def probabilistic(self) -> bool:
@@ -149,9 +159,7 @@ class FileAnswers:
         """Add the people and targets that the table names in this frame and that were not found, without a box."""
         answers = self._answers.by_frame.get(scene.index, {})
         known = {*names.targets.values()}
-        wanted = dict.fromkeys(
-            name for answer in answers.values() for name in (answer.target, *answer.chances) if name != NOWHERE
-        )
+        wanted = dict.fromkeys(name for answer in answers.values() for name in answer.names)
         unseen = [subject for subject in answers if subject not in names.subjects.values()]
         used = {target.instance.id for target in scene.targets}
         free = (number for number in range(_LAST_ID, 0, -1) if number not in used)
@@ -177,19 +185,57 @@ class FileAnswers:
 def _attention(subject: Subject, answer: Answer | None, scene: Scene) -> Attention:
     if answer is None:
         return Attention(subject=subject, missing=NoAttention.NO_ANSWER)
+    if answer.point_px is not None:
+        return _attention_at(subject, answer.point_px, scene)
     ids: dict[str, int] = {}
     for number, name in scene.names.items():
         ids.setdefault(name, number)
     if answer.instance_id is not None and scene.names.get(answer.instance_id) == answer.target:
         ids[answer.target] = answer.instance_id
-    chances = answer.chances or {answer.target: 1.0}
+    chances = answer.chances or dict.fromkeys(answer.names, 1.0)
     totals = {ids[name]: chance for name, chance in chances.items() if name != NOWHERE}
-    values = tuple(
+    focus = None if answer.target == NOWHERE else ids[answer.target]
+    return Attention(subject=subject, values=_values(subject, scene, totals), focus=focus)
+
+
+def _attention_at(subject: Subject, point_px: tuple[float, float], scene: Scene) -> Attention:
+    """The attention of a person who looks at a point of the image: the target there has all of it."""
+    ids, (u, v) = scene.ids, point_px
+    if ids is None:
+        found = _smallest_box(scene, point_px, subject.person.instance_id)
+    else:
+        (height, width), (column, row) = ids.shape, (math.floor(u + 0.5), math.floor(v + 0.5))
+        if not (0 <= column < width and 0 <= row < height):
+            raise VfoaError(
+                f"{subject.name} in frame {scene.index} looks at u_px = {u:g}, v_px = {v:g}, outside the image of "
+                f"{width} x {height}; expected a point of it, or in_image = 0"
+            )
+        found = int(ids[row, column])
+    values = _values(subject, scene, {} if found is None else {found: 1.0})
+    if found not in {value.instance_id for value in values}:
+        return Attention(subject=subject, missing=NoAttention.NO_OBJECT)
+    return Attention(subject=subject, values=values, focus=found)
+
+
+def _smallest_box(scene: Scene, point_px: tuple[float, float], own_id: int | None) -> int | None:
+    """The instance with the smallest box in the image that holds the point; None: no box does."""
+    u, v = point_px
+    areas: dict[int, float] = {}
+    for target in scene.targets:
+        if target.box_px is not None and target.instance.id != own_id:
+            u0, v0, u1, v1 = target.box_px.tolist()
+            if u0 <= u <= u1 and v0 <= v <= v1:
+                areas[target.instance.id] = (u1 - u0) * (v1 - v0)
+    return min(areas, key=lambda number: areas[number], default=None)
+
+
+def _values(subject: Subject, scene: Scene, totals: Mapping[int, float]) -> tuple[TargetAttention, ...]:
+    """The attention to each target but the person's own body."""
+    return tuple(
         TargetAttention(instance_id=number, gaze=math.nan, head=math.nan, total=totals.get(number, 0.0))
         for number in (target.instance.id for target in scene.targets)
         if number != subject.person.instance_id
     )
-    return Attention(subject=subject, values=values, focus=None if answer.target == NOWHERE else ids[answer.target])
 
 
 @lru_cache(maxsize=4)
@@ -232,9 +278,7 @@ def read_answers(
         For the first mistake, with file and line: a column or a name that is unknown, a frame that the clip does not
         have, two rows of one person in one frame, probabilities that do not add up.
     """
-    columns = (
-        read_parquet_columns(path) if path.suffix == ".parquet" else read_columns(path, None, ("subject", "target"))
-    )
+    columns = read_parquet_columns(path) if path.suffix == ".parquet" else read_columns(path, None, ("subject",))
     table = _Table(columns, tuple(names), tuple(people))
     by_frame: dict[int, dict[str, Answer]] = {}
     lines: dict[tuple[int, str], int] = {}
@@ -247,7 +291,7 @@ def read_answers(
             )
         if (answer := table.answer(row, subject)) is not None:
             by_frame.setdefault(frame, {})[subject] = answer
-    return Answers(probabilistic=bool(table.chances), by_frame=by_frame)
+    return Answers(probabilistic=bool(table.chances), has_points=table.has_points, by_frame=by_frame)
 
 
 class _Table:
@@ -256,13 +300,20 @@ class _Table:
     def __init__(self, columns: TableColumns, names: tuple[str, ...], people: tuple[str, ...]) -> None:
         self.columns, self._names, self._people = columns, names, people
         answers = (*names, NOWHERE)
-        expected = (*KEYS, "subject", "target", "instance_id", *(CHANCE + name for name in answers))
+        expected = (*KEYS, "subject", *NAMED, *(CHANCE + name for name in answers), *POINT, "in_image")
         for column in columns.cells:
             if column not in expected:
                 raise VfoaError(f"{columns.path}:1: no column {column!r} here; {did_you_mean(column, expected)}")
-        for column in ("subject", "target"):
-            if column not in columns.cells:
-                raise VfoaError(f"{columns.path}:1: no column {column!r}; expected frame,subject,target,...")
+        self.has_points = any(column in columns.cells for column in POINT)
+        named = [column for column in columns.cells if column in NAMED or column.startswith(CHANCE)]
+        if "subject" not in columns.cells or self.has_points == bool(named):
+            found = f"{named[0]} beside points" if named and self.has_points else ",".join(columns.cells)
+            raise VfoaError(
+                f"{columns.path}:1: found {found}; expected frame,subject,target,... or frame,subject,u_px,v_px,..."
+            )
+        self._points = columns.group(POINT) if self.has_points else None
+        self._out = self._are_out() if self.has_points else ()
+        self._check_points()
         self._numbers = columns.numbers("instance_id")
         self.chances = {
             name: np.nan_to_num(columns.numbers(CHANCE + name)) for name in answers if CHANCE + name in columns.cells
@@ -279,6 +330,11 @@ class _Table:
 
     def answer(self, row: int, subject: str) -> Answer | None:
         """The answer in a row; None for no answer."""
+        if self._points is not None:
+            u, v = self._points[row].tolist()
+            if self._out[row]:
+                return Answer()
+            return None if math.isnan(u) else Answer(point_px=(u, v))
         target, where = self.columns.cells["target"][row], self.columns.where(row)
         chances = {name: float(column[row]) for name, column in self.chances.items() if column[row] > 0}
         if self.chances and NOWHERE not in self.chances and 0 < (rest := 1 - sum(chances.values())) < 1:
@@ -296,6 +352,24 @@ class _Table:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target")
         number = self._numbers[row]
         return Answer(target=target, instance_id=None if math.isnan(number) else int(number), chances=chances)
+
+    def _are_out(self) -> tuple[bool, ...]:
+        """Which rows say that the point is not in the image."""
+        cells = self.columns.cells.get("in_image", ("",) * len(self.columns.lines))
+        for row, cell in enumerate(cells):
+            if cell.lower() not in _IN_IMAGE:
+                where = self.columns.where(row)
+                raise VfoaError(f"{where}: in_image: found {cell!r}; expected 1, 0 or nothing")
+        return tuple(_IN_IMAGE[cell.lower()] for cell in cells)
+
+    def _check_points(self) -> None:
+        """Reject points in shares of the image's size, which are no pixels."""
+        points = np.zeros((0, 2)) if self._points is None else self._points[~np.isnan(self._points[:, 0])]
+        if len(points) > 1 and (points >= 0).all() and (points <= 1).all():
+            raise VfoaError(
+                f"{self.columns.path}: u_px, v_px: all are from 0 to 1; expected pixels of the left image: multiply by "
+                "its width and height"
+            )
 
     def _check_chances(self) -> None:
         for name, column in self.chances.items():

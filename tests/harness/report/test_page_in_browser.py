@@ -320,6 +320,7 @@ ONE_OF_EACH = {
     ),
     "no_direction": (frame_record([CUP], [subject_record("girl", missing="no_direction")]), "cup"),
     "no_answer": (frame_record([CUP], [subject_record("girl", missing="no_answer")]), "cup"),
+    "no_object": (frame_record([CUP], [subject_record("girl", missing="no_object")]), "cup"),
     "target_not_segmented": (frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup"),
     "target_without_box": (frame_record([target_record(1, "cup", center=None)], [subject_record("girl")]), "cup"),
     "false_attention": (answers(["cup"])[0], "none"),

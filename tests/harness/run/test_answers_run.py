@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
+from harness.clips.manifest import load_manifest
+from harness.labels.labels import timeline_of
+from harness.pipeline.ground_truth import truth_of
 from harness.record.composed import find_clips
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
@@ -17,6 +21,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.score import ScoreRow, Scores
+from harness.sources import Clip, MeasuredClip
 from tests.disk import write_text
 from tests.measured import measured_tables, true_labels
 from vfoa.errors import VfoaError
@@ -156,6 +161,9 @@ def test_times_in_place_of_frames(talk: Path) -> None:
         ("frame,person,target", "1,anna,robot", r"talk\.csv:1: no column .*subject"),
         ("subject,target", "anna,robot", r"talk\.csv:1: found neither of the columns frame and time_s"),
         ("time_s,subject,target", "7.5,anna,robot", r"talk\.csv:2: time_s: found '7\.5'"),
+        ("frame,subject,u_px,v_px", "1,anna,30,40", r"talk\.csv:1: u_px, v_px: .* has no images"),
+        ("frame,subject,target,u_px,v_px", "1,anna,robot,3,4", r"talk\.csv:1: found target beside points"),
+        ("frame,subject", "1,anna", r"talk\.csv:1: found frame,subject; expected"),
     ],
 )
 def test_a_mistake_is_named_before_anything_runs(talk: Path, header: str, row: str, problem: str) -> None:
@@ -169,3 +177,100 @@ def test_an_offset_moves_the_frames_of_a_table(talk: Path) -> None:
     write_text(talk / "talk.toml", PAIR + "attention.frame_offset = 1\n")
     _answer(f"{frame - 1},{subject},{target}" for frame, subject, target in _labels(talk))
     assert _row(_run(talk)[1]).correct == 24
+
+
+POINTS = """
+clips = ["studio_talk"]
+[defaults.stereo]
+matcher = "bm"
+min_depth_m = 0.8
+wls = false
+[defaults.segmentation]
+model = "truth"
+[defaults.heads]
+detector = "truth"
+[defaults.head_pose]
+model = "truth"
+[defaults.gaze]
+model = "truth"
+
+[[configuration]]
+name = "theirs"
+attention.method = "answers"
+attention.file = "points.csv"
+
+[[configuration]]
+name = "nobody_found"
+attention.method = "answers"
+attention.file = "points.csv"
+tracking.sigma_l = 2
+"""
+
+
+@pytest.fixture
+def masks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Clip:
+    """A rendered clip; the working directory has an experiment on it with points."""
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "talk.toml", POINTS)
+    clip = load_manifest("studio_talk").open()
+    assert not isinstance(clip, MeasuredClip)
+    return clip
+
+
+def _points(clip: Clip, out: Iterable[str]) -> list[str]:
+    """For each label of the first frames a row with a pixel of the mask; what is ``out`` is said to be out."""
+    manifest = load_manifest("studio_talk")
+    labels = manifest.labels(timeline_of(clip), None)
+    assert labels is not None
+    rows = []
+    for frame, subject, label in labels.labelled(clip.frames[:3]):
+        truth = truth_of(clip, frame)
+        assert truth.instances is not None
+        rule = {**manifest.targets, **manifest.subjects}[label.target]
+        of_category = [each for each in truth.instances.instances if each.label == rule.category]
+        (instance,) = [each for each in of_category if rule.instance in (None, each.id)]
+        v, u = np.argwhere(truth.instances.mask(instance.id))[0]
+        rows.append(f"{frame},{subject},,,0" if subject in out else f"{frame},{subject},{u},{v},1")
+    return rows
+
+
+def _run_points(folder: Path, rows: Iterable[str]) -> Scores:
+    write_text(folder / "points.csv", "\n".join(["frame,subject,u_px,v_px,in_image", *rows]) + "\n")
+    plan = prepare(load_experiment("talk.toml"), limit=3)
+    return rescore(run_plan(plan, folder / "run", workers=1, progress=lambda clip: None))
+
+
+def test_a_point_is_the_object_whose_mask_holds_it(tmp_path: Path, masks: Clip) -> None:
+    scores = _run_points(tmp_path, _points(masks, out=()))
+    assert [(row.configuration, row.n, row.correct) for row in scores.overall()] == [
+        ("theirs", 6, 6),
+        ("nobody_found", 6, 6),
+    ]
+
+
+def test_a_point_out_of_the_image_is_nothing_and_one_on_no_object_an_error_of_its_own(
+    tmp_path: Path, masks: Clip
+) -> None:
+    rows = _points(masks, out=["ben"])
+    first = masks.frames[0]
+    truth = truth_of(masks, first)
+    assert truth.instances is not None
+    wall = next(instance.id for instance in truth.instances.instances if not instance.is_thing)
+    v, u = np.argwhere(truth.instances.ids == wall)[0]
+    rows[0] = f"{first},anna,{u},{v},1"
+    row = _row(_run_points(tmp_path, rows))
+    assert {name: count for name, count in row.error_types.items() if count} == {"no_object": 1, "missed": 3}
+    assert row.predicted == 6
+
+
+def test_a_point_beyond_the_image_fails_its_configuration(tmp_path: Path, masks: Clip) -> None:
+    first = masks.frames[0]
+    rows = [*_points(masks, out=())[1:], f"{first},anna,5000,3,1"]
+    with pytest.raises(VfoaError, match=rf"anna in frame {first} looks at u_px = 5000, .*in_image = 0"):
+        _run_points(tmp_path, rows)
+
+
+def test_shares_of_the_image_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
+    first, second, *_ = masks.frames
+    with pytest.raises(VfoaError, match=r"points\.csv: u_px, v_px: all are from 0 to 1; expected pixels"):
+        _run_points(tmp_path, [f"{first},anna,0.5,0.25,1", f"{second},anna,0.5,0.3,1"])
