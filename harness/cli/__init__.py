@@ -25,7 +25,7 @@ from harness.cli.fit import fit
 from harness.cli.run import demo, run
 from harness.cli.scores import compare, plan, report, score
 from harness.cli.terminal import say
-from harness.cli.view import export_failure, view
+from harness.cli.view import catalog, export_failure, view
 from harness.files.io import shown
 from harness.processes import keep_working_directory_out
 from vfoa.errors import StageError, VfoaError
@@ -78,6 +78,7 @@ app.command(short_help="Score a run again, without images or models.")(score)
 app.command(short_help="Write a run's report page, or serve it with its recordings.")(report)
 app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)
 app.command(short_help="Write one frame and its neighbours as a small recording.")(export_failure)
+app.command(short_help="Serve runs as datasets of Rerun's catalogue.")(catalog)
 app.command(short_help="Compare configurations, of one run or of several.")(compare)
 app.command(short_help="Say how many clips it takes to see a difference.")(plan)
 app.command(short_help="Fit attention's weights to labelled clips.")(fit)

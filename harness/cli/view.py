@@ -1,4 +1,4 @@
-"""``vfoa view``, ``vfoa export-failure``: open recordings, step through wrong frames, write a few frames."""
+"""``vfoa view``, ``export-failure``, ``catalog``: open recordings, step through failures, write frames, serve runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace, run_folder
+from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_folder
 from harness.cli.terminal import ended_by_signals, say, signals_as_ctrl_c
 from vfoa.errors import VfoaError
 
@@ -240,6 +240,27 @@ def browse(
         if not no_open:
             open_browser(addresses[0])
         server.run()
+
+
+def catalog(
+    runs: Annotated[list[str], typer.Argument(help="Directories of runs with recordings.", metavar="RUN...")],
+    port: Port = 0,
+) -> None:
+    """Serve runs as datasets of Rerun's catalogue on this machine; Ctrl-C ends it. Needs vfoa[catalog]."""
+    from threading import Event
+
+    from harness.record.catalog import serving
+
+    with ended_by_signals(), serving([run_folder(run) for run in runs], port) as catalogue:
+        for run in catalogue.unmarked:
+            say(f"vfoa: {run}: its recordings have no error types; `vfoa score {run}` adds them", err=True)
+        say(f"Serving until Ctrl-C: {', '.join(catalogue.datasets)}")
+        say(f"Viewer: rerun {catalogue.address}")
+        say("Python:")
+        say("  from rerun.catalog import CatalogClient")
+        say(f'  catalog = CatalogClient("{catalogue.address}")')
+        say(f'  catalog.get_dataset("{next(iter(catalogue.datasets))}").segment_table().to_pandas()')
+        Event().wait()
 
 
 def export_failure(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -100,6 +100,11 @@ class RecordedClip:
         """Return the clip with only one of these configurations."""
         return replace(self, layers=tuple(layer for layer in self.layers if layer.configuration == configuration))
 
+    def layer_files(self) -> dict[str, Path]:
+        """Every existing file of the clip, by the part of its name that tells it from the clip's other files."""
+        files = dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))
+        return {file.stem.removeprefix(self.files.clip).removeprefix("__") or "images": file for file in files}
+
     def compose(self) -> Composed:
         """Combine all layers into one recording: one configuration, or a tab for each."""
         from harness.record.blueprint import clip_layout
@@ -123,23 +128,41 @@ class RecordedClip:
         )
 
     def _shown(self) -> Shown:
-        """The content of the files."""
-        from harness.record import entities
-        from harness.record.blueprint import Shown, eye_for
-        from harness.record.reading import entity_paths, first_points
+        return _content([self])
 
-        paths = entity_paths(self.files.images) if self.files.images.is_file() else set()
-        files = [
-            self.files.reconstruction(name) for name in dict.fromkeys(layer.reconstruction for layer in self.layers)
-        ]
-        return Shown(
-            has_images=entities.IMAGE in paths,
-            has_right=entities.RIGHT in paths,
-            has_measured_depth=entities.MEASURED_DEPTH in paths,
-            eye=eye_for([points for file in files if file.is_file() for points in first_points(file)]),
-            rate_hz=self.rate_hz,
-            span=(min(self.frames), max(self.frames)) if self.frames else None,
-        )
+
+def common_layout(clips: Sequence[RecordedClip]) -> rrb.Blueprint:
+    """The layout for any of several clips of a run, at least one: a tab for each person if all have the same people.
+
+    Raises
+    ------
+    VfoaError
+        If a file cannot be read.
+    """
+    from harness.record.blueprint import clip_layout
+
+    layers = list(dict.fromkeys(layer for clip in clips for layer in clip.layers))
+    people = {clip.subjects for clip in clips}
+    return clip_layout(layers, _content(clips), people.pop() if len(people) == 1 else (), None)
+
+
+def _content(clips: Sequence[RecordedClip]) -> Shown:
+    """What the files of clips hold together; the rate is the first one's."""
+    from harness.record import entities
+    from harness.record.blueprint import Shown, eye_for
+    from harness.record.reading import entity_paths, first_points
+
+    paths = {path for clip in clips if clip.files.images.is_file() for path in entity_paths(clip.files.images)}
+    files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
+    frames = [frame for clip in clips for frame in clip.frames]
+    return Shown(
+        has_images=entities.IMAGE in paths,
+        has_right=entities.RIGHT in paths,
+        has_measured_depth=entities.MEASURED_DEPTH in paths,
+        eye=eye_for([points for file in files if file.is_file() for points in first_points(file)]),
+        rate_hz=clips[0].rate_hz,
+        span=(min(frames), max(frames)) if frames else None,
+    )
 
 
 def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:

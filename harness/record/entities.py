@@ -111,7 +111,7 @@ def curves(configuration: str, subject: str, value: str, *target: str) -> str:
 
 
 def verdict(configuration: str, *parts: str) -> str:
-    """States of a subject over time: ``truth``, ``predicted``, ``verdict``; without these, their parent."""
+    """States of a subject over time: ``truth``, ``predicted``, ``verdict``, ``error_type``; else, their parent."""
     return _join(VERDICTS, configuration, *parts)
 
 

@@ -26,7 +26,7 @@ from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
 from harness.run.table_records import Block, TableReader
 from harness.score import verdicts as scored
-from harness.score.verdicts import judge
+from harness.score.verdicts import ERROR_TYPES, judge
 from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
@@ -36,12 +36,13 @@ _MADE_FROM = "made_from"
 class _Stretch(msgspec.Struct, frozen=True):
     """A stretch of a layer, which shows one block of the tables: a digest of its inputs, and its sums.
 
-    ``outcomes`` are counts, ``targets`` the names in order of their first appearance, ``shown`` the entities of the
-    last frame, ``paths`` those of any frame.
+    ``outcomes`` and ``errors`` (by error type) are counts, ``targets`` the names in order of their first appearance,
+    ``shown`` the entities of the last frame, ``paths`` those of any frame.
     """
 
     key: str
     outcomes: dict[str, int]
+    errors: dict[str, int]
     targets: list[str]
     shown: Shown
     paths: list[str]
@@ -159,13 +160,15 @@ class _Layer:
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
-        log, outcomes, targets = FrameLog(layer.stream, before=shown), Counter[str](), dict[str, None]()
+        log = FrameLog(layer.stream, before=shown)
+        outcomes, errors, targets = Counter[str](), Counter[str](), dict[str, None]()
         for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
             labels = self._labels
             verdicts = [
                 judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects
             ]
             outcomes.update(verdict.outcome for verdict in verdicts)
+            errors.update(verdict.error_type for verdict in verdicts if verdict.error_type)
             targets.update(dict.fromkeys(target.name for target in record.targets))
             log.begin(record.frame, record.time_ns)
             log_verdicts(log, record, verdicts)
@@ -173,19 +176,27 @@ class _Layer:
         paths = sorted(log.paths)
         log.send()
         layer.end_frame()
-        return _Stretch(key=key, outcomes=dict(outcomes), targets=list(targets), shown=log.shown, paths=paths)
+        return _Stretch(
+            key=key,
+            outcomes=dict(outcomes),
+            errors=dict(errors),
+            targets=list(targets),
+            shown=log.shown,
+            paths=paths,
+        )
 
     def _end(self, layer: LayerFile, stretches: Sequence[_Stretch]) -> None:
-        outcomes, colours = Counter[str](), Colours((*self._targets, *self._subjects))
+        outcomes, errors, colours = Counter[str](), Counter[str](), Colours((*self._targets, *self._subjects))
         for stretch in stretches:
             outcomes.update(stretch.outcomes)
+            errors.update(stretch.errors)
             for name in stretch.targets:
                 colours.class_of(name)
         log_palettes(layer.stream, self._configuration, self._subjects, colours)
         paths = {path for stretch in stretches for path in stretch.paths}
         log_styles(layer.stream, self._configuration, self._subjects, paths)
         made_from = msgspec.json.encode(stretches).decode()
-        properties_of = {**_properties(self._files.clip, self._configuration, outcomes), _MADE_FROM: made_from}
+        properties_of = {**_properties(self._files.clip, self._configuration, outcomes, errors), _MADE_FROM: made_from}
         layer.stream.send_property(self._configuration, rr.AnyValues(**properties_of))
         layer.close(complete=True)
 
@@ -210,9 +221,11 @@ def _copy(layer: Path, stream: rr.RecordingStream, frames: Container[int]) -> No
                 stream.send_chunks(chunk)
 
 
-def _properties(clip: str, configuration: str, outcomes: Counter[str]) -> dict[str, Any]:
+def _properties(clip: str, configuration: str, outcomes: Counter[str], errors: Counter[str]) -> dict[str, Any]:
     """The properties of a configuration that Rerun's catalogue lists."""
     counts = {outcome: outcomes[outcome] for outcome in ("correct", "wrong", "unscored")}
     scored = counts["correct"] + counts["wrong"]
     rate = {"frr": counts["correct"] / scored} if scored else {}
-    return {"clip": clip, "configuration": configuration, **counts, **rate}
+    # of equal counts, the earliest in the pipeline
+    commonest = {"commonest_error": max(ERROR_TYPES, key=lambda name: errors[name])} if errors else {}
+    return {"clip": clip, "configuration": configuration, **counts, **rate, **commonest}

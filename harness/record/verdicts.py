@@ -46,10 +46,13 @@ def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict]
 
 
 def _log_states(log: FrameLog, verdict: Verdict) -> None:
-    """Log three rows of states per subject: the truth, the prediction, and whether they agree."""
+    """Log three rows of states per subject: the truth, the prediction, and whether they agree; and the error type."""
     states = (verdict.truth or NO_TRUTH, verdict.predicted or NO_PREDICTION, verdict.outcome)
     for lane, state in zip(_LANES, states, strict=True):
         log.row(entities.verdict(verdict.configuration, verdict.subject, lane), rr.StateChange, state=[state])
+    if verdict.error_type is not None:  # a text, which is no lane of the timeline: for queries
+        path = entities.verdict(verdict.configuration, verdict.subject, "error_type")
+        log.row(path, rr.TextDocument, text=[verdict.error_type])
 
 
 _LANES = ("truth", "predicted", "verdict")

@@ -51,6 +51,7 @@ VERBS: dict[str, Writes | Left] = {
     "score": Writes(("score", "run"), varies=_RUN_VARIES),
     "report": Writes(("report", "run"), varies=_RUN_VARIES),
     "view": Left("opens a viewer; with --screenshot one file, by the writer that fit has"),
+    "catalog": Left("serves; writes nothing but a folder of its own"),
     "export-failure": Writes(
         ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
         varies=(".rrd",),
