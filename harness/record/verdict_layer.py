@@ -24,6 +24,7 @@ from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
+from harness.run.results import answers_of
 from harness.run.table_records import Block, TableReader
 from harness.score import verdicts as scored
 from harness.score.verdicts import ERROR_TYPES, judge
@@ -83,7 +84,8 @@ def write_verdict_layers(
         if attention.is_file():
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.get("run_id"), clip))
             names = (names_now or {}).get(clip, {})
-            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names)
+            answers = answers_of(manifest, configuration, directory.manifest)
+            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names, answers.probabilistic)
             layer.write(its_blocks)
 
 
@@ -116,9 +118,10 @@ class _Layer:
         names: tuple[tuple[str, ...], tuple[str, ...]],
         labels: Labels | None,
         names_now: Mapping[str, str],
+        has_probabilities: bool,
     ) -> None:
         self._reader, self._configuration, self._labels = reader, configuration, labels
-        self._subjects, self._names_now = names[0], names_now
+        self._subjects, self._names_now, self._has_probabilities = names[0], names_now, has_probabilities
         self._targets = tuple(names_now.get(name, name) for name in names[1])
         self._files, self._path = files, files.verdicts(configuration)
 
@@ -155,7 +158,7 @@ class _Layer:
             for row in (self._labels.ranges if self._labels else ())
             if row.first_frame <= last and row.last_frame >= first
         ]
-        names = self._subjects, self._targets, self._labels is None
+        names = self._subjects, self._targets, self._labels is None, self._has_probabilities
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
@@ -165,7 +168,13 @@ class _Layer:
         for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
             labels = self._labels
             verdicts = [
-                judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects
+                judge(
+                    record,
+                    name,
+                    labels.at(record.frame, name) if labels else None,
+                    has_probabilities=self._has_probabilities,
+                )
+                for name in self._subjects
             ]
             outcomes.update(verdict.outcome for verdict in verdicts)
             errors.update(verdict.error_type for verdict in verdicts if verdict.error_type)

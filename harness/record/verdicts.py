@@ -33,6 +33,12 @@ NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
 
 
+def predicted_in_words(verdict: Verdict) -> str:
+    """The prediction, with its probability in percent if there is one."""
+    confidence = "" if verdict.confidence is None else f" ({100 * verdict.confidence:.0f} %)"
+    return f"{verdict.predicted or NO_PREDICTION}{confidence}"
+
+
 def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
     """Log all verdicts of a frame."""
     configuration = record.configuration
@@ -76,10 +82,10 @@ def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
     """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
-    answers = [("truth", verdict.truth)]
+    answers = [("truth", verdict.truth, verdict.truth)]
     if verdict.outcome == "wrong":
-        answers.append(("predicted", verdict.predicted))
-    for what, name in answers:
+        answers.append(("predicted", verdict.predicted, predicted_in_words(verdict)))
+    for what, name, words in answers:
         target = _target(record, name, subject)
         if target is None or target.box is None:
             continue
@@ -94,7 +100,7 @@ def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
         # above the box: the target's own name is in its middle
         height_m = float(np.abs(np.transpose(target.box.axes)[1]) @ target.box.half_size_m) * _LABEL_HEIGHT
         above = np.array([target.box.center_m], dtype=np.float32) - np.array([[0, height_m, 0]], dtype=np.float32)
-        log.row(f"{path}/label", rr.Points3D, positions=above, labels=[f"{what}: {name}"])
+        log.row(f"{path}/label", rr.Points3D, positions=above, labels=[f"{what}: {words}"])
         if subject is not None and subject.eye_origin_m is not None:
             ends = np.array([subject.eye_origin_m, target.box.center_m], dtype=np.float32)
             log.row(f"{path}/line", rr.LineStrips3D, strips=ends[None])
@@ -131,8 +137,7 @@ def _target(record: FrameRecord, name: str | None, subject: SubjectRecord | None
 
 
 def _sentence(verdict: Verdict) -> str:
-    predicted = verdict.predicted or NO_PREDICTION
-    return f"{verdict.subject}: truth {verdict.truth}, predicted {predicted} ({verdict.error_type})"
+    return f"{verdict.subject}: truth {verdict.truth}, predicted {predicted_in_words(verdict)}: {verdict.error_type}"
 
 
 def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
@@ -147,7 +152,7 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
         cells = (
             verdict.subject,
             verdict.truth or NO_TRUTH,
-            verdict.predicted or NO_PREDICTION,
+            predicted_in_words(verdict),
             verdict.outcome,
             (verdict.error_type or "").replace("_", " "),
         )
@@ -156,7 +161,7 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
         lines.append(f"| {' | '.join(row)} |")
     types = dict.fromkeys(verdict.error_type for verdict in verdicts if verdict.error_type)
     meanings = [f"{error_type.replace('_', ' ')}: {ERROR_TYPES[error_type]}\n" for error_type in types]
-    parts = *meanings, *_masks_note(record), *_prediction_sets(record), *_attention_table(record)
+    parts = *meanings, *_masks_note(record), *_prediction_sets(record, verdicts), *_attention_table(record)
     return "\n".join([*lines, "", *parts]) + "\n"
 
 
@@ -168,13 +173,13 @@ def _masks_note(record: FrameRecord) -> list[str]:
     return [f"Masks: carried from frame {record.masks_from}{age}\n"]
 
 
-def _prediction_sets(record: FrameRecord) -> list[str]:
+def _prediction_sets(record: FrameRecord, verdicts: Sequence[Verdict]) -> list[str]:
     """A line for each subject whose attention is a probability: the smallest set with 90 % of it."""
     names, targets = subject_names(record), target_names(record)
+    known = {verdict.subject for verdict in verdicts if verdict.confidence is not None}
     lines = []
     for subject in record.subjects:
-        held = prediction_set(subject)
-        if held is not None:
+        if names[subject.track_id] in known and (held := prediction_set(subject)):
             words = ", ".join(_cell(NOWHERE if key is None else targets[key]) for key in held)
             lines.append(f"{_cell(names[subject.track_id])}, 90 % set: {words}\n")
     return lines

@@ -35,6 +35,7 @@ FRAMES_COLUMNS: Mapping[str, str] = {
     "set_90": "1 for the targets of the smallest set with 90 % of the probability, else 0; NaN without probabilities",
     "truth": "label of the frame; missing where there is none",
     "predicted": "answer of the configuration; missing without one",
+    "confidence": "probability of the answer, in [0, 1]; NaN without an answer or without probabilities",
     "outcome": "correct, wrong or unscored; missing for a person without a name",
     "error_type": "why a wrong frame is wrong, one of the names in frr.csv",
 }
@@ -174,12 +175,14 @@ FrameLines = tuple[int, str | None, list[str]]
 """A frame, a subject in it, and the beginnings of their rows."""
 
 
-def frame_lines(record: FrameRecord) -> Iterator[FrameLines]:
+def frame_lines(record: FrameRecord, *, has_probabilities: bool) -> Iterator[FrameLines]:
     """Yield the beginnings of a record's rows in ``frames.csv``, subject by subject."""
     start = _start(record.clip, record.configuration, record.frame, time=f"{record.time_ns / 1e9:.3f}")
     names = {target.instance_id: _cell(target.name) for target in record.targets}
     for subject in record.subjects:
-        lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
+        lines = _subject_lines(
+            f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names, has_probabilities
+        )
         yield record.frame, subject.name, lines
 
 
@@ -208,10 +211,10 @@ def _start(clip: str, configuration: str, frame: int, time: str) -> str:
     return f"{_cell(clip)},{_cell(configuration)},{frame},{time},"
 
 
-def _subject_lines(start: str, subject: SubjectRecord, names: dict[int, str]) -> list[str]:
+def _subject_lines(start: str, subject: SubjectRecord, names: dict[int, str], has_probabilities: bool) -> list[str]:
     if not subject.attention:
         return [f"{start},,,,,,,"]
-    held = prediction_set(subject)
+    held = prediction_set(subject) if has_probabilities else None
     return [
         f"{start}{names[value.instance_id]},{value.instance_id},{_number(value.gaze)},{_number(value.head)},"
         f"{value.total:.4f},{1 if value.instance_id == subject.focus else 0},"
@@ -226,7 +229,8 @@ def _number(value: float | None) -> str:
 
 def _judgement(verdict: Verdict | None) -> str:
     if verdict is None:
-        return ",,,\n"
+        return ",,,,\n"
     return (
-        f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{verdict.outcome},{verdict.error_type or ''}\n"
+        f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{_number(verdict.confidence)},"
+        f"{verdict.outcome},{verdict.error_type or ''}\n"
     )

@@ -49,7 +49,8 @@ class Part:
         """Add a record."""
         self.judged.take(record, reference)
         self.measured.take(record)
-        self.frames.extend(frame_lines(record))
+        has_probabilities = record.configuration in reference.probabilistic
+        self.frames.extend(frame_lines(record, has_probabilities=has_probabilities))
         self.attention.take(record)
 
 

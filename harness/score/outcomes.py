@@ -164,7 +164,8 @@ class JudgedPart:
         labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
         for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
             label = labels.get(subject)
-            verdict = judge(record, subject, label)
+            has_probabilities = record.configuration in reference.probabilistic
+            verdict = judge(record, subject, label, has_probabilities=has_probabilities)
             if record.configuration in reference.says_nowhere:
                 verdict = _as_said(verdict)
             if record.configuration in reference.from_file:
@@ -176,7 +177,6 @@ class JudgedPart:
                 hits = choices.hits(right)
                 if is_compared:
                     self.aims += _aim(record, person, right)
-                has_probabilities = record.configuration in reference.probabilistic
                 worth = worth_of(record, person, label, has_probabilities=has_probabilities)
                 judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
             self.by_subject.setdefault(subject, {})[record.frame] = judgement

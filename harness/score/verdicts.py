@@ -75,7 +75,8 @@ class Verdict:
     ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None if there is no label,
     ``predicted`` None if no prediction was made, :data:`NO_HIT` if nothing got any attention: that is right if the
     label is ``none``, as in the paper, and an error type of its own otherwise. ``error_type`` is one of
-    :data:`ERROR_TYPES` for a wrong frame, None for every other.
+    :data:`ERROR_TYPES` for a wrong frame, None for every other. ``confidence`` is the probability of the prediction;
+    None without a prediction, or if attention is no probability.
     """
 
     clip: str
@@ -86,10 +87,14 @@ class Verdict:
     predicted: str | None
     outcome: Outcome
     error_type: str | None
+    confidence: float | None = None
 
 
-def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
-    """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
+def judge(record: FrameRecord, subject: str, label: Label | None, *, has_probabilities: bool = False) -> Verdict:
+    """Judge a frame's record for a subject. No label, or ``ignore``: unscored.
+
+    ``has_probabilities`` says whether attention is a probability.
+    """
     person = find_subject(record, subject)
     predicted = _predicted(record, person)
     outcome: Outcome = "unscored"
@@ -106,6 +111,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
         predicted=predicted,
         outcome=outcome,
         error_type=error_type,
+        confidence=_confidence(person) if has_probabilities and predicted is not None and person else None,
     )
 
 
@@ -254,10 +260,15 @@ def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, *
         chances = probabilities(subject)
         on_truth = sum(chances.get(key, 0.0) for key in right)
         brier = (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in right)
-        worth = Worth(min(chances[subject.focus], 1.0), on_truth, brier)
-    if (held := prediction_set(subject)) is not None:
-        worth = worth._replace(set_size=len(held), is_covered=not set(held).isdisjoint(right))
+        held = prediction_set(subject)
+        is_covered = not set(held).isdisjoint(right)
+        worth = Worth(min(chances[subject.focus], 1.0), on_truth, brier, len(held) or math.nan, is_covered)
     return worth
+
+
+def _confidence(subject: SubjectRecord) -> float | None:
+    chance = probabilities(subject).get(subject.focus)
+    return None if chance is None else min(chance, 1.0)
 
 
 def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
@@ -267,13 +278,13 @@ def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
     return chances
 
 
-def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
-    """Instance ids of the smallest set, the likeliest first; None stands for nowhere. None: no probabilities.
+def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...]:
+    """Instance ids of the smallest set by a subject's probabilities, the likeliest first; None stands for nowhere.
 
-    Of equally likely objects those with the lower id come first, and nowhere last.
+    It is empty without any target. Of equally likely objects those with the lower id come first, and nowhere last.
     """
-    if subject.fit is None or not subject.attention:
-        return None
+    if not subject.attention:
+        return ()
     chances = probabilities(subject)
     ranked = sorted(chances, key=lambda key: (-chances[key], key is None, key or 0))
     reached = np.cumsum([chances[key] for key in ranked])

@@ -180,7 +180,8 @@ def _clip_data(
 
     A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``truth`` and
     each configuration's ``states``, ``predicted`` and ``answers`` are run-length codes over them. ``predicted`` is the
-    target that was predicted, ``answers`` the column of the confusion. ``attended`` are the targets with values.
+    target that was predicted, ``answers`` the column of the confusion, ``confidence`` the probability of what was
+    predicted in percent, -1 without one. ``attended`` are the targets with values.
     """
     tracks = []
     for subject, judged in subjects.items():
@@ -189,10 +190,12 @@ def _clip_data(
         truth = [-1] * len(frames)
         configurations = []
         for configuration, verdicts in judged.items():
-            states, predicted, answers = ([-1] * len(frames) for _ in range(3))
+            states, predicted, answers, confidence = ([-1] * len(frames) for _ in range(4))
             for verdict in verdicts:
                 i = place[verdict.frame]
                 truth[i] = names.code(verdict.truth)
+                if verdict.confidence is not None:
+                    confidence[i] = round(100 * verdict.confidence)
                 states[i] = _STATE_CODES[verdict.error_type or verdict.outcome]
                 predicted[i] = names.code(verdict.predicted)
                 answers[i] = -1 if verdict.outcome == "unscored" else names.code(answered(verdict))
@@ -202,6 +205,7 @@ def _clip_data(
                     "states": runs(states),
                     "predicted": runs(predicted),
                     "answers": runs(answers),
+                    "confidence": runs(confidence),
                     "attended": [names.code(name) for name in attended(attention, (clip, configuration), subject)],
                 }
             )

@@ -5,7 +5,7 @@ import { labelLink } from "./label.js";
 import { openRecording, recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, packedJson } from "./packs.js";
-import { nameOf, stateOf, valueAt, withValues } from "./store.js";
+import { nameOf, predictedInWords, stateOf, valueAt, withValues } from "./store.js";
 import { onPreview } from "./timeline.js";
 
 const box = document.getElementById("frame");
@@ -27,7 +27,7 @@ async function show(at) {
     element("div", {},
       element("h3", {}, `Frame ${track.frames[i]} – ${outcomeInWords(stateOf(lane, i))}`),
       element("p", {}, `${data.clips[track.clip].name}, ${track.subject}, ${lane.name}`),
-      element("p", {}, `Truth: ${truthOf(at)}. Predicted: ${answerOf(at)}.`, ...why(at)),
+      element("p", {}, `Truth: ${truthOf(at)}. Predicted: ${predictedInWords(lane, i)}.`, ...why(at)),
       element("code", {}, viewCommand(track, lane, i)),
       ...link(at), ...labelLink(at)),
     ...thumbnail(at, pictures),

@@ -1,7 +1,7 @@
 // The selection: a clip, a configuration, a subject and a frame, all in the address, and the frames that N and P visit.
 
 import { data } from "./packs.js";
-import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
+import { clipTracks, isWrong, nameOf, predictedInWords, stateOf } from "./store.js";
 import { say } from "./dom.js";
 
 export const shown = { track: null, lane: null, i: null, visits: null };
@@ -41,9 +41,8 @@ export const outcomeInWords = (state) =>
 
 export function frameInWords(track, lane, i) {
   const truth = nameOf(track.truth[i]) ?? "not annotated";
-  const predicted = nameOf(lane.predicted[i]) ?? "no prediction";
   return `Frame ${track.frames[i]}, ${track.subject}, ${lane.name}: ${outcomeInWords(stateOf(lane, i))}. ` +
-    `Truth ${truth}, predicted ${predicted}.`;
+    `Truth ${truth}, predicted ${predictedInWords(lane, i)}.`;
 }
 
 // N and P visit the wrong frames of all configurations, clips and subjects, or what was selected in a figure: `visits` are

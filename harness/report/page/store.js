@@ -36,6 +36,7 @@ export const clipTracks = (number) => once(`tracks ${number}`, async () => {
       states: expanded(each.states, frames.length),
       predicted: expanded(each.predicted, frames.length),
       answers: expanded(each.answers, frames.length),
+      confidence: expanded(each.confidence, frames.length),
       values: null,
     }));
     const place = new Map(frames.map((frame, i) => [frame, i]));
@@ -67,6 +68,8 @@ export function numberOf(name) {
 }
 
 export const nameOf = (code) => (code < 0 ? null : data.names[code]);
+export const predictedInWords = (lane, i) =>
+  (nameOf(lane.predicted[i]) ?? "no prediction") + (lane.confidence[i] < 0 ? "" : ` (${lane.confidence[i]} %)`);
 export const stateOf = (lane, i) => (lane.states[i] < 0 ? "no frame" : data.states[lane.states[i]]);
 export const isWrong = (lane, i) => lane.states[i] >= WRONG_FROM;
 export const valueAt = (cells, i) => {

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 from harness.record.appearance import Colours, attention_by_name, subject_names
 from harness.record.verdicts import summary
+from harness.score.verdicts import judge
+from tests.harness.record.conftest import LABEL
 from tests.harness.record.conftest import verdict as judged
 
 
@@ -18,6 +20,20 @@ def test_the_summary_says_truth_prediction_cause_and_attention(frames):
     (subject,) = shown.record.subjects
     best = max(value.total for value in subject.attention)
     assert f"{best:.2f}" in page
+
+
+def test_the_summary_says_how_probable_a_prediction_is(frames):
+    record = frames[3].record
+    (subject,) = record.subjects
+    values = tuple(replace(value, total=0.1) for value in subject.attention)
+    unsure = replace(record, subjects=(replace(subject, attention=values, focus=None),))
+    chance = round(100 * (1 - 0.1 * len(values)))
+    page = summary(unsure, [judge(unsure, subject.name, LABEL, has_probabilities=True)])
+    assert f"| none ({chance} %) |" in page
+    assert "90 % set: none, " in page
+    plain = summary(unsure, [judge(unsure, subject.name, LABEL)])
+    assert "| none |" in plain
+    assert "90 % set" not in plain
 
 
 def test_a_name_cannot_break_the_table(frames):

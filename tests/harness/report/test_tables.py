@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import base64
 import csv
 import io
+import json
 import re
+import zlib
 from pathlib import Path
 
 import pytest
@@ -11,6 +14,8 @@ from rich.console import Console
 from harness.labels.labels import Labels
 from harness.report.csv_tables import frames_csv
 from harness.report.formats import to_rich
+from harness.report.page.data import page_data
+from harness.report.page.render import NO_THUMBNAILS
 from harness.report.record_parts import RecordParts
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
 from harness.run.records import FrameRecord
@@ -200,6 +205,37 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
     ]
     assert (rows[0]["gaze"], rows[0]["head"], rows[0]["time_s"]) == ("0.2500", "", "0.040")
     assert (rows[0]["truth"], rows[0]["predicted"], rows[0]["outcome"]) == ("cup", 'can, "old"', "wrong")
+
+
+def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabilities() -> None:
+    cup, can = target_record(1, "cup"), target_record(2, "can")
+    subjects = [
+        subject_record("girl", totals={1: 0.75, 2: 0.125}, focus=1),
+        subject_record("girl", totals={1: 0.25, 2: 0.125}),  # nowhere has the rest
+        subject_record("girl", missing="no_eyes_3d"),
+    ]
+    records = [
+        frame_record([cup, can], [subject], frame=frame, configuration=name)
+        for name in ("sure", "cones")
+        for frame, subject in enumerate(subjects, start=1)
+    ]
+    run = RecordParts(Reference(labels={"clip": labels("cup")}, probabilistic=("sure",)), records)
+    rows = _csv(frames_csv(run.of("frames"), run.scores().verdicts))
+    shown = [(row["configuration"], row["frame"], row["target"], row["set_90"], row["confidence"]) for row in rows]
+    assert shown[:5] == [
+        ("sure", "1", "cup", "1", "0.7500"),
+        ("sure", "1", "can", "1", "0.7500"),
+        ("sure", "2", "cup", "1", "0.6250"),
+        ("sure", "2", "can", "1", "0.6250"),
+        ("sure", "3", "", "", ""),
+    ]
+    assert {row[3:] for row in shown[5:]} == {("", "")}
+    data, packs = page_data(run.scores(), run.of("attention"), NO_THUMBNAILS, None, {})
+    (track,) = json.loads(zlib.decompress(base64.b64decode(packs["clip-0"])))["tracks"]
+    found = {
+        data["configurations"][each["configuration"]]["name"]: each["confidence"] for each in track["configurations"]
+    }
+    assert found == {"sure": [75, 1, 62, 1, -1, 1], "cones": [-1, 3]}
 
 
 def test_frames_csv_judges_one_track_of_a_name() -> None:

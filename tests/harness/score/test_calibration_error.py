@@ -153,14 +153,14 @@ def test_the_likeliest_come_first_and_nowhere_is_one_of_them() -> None:
     assert prediction_set(_subject(0.05, 0.92)) == (2,)
     assert prediction_set(_subject(0.2, 0.05)) == (None, 1)
     assert prediction_set(_subject(0.5, 0.5)) == (1, 2)
-    assert prediction_set(_subject(0.9, 0.1, fit=None)) is None
+    assert prediction_set(_subject(0.9, 0.1, fit=None)) == (1,)  # a method without a fit has sets, too
+    assert prediction_set(_subject()) == ()
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8).filter(lambda found: sum(found) > 0))
 def test_no_smaller_set_has_as_much(weights: list[float]) -> None:
     totals = [weight / sum(weights) * 0.97 for weight in weights]
     held = prediction_set(_subject(*totals))
-    assert held is not None
     probability = dict(enumerate(totals, start=1)) | {None: 1 - sum(totals)}
     assert sum(probability[key] for key in held) >= 0.9 - 1e-6
     assert sum(sorted(probability.values(), reverse=True)[: len(held) - 1]) < 0.9 + 1e-6
@@ -173,7 +173,8 @@ def test_coverage_and_size_are_over_the_scored_frames() -> None:
     )
     records = [_record(1, _subject(0.95, 0.05)), _record(2, _subject(0.3, 0.1)), _record(3, _subject(0.0, 1.0)),
                _record(4, _subject(0.95, 0.05))]  # fmt: skip
-    (found,) = coverages(scored(records, {"c": truth}).outcomes)
+    assert coverages(scored(records, {"c": truth}).outcomes) == []  # attention that is no probability has no sets
+    (found,) = coverages(scored(records, {"c": truth}, "p").outcomes)
     assert (found.configuration, found.n, found.covered, found.mean_size) == ("p", 3, 2, 4 / 3)
 
 
