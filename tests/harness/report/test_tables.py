@@ -121,7 +121,7 @@ def test_the_numbers_for_programs_add_up() -> None:
         assert float(row["coverage"]) == int(row["predicted"]) / 50
         assert int(row["predicted"]) + int(row["no_hit"]) == 44  # six frames had no object, so no answer either
         assert float(row["frr_visible"]) == float(row["frr"])
-        assert sum(int(row[f"error_type_{error_type}"]) for error_type in ERROR_TYPES) == int(row["wrong"])
+        assert sum(int(row.get(f"error_type_{error_type}", 0)) for error_type in ERROR_TYPES) == int(row["wrong"])
         assert float(row["wilson_low"]) < float(row["frr"]) < float(row["wilson_high"])
         assert (row["looks"], row["clips"]) == ("1", "1")
         assert (row["interval_low"], row["interval_high"]) == ("", "")  # a single look has no interval
