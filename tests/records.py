@@ -12,9 +12,9 @@ from harness.report.stages import stage_times
 from harness.report.write import render_tables, run_tables, write_scores
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.run.tables import write_tables
 from harness.score.outcomes import Outcomes, Reference, to_outcomes
 from harness.score.score import Scores
+from tests.record_tables import write_tables
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -124,7 +124,7 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
         clips = [{"name": clip, "frames": numbers} for clip, numbers in frames.items()]
         configurations = {name: dict[str, Any]() for _, name in by_pair}
         directory.write_manifest({"clips": clips, "configurations": configurations, "finished": "now", **about})
-    write_tables(directory, by_pair, by_pair.__getitem__)
+    write_tables(directory, by_pair)
     return directory
 
 

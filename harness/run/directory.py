@@ -1,9 +1,10 @@
 """The files of a run; none of them is ever half-written.
 
-While a run is on, ``partial/`` holds one JSON-lines file per (clip, configuration), with the suffix ``.partial`` until
-it is finished, and the directory has no tables. At the end the tables of frames (:mod:`harness.run.tables`) are written
-from these files, and ``timings.csv``, in the order of the experiment. The traceback of a faulty stage is in
-``partial/``. Only one run at a time can use the directory.
+``scenes/`` and ``directions/`` get the tables of a clip when it is perceived (:mod:`harness.run.scenes`); their drafts
+are in ``partial/``. There, while a run is on, each (clip, configuration) has a JSON-lines file of its answers, with the
+suffix ``.partial`` until it is finished. At the end the tables of the answers are written from these files, and
+``timings.csv``, in the order of the experiment. The traceback of a faulty stage is in ``partial/``. Only one run at a
+time can use the directory.
 """
 
 from __future__ import annotations
@@ -249,7 +250,7 @@ class RunDirectory:
 
     def unmark(self, pair: Pair) -> None:
         """Remove the results of a finished (clip, configuration), which must run again."""
-        for suffix in ("jsonl", "csv"):
+        for suffix in ("jsonl", "csv", "json"):
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def read_manifest(self) -> dict[str, Any]:

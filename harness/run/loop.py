@@ -20,7 +20,6 @@ from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import Configuration, open_method
 from harness.pipeline.drawn import DrawnClip
-from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import Timings, guarded, timed
@@ -29,6 +28,7 @@ from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext, SinkFactory
 from harness.run.records import to_record
 from harness.run.results_sink import ResultsSink
+from harness.run.scenes import Identity, SceneWriters, identities
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import StageError, VfoaError
 from vfoa.pipeline import Attending
@@ -76,6 +76,19 @@ class ClipJob:
         KNOWN.update(self.known)
         return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
 
+    def identities(self, clip: Clip | MeasuredClip) -> dict[str, tuple[Identity, Identity]]:
+        """What decides the scene and the directions of each configuration.
+
+        Raises
+        ------
+        VfoaError
+            If weights or files of a stage are missing.
+        """
+        return {
+            each.name: identities(each, clip, self.manifest, self.frames, digest=self.digest, drawn=self.drawn)
+            for each in self.configurations
+        }
+
     def outcome(self, errors: Iterable[VfoaError | None], tallies: tuple[Tally, ...] = ()) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""
         failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
@@ -99,12 +112,14 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     try:
         clip = job.manifest.open()
         unchanged = job.unchanged(clip)
+        decided = job.identities(clip)
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     chosen = job.frames if numbers is None else numbers
     if isinstance(clip, MeasuredClip):
-        scenes = pose_frames(job.configurations, clip, chosen, job.manifest)
-        runners = attend_to(scenes, job, clip, progress)
+        frames = pose_frames(job.configurations, clip, chosen, job.manifest)
+        with SceneWriters(job.directory, job.manifest.name, decided) as scenes:
+            runners = attend_to(frames, job, clip, progress, scenes)
         return job.outcome(runner.error for runner in runners)
     images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
     parallel = job.ahead > 0
@@ -113,9 +128,10 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         Perception(
             job.configurations, images, job.cache, manifest=job.manifest, drawn=job.drawn, parallel=parallel
         ) as perception,
+        SceneWriters(job.directory, job.manifest.name, decided, Measurer(truth)) as scenes,
     ):
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
-        runners = attend_to(frames, job, clip, progress, measurer=Measurer(truth))
+        runners = attend_to(frames, job, clip, progress, scenes)
     if job.cache:
         job.cache.store.trim()
     return job.outcome((runner.error for runner in runners), perception.take_tallies())
@@ -126,21 +142,21 @@ def attend_to(
     job: ClipJob,
     clip: Clip | MeasuredClip,
     progress: Progress,
-    *,
-    measurer: Measurer | None = None,
+    scenes: SceneWriters,
 ) -> list[ConfigurationRunner]:
-    """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
+    """Write the scenes, attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
     Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
     Returns one runner per configuration of the job, in order, each finished, with its error.
     """
-    runners = [ConfigurationRunner(job, configuration, clip, measurer) for configuration in job.configurations]
+    runners = [ConfigurationRunner(job, configuration, clip) for configuration in job.configurations]
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
         try:
-            while any(runner.error is None for runner in runners) and (frame := next(frames, None)):
-                for runner in runners:
+            while (live := [each for each in runners if each.error is None]) and (frame := next(frames, None)):
+                scenes.write(frame, [runner.name for runner in live])
+                for runner in live:
                     runner.attend(frame)
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
@@ -148,8 +164,8 @@ def attend_to(
             reason = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
             for runner in runners:
                 runner.fail(reason)
-    for runner in runners:
-        runner.mark_finished()
+    for runner in (each for each in runners if each.error is None):
+        runner.mark_finished(scenes.finish(runner.name))
     return runners
 
 
@@ -159,7 +175,6 @@ class _Companion(NamedTuple):
     frame: StereoFrame | None
     percepts: Percepts | None
     names: Names
-    measures: FrameMeasures | None
     timings: Timings
 
 
@@ -175,10 +190,10 @@ class ConfigurationRunner:
         job: ClipJob,
         configuration: Configuration,
         clip: Clip | MeasuredClip,
-        measurer: Measurer | None,
     ) -> None:
         self.error: VfoaError | None = None
-        self._job, self._configuration, self._measurer = job, configuration, measurer
+        self.name = configuration.name
+        self._job, self._configuration = job, configuration
         self._context = SinkContext(
             manifest=job.manifest,
             configuration=configuration.name,
@@ -223,16 +238,17 @@ class ConfigurationRunner:
             self._open_sinks.__exit__(type(error), error, error.__traceback__)
             self._open_sinks = ExitStack()
 
-    def mark_finished(self) -> None:
-        """Mark the results as finished, unless this configuration has failed; the sinks of all must be closed."""
-        for sink in self._sinks if self.error is None else ():
+    def mark_finished(self, keys: Mapping[str, str]) -> None:
+        """Mark the results as finished, when the sinks of all configurations are closed.
+
+        ``keys`` are those of the scene and of the directions.
+        """
+        for sink in self._sinks:
             if isinstance(sink, ResultsSink):
-                sink.mark_finished()
+                sink.mark_finished(keys)
 
     def attend(self, shared: SharedFrame) -> None:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
-        if self.error is not None:
-            return
         perceived = shared.by_configuration[self._configuration.name]
         if isinstance(perceived, VfoaError):
             self.fail(perceived)
@@ -241,9 +257,7 @@ class ConfigurationRunner:
         try:
             with timed(timings, "attention"):
                 ready = guarded("attention", self._attending.step, scene, tracked, names.subjects)
-            with timed(timings, "measures"):
-                measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
-            self._companions.append(_Companion(shared.frame, percepts, names, measures, timings))
+            self._companions.append(_Companion(shared.frame, percepts, names, timings))
             self._hand_over(ready)
         except VfoaError as error:
             if isinstance(error, StageError):
@@ -256,9 +270,9 @@ class ConfigurationRunner:
         The time of the sinks counts as ``recording``, except that of the last one.
         """
         for result in ready:
-            frame, percepts, names, measures, timings = self._companions.popleft()
+            frame, percepts, names, timings = self._companions.popleft()
             fx_px = None if percepts is None else percepts.rig.fx_px
-            record = to_record(self._context.manifest.name, self._configuration.name, result, names, measures, fx_px)
+            record = to_record(self._context.manifest.name, self._configuration.name, result, names, fx_px)
             finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "recording"):

@@ -12,7 +12,7 @@ from typing import Any
 
 from harness.clips.naming import Names
 from harness.pipeline.frame_measures import FrameMeasures
-from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
+from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Person, Target
 
 Vector = tuple[float, float, float]
 BoxPx = tuple[float, float, float, float]
@@ -131,10 +131,12 @@ def to_record(
     configuration: str,
     result: FrameResult,
     names: Names,
-    measures: FrameMeasures | None = None,
     fx_px: float | None = None,
 ) -> FrameRecord:
-    """The record of one frame, every number exactly as computed. ``fx_px`` is the focal length; None without images."""
+    """The record of one frame without its measures, every number exactly as computed.
+
+    ``fx_px`` is the focal length; None without images.
+    """
     return FrameRecord(
         clip=clip,
         configuration=configuration,
@@ -145,7 +147,6 @@ def to_record(
             _subject(attention, names.subjects.get(attention.subject.track_id), fx_px)
             for attention in result.attentions
         ),
-        measures=measures,
         masks_from=result.scene.masks_from,
         masks_age_s=result.scene.masks_age_s,
     )
@@ -191,10 +192,16 @@ def _subject(attention: Attention, name: str | None, fx_px: float | None) -> Sub
         focus=attention.focus,
         tied=attention.tied,
         fit=attention.fit,
-        head_width_m=float((box_px[2] - box_px[0]) * origin[2] / fx_px)
-        if box_px and origin is not None and fx_px
-        else None,
+        head_width_m=head_width_m(subject.person, fx_px),
     )
+
+
+def head_width_m(person: Person, fx_px: float | None) -> float | None:
+    """The width of a head's box at the depth of the eyes, with the focal length; None if one of them is not known."""
+    head, origin = person.head, person.eye_origin_left
+    if head is None or origin is None or not fx_px:
+        return None
+    return float((head.box_px[2] - head.box_px[0]) * origin[2] / fx_px)
 
 
 def attention_records(attention: Attention) -> tuple[AttentionRecord, ...]:

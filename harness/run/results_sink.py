@@ -7,13 +7,14 @@ the stage cache.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
 
-from harness.files.io import take_lock
+from harness.files.io import atomic_write, take_lock
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.results import to_line
@@ -53,8 +54,9 @@ class ResultsSink:
     ) -> None:
         self._files.close()
 
-    def mark_finished(self) -> None:
-        """Mark the (clip, configuration) as finished."""
+    def mark_finished(self, keys: Mapping[str, str]) -> None:
+        """Mark the (clip, configuration) as finished; ``keys`` are those of its scene and directions."""
+        atomic_write(self._paths[0].with_suffix("").with_suffix(".json"), json.dumps(keys))
         for draft in reversed(self._paths):  # the results' file is the mark: it is last
             draft.replace(draft.with_suffix(""))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,15 +11,18 @@ from typing import Any
 
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_json
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
+from harness.run.answers import filtered_cues, write_answers
 from harness.run.directory import Pair, RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.results import read_lines
-from harness.run.tables import write_tables
+from harness.run.scenes import remove_unused
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
@@ -138,7 +142,11 @@ def _finish(
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join_timings(finished)
-    write_tables(directory, finished, lambda pair: read_lines(directory.partial(pair, "jsonl")))
+    shutil.rmtree(directory.path / "answers", ignore_errors=True)
+    for pair in finished:
+        keys = parse_json(read_bytes(path := directory.partial(pair, "json")), path)
+        filtered = filtered_cues(of_run["configurations"][pair[1]])
+        write_answers(directory, pair, keys, read_lines(directory.partial(pair, "jsonl")), filtered)
     directory.write_manifest(
         {
             **of_run,
@@ -154,6 +162,7 @@ def _finish(
             "finished": _now(),
         }
     )
+    remove_unused(directory)
     if not failed:
         directory.remove_partial()
 

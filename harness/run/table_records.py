@@ -13,10 +13,12 @@ from typing import Any
 
 from harness.files.digests import file_digest
 from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.tables import Row, find_tables, read_columns, read_numbers
 from vfoa.errors import VfoaError
+from vfoa.types import Cue
 
 _KEPT_GROUPS = 40
 """Row groups of scenes, and of directions, that a reader keeps decoded for the next configurations."""
@@ -55,6 +57,8 @@ class TableReader:
 
     def __init__(self, directory: RunDirectory, clips: Collection[str] | None = None) -> None:
         self._paths = dict(find_tables(directory, clips))
+        configurations = directory.read_manifest().get("configurations", {})
+        self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
         kept = lru_cache(maxsize=_KEPT_GROUPS)
         self._scene, self._directions = kept(_read_scene), kept(_read_directions)
 
@@ -79,7 +83,7 @@ class TableReader:
         answers = _by_frame(paths["answers"], "answers", group, block.frames)
         for parts in zip(seen, looks, answers, strict=True):
             try:
-                yield _record(pair, *parts)
+                yield _record(pair, *parts, self._filtered[pair[1]])
             except ValueError as error:
                 raise VfoaError(f"{paths['answers']}: {error}") from None
 
@@ -149,9 +153,9 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
             masks_age_s=masks_age_s,
             targets=tuple(_target(row) for row in targets),
             people=persons,
-            measures=_scene_measures(disparity, things) if has_truth else None,
+            measures=_scene_measures(more[:3], things) if has_truth else None,
         )
-        for (number, time_ns, masks_from, masks_age_s, has_truth, *disparity), targets, things, persons in zip(
+        for (number, time_ns, masks_from, masks_age_s, has_truth, *more), targets, things, persons in zip(
             rows, instances, objects, people, strict=True
         )
     ]
@@ -179,7 +183,7 @@ def _by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> list
 
 
 def _target(row: Row) -> TargetRecord:
-    instance_id, name, label, score, box_px, points, center_m, half_size_m, axes = row
+    instance_id, name, label, _, _, _, score, box_px, points, center_m, half_size_m, axes = row
     box = None
     if None not in (center_m, half_size_m, axes):
         box = BoxRecord(center_m=center_m, half_size_m=half_size_m, axes=(axes[:3], axes[3:6], axes[6:]))
@@ -197,7 +201,7 @@ def _scene_measures(disparity: Sequence[Any], objects: list[Row]) -> FrameMeasur
     )
 
 
-def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row]) -> FrameRecord:
+def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row], filtered: tuple[Cue, ...]) -> FrameRecord:
     directions, people = looks
     return FrameRecord(
         clip=pair[0],
@@ -206,7 +210,8 @@ def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row]) -> 
         time_ns=seen.time_ns,
         targets=seen.targets,
         subjects=tuple(
-            _subject(seen.number, *rows) for rows in zip_longest(seen.people, directions, answers, fillvalue=(None,))
+            _subject(seen.number, *rows, filtered)
+            for rows in zip_longest(seen.people, directions, answers, fillvalue=(None,))
         ),
         measures=replace(seen.measures, people=people) if seen.measures is not None else None,
         masks_from=seen.masks_from,
@@ -214,22 +219,22 @@ def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row]) -> 
     )
 
 
-def _subject(frame: int, person: Row, direction: Row, answer: Row) -> SubjectRecord:
+def _subject(frame: int, person: Row, direction: Row, answer: Row, filtered: tuple[Cue, ...]) -> SubjectRecord:
     """The subject of a row of people, of directions and of answers each."""
     if not person[0] == direction[0] == answer[0]:
         raise ValueError(f"frame {frame}: expected the tracks of people and directions, found {answer[0]}")
-    track_id, name, instance_id, head_box_px = person
-    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, head_width_m = direction
-    _, missing, focus, tied, targets, of_gaze, of_head, totals, fit = answer
+    track_id, name, instance_id, head_box_px, _ = person
+    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, _, head_width_m = direction
+    _, missing, focus, tied, targets, of_gaze, of_head, totals, fit, gaze_filtered, head_filtered = answer
     return SubjectRecord(
         track_id=track_id,
         name=name,
         instance_id=instance_id,
         head_box_px=head_box_px,
         eye_origin_m=eye_origin_m,
-        gaze=gaze,
+        gaze=gaze_filtered if "gaze" in filtered else gaze,
         gaze_sigma_rad=gaze_sigma_rad,
-        head=head,
+        head=head_filtered if "head" in filtered else head,
         missing=missing,
         attention=tuple(
             AttentionRecord(instance_id=target, gaze=by_gaze, head=by_head, total=total)

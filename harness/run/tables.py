@@ -4,30 +4,25 @@
     directions/DIRECTIONS/CLIP/{directions,true_people}.parquet     where people look
     answers/CONFIGURATION/CLIP.parquet                              what they look at
 
-SCENE and DIRECTIONS are digests of the settings that decide them. Each table begins with the clip and these names, so
-that tables can be joined. The rows of a frame keep their order, a row group has 600 frames, and null means unknown.
+SCENE and DIRECTIONS are digests of all that decides them (:mod:`harness.run.scenes`). Each table begins with the clip
+and these names, so that tables can be joined. The rows of a frame keep their order, a row group has 600 frames, and
+null means unknown.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cache
-from itertools import count, islice, product
-from operator import attrgetter
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harness.files.io import opened
-from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
-from harness.run.records import FrameRecord
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
 
@@ -35,13 +30,9 @@ if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
     from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped]
 
-FORMAT = b"1"
+FORMAT = b"2"
 GROUP_FRAMES = 600
 """Most frames of a row group; the row groups of all tables of a clip have the same frames."""
-
-SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")
-DIRECTIONS = ("head_pose", "gaze", "gaze_filter")
-"""Tables of a configuration that decide a scene, and those that with the scene decide the directions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +45,8 @@ class Column:
 
 _NAMES = {
     "clip": Column("string", "Name of the clip."),
-    "scene": Column("string", "Digest of the settings of the scene, as in the path."),
-    "directions": Column("string", "Digest of the settings of the directions, as in the path."),
+    "scene": Column("string", "Digest of all that decides the scene, as in the path."),
+    "directions": Column("string", "Digest of all that decides the directions, as in the path."),
     "configuration": Column("string", "Name of the configuration."),
 }
 _FRAME = Column("int64", "Number of the frame in the source.")
@@ -77,12 +68,25 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "disparity_error_px": Column("double?", "Median error of the disparity, px; null: none is known."),
         "disparity_over_2_px": Column("double?", "Share of pixels whose error is above 2 px."),
         "disparity_known": Column("double?", "Share of the pixels with ground truth that have a disparity."),
+        "width_px": Column("int32?", "Width of the images; null, as all that follows: the clip has no images."),
+        "height_px": Column("int32?", "Height of the images."),
+        "fx_px": Column("double?", "Focal length of the left camera, px."),
+        "fy_px": Column("double?", "The same along the columns, px."),
+        "cx_px": Column("double?", "Principal point of the left camera, px."),
+        "cy_px": Column("double?", "The same along the columns, px."),
+        "baseline_m": Column("double?", "Distance of the two cameras, m."),
+        "cx_right_px": Column("double?", "Principal point of the right camera, px."),
+        "has_right": Column("bool", "Whether the frame has a right image."),
+        "has_depth": Column("bool", "Whether the frame has a measured depth map."),
     },
     "instances": {
         **_of("clip", "scene"),
         "instance_id": Column("int32", "Number of the object or person in the frame."),
         "name": Column("string", "The manifest's name, or `label#id`; may repeat."),
         "label": Column("string", "Class."),
+        "own_name": Column("string?", "The source's own name, as of a drawn shape; null: it has none."),
+        "category_id": Column("int32", "The source's number of the class."),
+        "is_thing": Column("bool", "Whether it can be counted, as a cup; sky cannot."),
         "score": Column("double", "Score of the segmenter, 0 to 1."),
         "box_px": Column("vec4?", "Box in the left image: u0, v0, u1, v1, px; null: the clip has no images."),
         "points": Column("int32", "Number of 3D points."),
@@ -105,15 +109,17 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "name": Column("string?", "The manifest's name of the person; null: not known."),
         "instance_id": Column("int32?", "Instance of the person; null: none."),
         "head_box_px": Column("vec4?", "Box of the head in the left image, px; null: the clip has no images."),
+        "head_score": Column("double?", "Score of the head's detector."),
     },
     "directions": {
         **_of("clip", "scene", "directions"),
         "track_id": _TRACK,
         "eye_origin_m": Column("vec3?", "Point between the eyes in the left camera's frame, m."),
-        "gaze": Column("vec3?", "Unit vector of the gaze after the filter, the left camera's frame."),
+        "gaze": Column("vec3?", "Unit vector of the gaze as measured, in the left camera's frame."),
         "gaze_sigma_rad": Column("double?", "Error that the gaze model claims, rad."),
         "no_gaze": Column("string?", "The gaze model's reason to give none, such as `face_turned_away`."),
-        "head": Column("vec3?", "Unit vector of the head's direction after the filter."),
+        "head": Column("vec3?", "Unit vector of the head's direction as measured."),
+        "head_sigma_rad": Column("double?", "Error that the head pose model claims, rad."),
         "head_width_m": Column("double?", "Width of the head's box at the depth of the eyes, m."),
     },
     "true_people": {
@@ -121,8 +127,8 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "name": Column("string", "Name of the true person."),
         "head_box_iou": Column("double", "IoU of the head boxes; 0: no head was found."),
         "eye_error_m": Column("double?", "Distance of the eye origins, m."),
-        "head_error_deg": Column("double?", "Angle between the directions of the head, before the filter, deg."),
-        "gaze_error_deg": Column("double?", "Angle between the gaze directions, before the filter, deg."),
+        "head_error_deg": Column("double?", "Angle between the directions of the head, deg."),
+        "gaze_error_deg": Column("double?", "Angle between the gaze directions, deg."),
     },
     "answers": {
         **_of(*_NAMES),
@@ -137,161 +143,108 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "fit": Column(
             "fit?", "How well the directions fit the posterior (`vfoa.types.DirectionFit`); null: no posterior."
         ),
+        "gaze_filtered": Column(
+            "vec3?", "Unit vector of the gaze after `gaze_filter`; null too if gazes are not filtered."
+        ),
+        "head_filtered": Column("vec3?", "The same of the head's direction."),
     },
 }
 """The columns of each table."""
 
-_PLACES = {
-    "scenes": ("frames", "instances", "objects", "people"),
-    "directions": ("directions", "true_people"),
-    "answers": ("answers",),
-}
-"""Folders of a run, and their tables."""
+SCENE_TABLES = ("frames", "instances", "objects", "people")
+DIRECTIONS_TABLES = ("directions", "true_people")
+"""The tables in a folder of ``scenes/`` and of ``directions/``."""
 
 Row = tuple[Any, ...]
 
-_PERSON = attrgetter("track_id", "name", "instance_id", "head_box_px")
-_LOOK = attrgetter("track_id", "eye_origin_m", "gaze", "gaze_sigma_rad", "no_gaze", "head", "head_width_m")
-_TRUE_OBJECT = attrgetter(*(each.name for each in fields(TargetMeasure)))
-_TRUE_PERSON = attrgetter(*(each.name for each in fields(PersonMeasure)))
+
+def scene_tables(root: Path, clip: str, scene: str) -> dict[str, Path]:
+    """The files of the tables of a scene, in a run's folder."""
+    return {table: root / "scenes" / scene / clip / f"{table}.parquet" for table in SCENE_TABLES}
 
 
-def _measures(record: FrameRecord) -> FrameMeasures:
-    return record.measures or FrameMeasures(disparity=None, targets=(), people=())
+def directions_tables(root: Path, clip: str, directions: str) -> dict[str, Path]:
+    """The files of the tables of directions, in a run's folder."""
+    return {table: root / "directions" / directions / clip / f"{table}.parquet" for table in DIRECTIONS_TABLES}
 
 
-def _frame_rows(record: FrameRecord) -> Iterator[Row]:
-    disparity = _measures(record).disparity
-    measured = (disparity.error_px, disparity.over_2_px, disparity.known) if disparity else (None, None, None)
-    about = (record.frame, record.time_ns, record.masks_from, record.masks_age_s)
-    yield (*about, record.measures is not None, *measured)
+def answers_table(root: Path, pair: Pair) -> Path:
+    """The file of the answers of a (clip, configuration), in a run's folder."""
+    return root / "answers" / pair[1] / f"{pair[0]}.parquet"
 
 
-def _instance_rows(record: FrameRecord) -> Iterator[Row]:
-    for target in record.targets:
-        box, solid = target.box, (None, None, None)
-        yield (
-            *(record.frame, target.instance_id, target.name, target.label, target.score, target.box_px, target.points),
-            *((box.center_m, box.half_size_m, [*box.axes[0], *box.axes[1], *box.axes[2]]) if box else solid),
-        )
-
-
-def _answer_rows(record: FrameRecord) -> Iterator[Row]:
-    for subject in record.subjects:
-        attention = subject.attention
-        yield (
-            *(record.frame, subject.track_id, subject.missing, subject.focus, subject.tied),
-            [value.instance_id for value in attention],
-            [value.gaze for value in attention],
-            [value.head for value in attention],
-            [value.total for value in attention],
-            asdict(subject.fit) if subject.fit else None,
-        )
-
-
-_ROWS: Mapping[str, Callable[[FrameRecord], Iterable[Row]]] = {
-    "frames": _frame_rows,
-    "instances": _instance_rows,
-    "objects": lambda record: ((record.frame, *_TRUE_OBJECT(each)) for each in _measures(record).targets),
-    "people": lambda record: ((record.frame, *_PERSON(subject)) for subject in record.subjects),
-    "directions": lambda record: ((record.frame, *_LOOK(subject)) for subject in record.subjects),
-    "true_people": lambda record: ((record.frame, *_TRUE_PERSON(each)) for each in _measures(record).people),
-    "answers": _answer_rows,
-}
-"""The rows of a frame in each table, without the columns that name the table."""
-
-
-def _scene(record: FrameRecord) -> object:
-    """What the tables of the scene say about a frame."""
-    return (*_frame_rows(record), record.targets, _measures(record).targets, *map(_PERSON, record.subjects))
-
-
-def _directions(record: FrameRecord) -> object:
-    return (record.frame, *map(_LOOK, record.subjects), _measures(record).people)
-
-
-def write_tables(
-    directory: RunDirectory, pairs: Iterable[Pair], records: Callable[[Pair], Iterable[FrameRecord]]
-) -> None:
-    """Write the tables of a run, whose manifest is there; those of an earlier attempt are replaced.
+class TableWriter:
+    """Writes tables frame by frame. The row groups of all have the same frames.
 
     Parameters
     ----------
-    records
-        Gives the records of a (clip, configuration) in the order of their frames, as often as it is called.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
+    paths
+        The file of each table; their folders are made.
+    keys
+        The values of the columns that name a table.
     """
-    configurations = directory.read_manifest()["configurations"]
-    for place in _PLACES:
-        shutil.rmtree(directory.path / place, ignore_errors=True)
-    written: dict[Path, int] = {}
-    for pair in pairs:
-        for attempt in count():
-            keys = _keys(pair, configurations[pair[1]], attempt)
-            if _write(_paths(directory.path, keys), keys, records(pair), written):
-                break
+
+    def __init__(self, paths: Mapping[str, Path], keys: Mapping[str, str]) -> None:
+        self._keys, self._frames = keys, 0
+        self._rows: dict[str, list[Row]] = {table: [] for table in paths}
+        with ExitStack() as files:
+            self._writers = {table: files.enter_context(_new(path, table, keys)) for table, path in paths.items()}
+            self._files = files.pop_all()
+
+    def add(self, rows: Mapping[str, Iterable[Row]]) -> None:
+        """Add the rows of the next frame by table, without the columns that name the table.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite, also in an earlier frame of the row group.
+        """
+        for table, of_frame in rows.items():
+            self._rows[table].extend(of_frame)
+        self._frames += 1
+        if self._frames == GROUP_FRAMES:
+            self._write()
+
+    def close(self) -> None:
+        """Write what remains, and close the files. Raises the errors of :meth:`add`."""
+        with self._files:
+            if self._frames:
+                self._write()
+
+    def abandon(self) -> None:
+        """Close the files without the frames that are not written yet."""
+        self._files.close()
+
+    def _write(self) -> None:
+        for table, rows in self._rows.items():
+            self._writers[table].write_table(_table(table, self._keys, rows))
+            rows.clear()
+        self._frames = 0
 
 
-def _keys(pair: Pair, settings: Mapping[str, Any], attempt: int) -> dict[str, str]:
-    """The names of a pair's tables. Equal settings have equal names, but for attempts after the first."""
-    parts = {name: settings.get(name) for name in SCENE} | ({"attempt": attempt} if attempt else {})
-    scene = _digest(parts)
-    directions = _digest({"scene": scene, **{name: settings.get(name) for name in DIRECTIONS}})
-    return {"clip": pair[0], "scene": scene, "directions": directions, "configuration": pair[1]}
-
-
-def _digest(value: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _paths(root: Path, keys: Mapping[str, str]) -> dict[str, Path]:
-    """The file of each table."""
-    clip = keys["clip"]
-    scene, directions = root / "scenes" / keys["scene"] / clip, root / "directions" / keys["directions"] / clip
-    shared = {"scenes": scene, "directions": directions}
-    tables = {table: folder / f"{table}.parquet" for place, folder in shared.items() for table in _PLACES[place]}
-    return {**tables, "answers": root / "answers" / keys["configuration"] / f"{clip}.parquet"}
-
-
-def _write(
-    paths: Mapping[str, Path], keys: Mapping[str, str], records: Iterable[FrameRecord], written: dict[Path, int]
-) -> bool:
-    """Write the tables of a pair, but for scenes and directions that an earlier pair has written.
-
-    ``written`` has a hash of their content by folder. Return False, and leave no file, if the content of these records
-    is another one: a stage may answer differently when it is asked twice.
-    """
+def _new(path: Path, table: str, keys: Mapping[str, str]) -> Any:
+    """A writer of a table's file, which is a context manager."""
     from pyarrow.parquet import ParquetWriter
 
-    hashes = {paths["frames"].parent: (0, _scene), paths["directions"].parent: (0, _directions)}
-    drafts = {path: path.with_suffix(".partial") for path in paths.values() if path.parent not in written}
-    with ExitStack() as stack:
-        writers = {}
-        for table, path in paths.items():
-            if path in drafts:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                about = {f"vfoa.{name}": value for name, value in keys.items() if name in TABLES[table]}
-                schema = _schema(table).with_metadata({"vfoa.format": FORMAT, **about})
-                writer = ParquetWriter(drafts[path], schema, compression="zstd", write_page_checksum=True)
-                writers[table] = stack.enter_context(writer)
-        remaining = iter(records)
-        while group := list(islice(remaining, GROUP_FRAMES)):
-            for folder, (value, content) in hashes.items():
-                hashes[folder] = (hash((value, *map(content, group))), content)
-            for table, writer in writers.items():
-                writer.write_table(_table(table, keys, [row for record in group for row in _ROWS[table](record)]))
-    if any(written.get(folder, value) != value for folder, (value, _) in hashes.items()):
-        for draft in drafts.values():
-            draft.unlink()
-        return False
-    for path, draft in drafts.items():
-        draft.replace(path)
-    written.update({folder: value for folder, (value, _) in hashes.items()})
-    return True
+    path.parent.mkdir(parents=True, exist_ok=True)
+    about = {f"vfoa.{name}": value for name, value in keys.items()}
+    schema = _schema(table).with_metadata({"vfoa.format": FORMAT, **about})
+    return ParquetWriter(path, schema, compression="zstd", write_page_checksum=True)
+
+
+def write_again(path: Path, table: str, keys: Mapping[str, str]) -> None:
+    """Write a table again under other keys. Raises the errors of :func:`open_table`."""
+    import pyarrow as pa
+
+    draft = path.with_suffix(".partial")
+    with open_table(path, table) as file, _new(draft, table, keys) as writer:
+        for group in range(file.num_row_groups):
+            part = file.read_row_group(group, use_threads=False).replace_schema_metadata()
+            for place, field in enumerate(_schema(table)):
+                if field.name in keys:
+                    part = part.set_column(place, field, pa.array([keys[field.name]] * len(part), field.type))
+            writer.write_table(part)
+    draft.replace(path)
 
 
 def _table(table: str, keys: Mapping[str, str], rows: Sequence[Row]) -> pa.Table:
@@ -365,13 +318,16 @@ def find_tables(
     names = [clip["name"] for clip in manifest.get("clips", ()) if clips is None or clip["name"] in clips]
     for clip, configuration in product(names, manifest.get("configurations", ())):
         if (clip, configuration) not in failed:
-            path = directory.path / "answers" / configuration / f"{clip}.parquet"
+            path = answers_table(directory.path, (clip, configuration))
             with open_table(path, "answers") as file:
                 about = {key.decode(): value.decode() for key, value in file.schema_arrow.metadata.items()}
             if missing := [name for name in ("scene", "directions") if f"vfoa.{name}" not in about]:
                 raise VfoaError(f"{path}: expected its {' and '.join(missing)} in the file's metadata, found none")
-            keys = {name: about[f"vfoa.{name}"] for name in ("scene", "directions")}
-            yield (clip, configuration), _paths(directory.path, {**keys, "clip": clip, "configuration": configuration})
+            shared = {
+                **scene_tables(directory.path, clip, about["vfoa.scene"]),
+                **directions_tables(directory.path, clip, about["vfoa.directions"]),
+            }
+            yield (clip, configuration), {**shared, "answers": path}
 
 
 @contextmanager
@@ -390,7 +346,10 @@ def open_table(path: Path, table: str) -> Iterator[ParquetFile]:
         with opened(path) as content, ParquetFile(content, page_checksum_verification=True) as file:
             found, expected = file.schema_arrow, _schema(table)
             if (version := (found.metadata or {}).get(b"vfoa.format")) != FORMAT:
-                raise VfoaError(f"{path}: expected a table of format {FORMAT.decode()}, found {version}")
+                it = f"one of format {version.decode(errors='replace')}" if version else "another file"
+                raise VfoaError(
+                    f"{path}: expected a table of format {FORMAT.decode()}, found {it}: run the experiment again"
+                )
             if not found.equals(expected):
                 raise VfoaError(f"{path}: expected the columns {expected.names}, found {found.names} or other types")
             yield file

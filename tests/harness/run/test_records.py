@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from harness.clips.naming import Names
-from harness.pipeline.frame_measures import FrameMeasures
 from harness.run.records import to_record
 from vfoa.types import (
     Attention,
@@ -71,15 +70,13 @@ def test_a_record_is_json_without_nan() -> None:
     assert json.loads(json.dumps(dataclasses.asdict(record), allow_nan=False))["targets"][0]["name"] == "cup#4"
 
 
-def test_a_target_without_a_box_has_none_and_measures_are_handed_on() -> None:
+def test_a_target_without_a_box_has_none() -> None:
     result = _result()
     (cup,) = result.scene.targets
     flat = dataclasses.replace(result.scene, targets=(dataclasses.replace(cup, box=None),))
-    measures = FrameMeasures(disparity=None, targets=(), people=())
     names = Names(subjects={}, targets={4: "cup"})
-    record = to_record("clip", "best", dataclasses.replace(result, scene=flat), names, measures)
+    record = to_record("clip", "best", dataclasses.replace(result, scene=flat), names)
     assert record.target(4).box is None
-    assert record.measures is measures
 
 
 def test_the_width_of_a_head_is_that_of_its_box_at_the_depth_of_the_eyes() -> None:

@@ -5,6 +5,7 @@ Two kills by default, at seeded moments, the second of a run with two workers; `
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -143,8 +144,9 @@ def test_results_are_on_disk_as_soon_as_a_frame_is_done_and_are_written_anew_aft
         for number in (1, 2):
             sink.write(_frame(number, stereo=9.0))
     assert not directory.is_finished(PAIR)
-    sink.mark_finished()
+    sink.mark_finished({"scene": "a", "directions": "b"})
     assert directory.is_finished(PAIR)
+    assert json.loads(directory.partial(PAIR, "json").read_text()) == {"scene": "a", "directions": "b"}
     assert directory.partial(PAIR, "jsonl").read_text() == "".join(lines.splitlines(keepends=True)[:2])
     assert directory.partial(PAIR, "csv").read_text() == "clip,conf,1,stereo,9000.000\nclip,conf,2,stereo,9000.000\n"
 

@@ -17,8 +17,9 @@ from harness.run import tables
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.table_records import read_records
-from harness.run.tables import TABLES, read_table, write_tables
+from harness.run.tables import TABLES, read_table
 from tests.drawn_records import records
+from tests.record_tables import write_tables
 from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
@@ -33,7 +34,7 @@ def _run(folder: Path, by_pair: dict[Pair, list[FrameRecord]], **settings: dict[
     clips = [{"name": clip, "frames": []} for clip in dict.fromkeys(clip for clip, _ in by_pair)]
     configurations = {name: settings.get(name, {}) for _, name in by_pair}
     directory.write_manifest({"clips": clips, "configurations": configurations, "failed": []})
-    write_tables(directory, by_pair, by_pair.__getitem__)
+    write_tables(directory, by_pair)
     return directory
 
 
@@ -104,7 +105,7 @@ def test_configurations_of_equal_settings_keep_what_each_has_seen(tmp_path: Path
     directory = _run(tmp_path, _paired(*first, *second, *third))
     assert list(read_records(directory)) == [*first, *second, *third]
     assert len(list((tmp_path / "scenes").iterdir())) == 2
-    assert [name for name in _files(directory) if not name.endswith((".parquet", "manifest.json"))] == []
+    assert [name for name in _files(directory) if not name.endswith((".parquet", ".json"))] == []
 
 
 def test_tables_of_an_earlier_attempt_are_replaced(tmp_path: Path) -> None:
@@ -163,7 +164,11 @@ def _with_column(name: str, values: Iterable[object]):
         ("instances", lambda path: path.write_bytes(path.read_bytes()[:-20]), "damaged: "),
         ("answers", lambda path: path.write_bytes(b""), "damaged: "),
         ("people", lambda path: _rewritten(path, lambda table: table.drop_columns("name")), "expected the columns"),
-        ("frames", lambda path: _rewritten(path, lambda table: table.replace_schema_metadata()), "of format 1, found"),
+        (
+            "frames",
+            lambda path: _rewritten(path, lambda table: table.replace_schema_metadata()),
+            "of format 2, found another file",
+        ),
         ("frames", lambda path: _rewritten(path, _with_column("frame", [2, 1])), "found frame 1 after a later one"),
         ("instances", lambda path: pq.ParquetWriter(path, pq.read_schema(path)).close(), "found 0 row groups"),
         ("people", lambda path: _rewritten(path, _with_column("frame", [1, 3])), "frame 3 is not in this part"),

@@ -1,0 +1,341 @@
+"""What was perceived of a clip, written frame by frame: a folder of tables for each distinct scene and directions.
+
+Configurations that see the same share a folder (:mod:`harness.run.tables`). SCENE is a digest of the clip, its names
+and frames, the stages that find objects and heads, and the code that places and follows them. DIRECTIONS is a digest
+of SCENE, the stages of head pose and gaze, and their code. ``identity.json`` in a folder has what was digested.
+"""
+
+from __future__ import annotations
+
+import filecmp
+import hashlib
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import fields
+from itertools import count
+from operator import attrgetter
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from uuid import uuid4
+
+from harness.clips.manifest import ClipManifest
+from harness.files.digests import code_of, file_digest
+from harness.pipeline import ground_truth, measures
+from harness.pipeline.cache import identify, parts_of_clip
+from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
+from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.pipeline.measures import Measurer
+from harness.pipeline.perception import Followed, SharedFrame
+from harness.pipeline.stage_runner import timed
+from harness.run.directory import RunDirectory
+from harness.run.records import head_width_m
+from harness.run.tables import (
+    DIRECTIONS_TABLES,
+    SCENE_TABLES,
+    Row,
+    TableWriter,
+    directions_tables,
+    find_tables,
+    scene_tables,
+    write_again,
+)
+from harness.sources import Clip, MeasuredClip
+from vfoa.errors import VfoaError
+from vfoa.methods import MethodSettings
+from vfoa.types import Person, StereoFrame, StereoRig, Target
+
+Identity = Mapping[str, Any]
+
+
+def identities(
+    configuration: Configuration,
+    clip: Clip | MeasuredClip,
+    manifest: ClipManifest,
+    frames: Iterable[int],
+    *,
+    digest: str | None,
+    drawn: DrawnClip | None,
+) -> tuple[Identity, Identity]:
+    """Everything that decides the scene, and everything else that decides the directions, as JSON values.
+
+    ``digest`` is that of the clip's content; None if it is not known, as in a job of its own.
+
+    Raises
+    ------
+    VfoaError
+        If weights or files of a stage are missing.
+    """
+    of_clip = parts_of_clip(manifest.name, clip, digest or "unknown")  # type: ignore[arg-type]
+    stages = {slot: _stage(choice, of_clip, clip) for slot, choice in configuration.choices.items()}
+    scene = {
+        **of_clip,
+        "frames": list(frames),
+        "names": manifest.naming(),
+        **{slot: stages[slot] for slot in ("stereo", "segmentation", "heads")},
+        "drawn": configuration.drawn.model_dump(mode="json") if drawn and configuration.uses_drawn else None,
+        "drawn sha256": drawn.digest if drawn and configuration.uses_drawn else None,
+        "reconstruction": configuration.reconstruction.model_dump(mode="json"),
+        "tracking": configuration.attend.tracking.model_dump(mode="json"),
+        "answers": _answers(configuration.attend.attention, manifest, clip),
+        "code": [code_of(name) for name in ("vfoa.reconstruction", "vfoa.tracking", "harness.clips.naming")],
+        "measures": file_digest(Path(measures.__file__)),
+    }
+    directions = {
+        **{slot: stages[slot] for slot in ("head_pose", "gaze")},
+        "code": [code_of(name) for name in ("vfoa.eye_origin", "vfoa.gaze.temporal")],
+        "ground truth": file_digest(Path(ground_truth.__file__)),
+    }
+    return scene, directions
+
+
+def _answers(settings: MethodSettings, manifest: ClipManifest, clip: Clip | MeasuredClip) -> Identity | None:
+    """What a method that reads its answers adds to the scene: people and objects that nothing else has found."""
+    if not reads_clip(settings):
+        return None
+    code, _ = code_of(METHODS.load(settings.method).__module__)
+    files = open_method(settings, manifest, clip).digest()
+    return {"settings": settings.model_dump(mode="json"), "files": files, "code": code}
+
+
+def _stage(choice: StageChoice | None, of_clip: Mapping[str, Any], clip: Clip | MeasuredClip) -> Identity | None:
+    """What the outputs of a stage depend on beside the clip."""
+    if choice is None:
+        return None
+    if identity := identify(choice, of_clip):
+        return {name: value for name, value in identity.parts.items() if name not in of_clip or name == "versions"}
+    slot = STAGES[choice.slot]
+    code, versions = code_of(slot.stage_class(choice.name).__module__)
+    files = None if isinstance(clip, MeasuredClip) else slot.files_digest(choice, clip)
+    return {"settings": choice.plain(), "files": files, "code": code, "versions": versions}
+
+
+def key_of(identity: Identity) -> str:
+    """The name of a folder with this identity."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
+
+
+class FolderWriter:
+    """Writes the tables of a scene or of directions into a draft folder; :meth:`finish` gives it its name.
+
+    Parameters
+    ----------
+    keys
+        ``clip`` and ``scene``; for directions, ``directions`` as well.
+    identity
+        What the last of these keys is a digest of.
+    """
+
+    def __init__(self, directory: RunDirectory, keys: Mapping[str, str], identity: Identity) -> None:
+        self._root, self._keys, self._own = directory.path, dict(keys), list(keys)[-1]
+        self._draft = directory.partial((keys["clip"], uuid4().hex), "tables")
+        self._paths = {table: self._draft / path.name for table, path in self._placed(keys[self._own]).items()}
+        self._tables = TableWriter(self._paths, keys)
+        text = json.dumps(identity, indent=1, sort_keys=True)
+        (self._draft / "identity.json").write_text(text, encoding="utf-8")
+        self._final: str | None = None
+
+    def add(self, rows: Mapping[str, Iterable[Row]]) -> None:
+        """Add the rows of the next frame, as :meth:`TableWriter.add` does."""
+        self._tables.add(rows)
+
+    def finish(self, **above: str) -> str:
+        """Give the folder its name, and return its final key; directions need the final key ``scene``.
+
+        If the folder is there with the same content, the draft is removed. If it has another content, this one gets
+        another key: a stage may answer differently when it is asked twice.
+        """
+        if self._final is None:
+            self._tables.close()
+            keys = {**self._keys, **above}
+            for attempt in count():
+                if attempt or keys != self._keys:
+                    keys[self._own] = key_of({"of": self._keys[self._own], **above, "attempt": attempt})
+                    for table, path in self._paths.items():
+                        write_again(path, table, keys)
+                if self._is_placed(keys[self._own]):
+                    break
+            self._final = keys[self._own]
+        return self._final
+
+    def discard(self) -> None:
+        """Remove the draft, unless it is finished."""
+        if self._final is None:
+            self._tables.abandon()
+            shutil.rmtree(self._draft, ignore_errors=True)
+
+    def _is_placed(self, key: str) -> bool:
+        """Rename the draft, or remove it if the same is there; False if the name is taken by another content."""
+        folder = next(iter(self._placed(key).values())).parent
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._draft.rename(folder)
+        except OSError:
+            if not folder.is_dir():
+                raise
+            _, differing, failed = filecmp.cmpfiles(self._draft, folder, _names(self._draft), shallow=False)
+            if differing or failed:
+                return False
+            shutil.rmtree(self._draft)
+        return True
+
+    def _placed(self, key: str) -> dict[str, Path]:
+        """The files under their final names."""
+        return (scene_tables if self._own == "scene" else directions_tables)(self._root, self._keys["clip"], key)
+
+
+def _names(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()]
+
+
+class SceneWriters:
+    """Writes the scenes and directions of a clip under several configurations: each distinct one once.
+
+    It is a context manager: at its end, what is not finished is removed.
+
+    Parameters
+    ----------
+    decided
+        The :func:`identities` of each configuration, by name.
+    measurer
+        Measures the stages against the ground truth; None for a clip of recorded poses.
+    """
+
+    def __init__(
+        self,
+        directory: RunDirectory,
+        clip: str,
+        decided: Mapping[str, tuple[Identity, Identity]],
+        measurer: Measurer | None = None,
+    ) -> None:
+        self._measurer = measurer
+        self._folders: dict[str, FolderWriter] = {}
+        self._keys: dict[str, tuple[str, str]] = {}
+        for name, (of_scene, of_directions) in decided.items():
+            keys = {"clip": clip, "scene": key_of(of_scene)}
+            if keys["scene"] not in self._folders:
+                self._folders[keys["scene"]] = FolderWriter(directory, keys, of_scene)
+            of_directions = {"scene": keys["scene"], **of_directions}
+            keys["directions"] = key_of(of_directions)
+            if keys["directions"] not in self._folders:
+                self._folders[keys["directions"]] = FolderWriter(directory, keys, of_directions)
+            self._keys[name] = keys["scene"], keys["directions"]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for folder in self._folders.values():
+            folder.discard()
+
+    def write(self, shared: SharedFrame, names: Iterable[str]) -> None:
+        """Write the next frame as the configurations of these names have perceived it.
+
+        A scene that none of them has perceived lacks the frame, and is not to be finished.
+        """
+        written = set[str]()
+        for name in names:
+            followed = shared.by_configuration[name]
+            keys = [key for key in self._keys[name] if key not in written]
+            if isinstance(followed, VfoaError) or not keys:
+                continue
+            with timed(followed.timings, "measures"):
+                measured = self._measure(followed)
+            with timed(followed.timings, "recording"):
+                rows = {**_scene_rows(shared.frame, followed, measured), **_directions_rows(followed, measured)}
+                for key in keys:
+                    tables = SCENE_TABLES if key == self._keys[name][0] else DIRECTIONS_TABLES
+                    self._folders[key].add({table: rows[table] for table in tables})
+            written.update(keys)
+
+    def finish(self, name: str) -> dict[str, str]:
+        """Give the folders of a configuration their names; return its final keys ``scene`` and ``directions``."""
+        scene, directions = (self._folders[key] for key in self._keys[name])
+        final = scene.finish()
+        return {"scene": final, "directions": directions.finish(scene=final)}
+
+    def _measure(self, followed: Followed) -> FrameMeasures | None:
+        if self._measurer is None or followed.percepts is None:
+            return None
+        return self._measurer.measure(followed.percepts, followed.scene)
+
+
+_TRUE_OBJECT = attrgetter(*(each.name for each in fields(TargetMeasure)))
+_TRUE_PERSON = attrgetter(*(each.name for each in fields(PersonMeasure)))
+_RIG = attrgetter(*(each.name for each in fields(StereoRig)))
+
+
+def _scene_rows(
+    frame: StereoFrame | None, followed: Followed, measured: FrameMeasures | None
+) -> dict[str, Iterable[Row]]:
+    """The rows of a frame in the tables of a scene."""
+    scene, names = followed.scene, followed.names
+    disparity = measured.disparity if measured else None
+    about = (
+        *(scene.index, scene.time_ns, scene.masks_from, scene.masks_age_s, measured is not None),
+        *((disparity.error_px, disparity.over_2_px, disparity.known) if disparity else (None,) * 3),
+        *(_RIG(followed.percepts.rig) if followed.percepts else (None,) * len(fields(StereoRig))),
+        *(frame is not None and frame.right is not None, frame is not None and frame.depth_m is not None),
+    )
+    return {
+        "frames": [about],
+        "instances": (_instance(scene.index, target, names.targets[target.instance.id]) for target in scene.targets),
+        "objects": ((scene.index, *_TRUE_OBJECT(each)) for each in (measured.targets if measured else ())),
+        "people": (
+            _person(scene.index, track, person, names.subjects.get(track))
+            for track, person in followed.tracked.people(scene.people)
+        ),
+    }
+
+
+def _instance(frame: int, target: Target, name: str) -> Row:
+    instance, box = target.instance, target.box
+    solid = (box.center_m, box.half_size_m, box.left_from_box.T.ravel()) if box else (None, None, None)
+    return (
+        *(frame, instance.id, name, instance.label, instance.name, instance.category_id, instance.is_thing),
+        *(instance.score, target.box_px, len(target.points_left), *solid),
+    )
+
+
+def _person(frame: int, track: int, person: Person, name: str | None) -> Row:
+    head = person.head
+    return (frame, track, name, person.instance_id, *((head.box_px, head.score) if head else (None, None)))
+
+
+def _directions_rows(followed: Followed, measured: FrameMeasures | None) -> dict[str, Iterable[Row]]:
+    """The rows of a frame in the tables of directions."""
+    number, fx_px = followed.scene.index, followed.percepts.rig.fx_px if followed.percepts else None
+    return {
+        "directions": (
+            _looks(number, track, person, fx_px) for track, person in followed.tracked.people(followed.scene.people)
+        ),
+        "true_people": ((number, *_TRUE_PERSON(each)) for each in (measured.people if measured else ())),
+    }
+
+
+def _looks(frame: int, track: int, person: Person, fx_px: float | None) -> Row:
+    gaze, head, no_gaze = person.view.gaze, person.view.head_pose, person.view.no_gaze
+    return (
+        *(frame, track, person.eye_origin_left),
+        *((gaze.direction, gaze.sigma_rad) if gaze else (None, None)),
+        no_gaze.cause if no_gaze else None,
+        *((head.direction, head.sigma_rad) if head else (None, None)),
+        head_width_m(person, fx_px),
+    )
+
+
+def remove_unused(directory: RunDirectory) -> None:
+    """Remove drafts, and the scenes and directions that no answers come from: of what failed, or was interrupted."""
+    used = {path.parent for _, paths in find_tables(directory) for path in paths.values()}
+    for folder in (*directory.path.glob("scenes/*/*"), *directory.path.glob("directions/*/*")):
+        if folder not in used:
+            shutil.rmtree(folder)
+            with suppress(OSError):  # other clips have the same key
+                folder.parent.rmdir()
+    for draft in directory.path.glob("partial/*.tables"):
+        shutil.rmtree(draft)

@@ -1,0 +1,73 @@
+"""Write records of frames as the tables of a run, for tests of what reads them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple
+
+from harness.run.answers import filtered_cues, write_answers
+from harness.run.directory import Pair, RunDirectory
+from harness.run.records import FrameRecord
+from harness.run.scenes import FolderWriter, key_of, remove_unused
+from harness.run.tables import Row
+
+SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")
+DIRECTIONS = ("head_pose", "gaze")
+"""Tables of a configuration that decide a scene, and those that with the scene decide the directions."""
+
+
+def write_tables(directory: RunDirectory, by_pair: Mapping[Pair, Sequence[FrameRecord]]) -> None:
+    """Write the tables of a run, whose manifest is there; those of an earlier attempt are replaced.
+
+    What records lack, such as the rig, is null, or 0.
+    """
+    configurations = directory.read_manifest()["configurations"]
+    shutil.rmtree(directory.path / "answers", ignore_errors=True)
+    for pair, records in by_pair.items():
+        settings = configurations[pair[1]]
+        keys = {"clip": pair[0], "scene": key_of({name: settings.get(name) for name in SCENE})}
+        scene = FolderWriter(directory, keys, {})
+        keys["directions"] = key_of({name: settings.get(name) for name in ("scene", *DIRECTIONS)} | keys)
+        directions = FolderWriter(directory, keys, {})
+        filtered = filtered_cues(settings)
+        for record in records:
+            scene.add(_scene_rows(record))
+            directions.add(_directions_rows(record, filtered))
+        final = {"scene": (found := scene.finish()), "directions": directions.finish(scene=found)}
+        write_answers(directory, pair, final, records, filtered)
+    remove_unused(directory)
+
+
+def _scene_rows(record: FrameRecord) -> dict[str, Iterable[Row]]:
+    measures, frame = record.measures, record.frame
+    disparity = measures.disparity if measures else None
+    about = (frame, record.time_ns, record.masks_from, record.masks_age_s, measures is not None)
+    return {
+        "frames": [(*about, *(astuple(disparity) if disparity else (None,) * 3), *(None,) * 8, False, False)],
+        "instances": [
+            (
+                *(frame, each.instance_id, each.name, each.label, None, 0, True, each.score, each.box_px, each.points),
+                *((each.box.center_m, each.box.half_size_m, sum(each.box.axes, ())) if each.box else (None,) * 3),
+            )
+            for each in record.targets
+        ],
+        "objects": [(frame, *astuple(each)) for each in (measures.targets if measures else ())],
+        "people": [(frame, s.track_id, s.name, s.instance_id, s.head_box_px, None) for s in record.subjects],
+    }
+
+
+def _directions_rows(record: FrameRecord, filtered: Sequence[str]) -> dict[str, Iterable[Row]]:
+    def raw(cue: str, direction: object) -> object:
+        return None if cue in filtered else direction
+
+    return {
+        "directions": [
+            (
+                *(record.frame, each.track_id, each.eye_origin_m, raw("gaze", each.gaze), each.gaze_sigma_rad),
+                *(each.no_gaze, raw("head", each.head), None, each.head_width_m),
+            )
+            for each in record.subjects
+        ],
+        "true_people": [(record.frame, *astuple(each)) for each in (record.measures.people if record.measures else ())],
+    }
