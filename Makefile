@@ -66,7 +66,7 @@ lint: $(DEV)
 	$(BIN)/ruff check .
 
 types: $(DEV)
-	$(BIN)/mypy --num-workers=2
+	$(BIN)/mypy
 	$(BIN)/python -m scripts.worked_examples build/examples
 	$(BIN)/ruff check --quiet build/examples
 	$(BIN)/mypy build/examples

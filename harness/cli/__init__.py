@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperArgument
 from typer.main import get_command
 
-from harness.cli import clips, labels, models, setup
+from harness.cli import answers, clips, labels, models, setup
 from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
@@ -89,6 +89,7 @@ app.command(short_help="Check what running needs on this machine.")(setup.doctor
 app.command(short_help="Make a working directory with the data folders.")(setup.init)
 app.command(short_help="Print every setting: type, unit, default, meaning.")(setup.settings)
 app.add_typer(labels.app, name="labels", short_help="Check, import, export and compare labels.")
+app.add_typer(answers.app, name="answers", short_help="Write a run's answers for another program.")
 app.add_typer(setup.cache_app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")

@@ -25,7 +25,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.clips.naming import NameRule
+from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program, folders, names
 from harness.files.io import check_name, is_file, read_text
 from harness.files.parsing import parse_toml, read_toml
@@ -39,7 +39,6 @@ from vfoa.errors import VfoaError, did_you_mean, located
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
-_AUTOMATIC = re.compile(r".+#\d+")
 """The names that the program gives to objects without one: label#id."""
 
 
@@ -78,7 +77,7 @@ class ClipManifest(Settings):
         for name in rules:
             if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
-            if _AUTOMATIC.fullmatch(name):
+            if is_automatic(name):
                 raise ValueError(f"found the name {name!r}, as objects without one are called; expected no #NUMBER")
             check_name(name)
         return rules

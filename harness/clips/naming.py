@@ -6,6 +6,7 @@ the source, its place from the left, or a place in the image.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -77,6 +78,13 @@ class Names:
 
 
 Rules = Mapping[str, NameRule]
+
+_AUTOMATIC = re.compile(r".+#\d+")
+
+
+def is_automatic(name: str) -> bool:
+    """Whether a name is one of an object that the manifest does not name: ``label#id``."""
+    return _AUTOMATIC.fullmatch(name) is not None
 
 
 class Namer:

@@ -142,7 +142,7 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     if not records:
         raise VfoaError(f"{run}: the run has no frames of clip {name!r}")
     names = list(dict.fromkeys(record.configuration for record in records))
-    chosen = _choose(names, configuration, run)
+    chosen = choose(names, configuration, run)
     by_frame = {record.frame: record for record in records if record.configuration == chosen}
     answers = answers_of(manifest, chosen, directory.manifest)
     return ClipRecords(
@@ -154,7 +154,14 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     )
 
 
-def _choose(names: list[str], wanted: str | None, run: Path) -> str:
+def choose(names: list[str], wanted: str | None, run: Path) -> str:
+    """Return the chosen one of a run's configurations; the only one, if none was chosen.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such configuration, or there are several and none was chosen.
+    """
     if wanted is None and len(names) == 1:
         return names[0]
     if wanted is None:

@@ -70,6 +70,7 @@ VERBS: dict[str, Writes | Left] = {
     "labels undo": Writes(call=project.take_back, varies=(".jsonl",)),
     "labels export": Writes(("labels", "export", "talk", "mine.eaf", "--format", "elan", "--replace")),
     "labels agreement": Writes(("labels", "agreement", "talk", "--out", "agreement")),
+    "answers export": Writes(("answers", "export", "run", "--config", "cones", "--replace")),
     "cache clear": Writes(("cache", "clear"), only_removes=True),
     "clips add": Writes(("clips", "add", "data/walk", "--name", "walk")),
     "clips fetch": Left("downloads from fixed addresses, by the download that models fetch has"),

@@ -8,7 +8,8 @@ CSV in any dialect, or Parquet. A row is one person in one frame. ``target`` is 
 subject), ``none`` for "looks at nothing", or blank for no answer; a frame without a row has none either.
 ``instance_id`` says which one it is where things share a name; default: the first. ``p_NAME`` are probabilities of
 targets, ``p_none`` that of nothing, which without a column has the rest up to 1; a blank cell is 0. With
-probabilities a blank target is the likeliest one.
+probabilities a blank target is the likeliest one. A thing that the manifest does not name is ``label#id``, as vfoa's
+own tables call it.
 
 ``u_px, v_px`` is the point of the left image that the person looks at, as gaze-following networks say it: the target is
 the object whose mask holds the point (in a frame without masks: the smallest box). ``in_image`` 0 is ``none``; a row
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import NameRule, Names
+from harness.clips.naming import NameRule, Names, is_automatic
 from harness.files.digests import file_digest
 from harness.files.parquet import read_parquet_columns
 from harness.files.tables import TableColumns, read_columns
@@ -178,7 +179,8 @@ class FileAnswers:
         )
 
     def _target(self, number: int, name: str) -> Target:
-        instance = Instance(id=number, label=self._rules[name].category, category_id=0, is_thing=True, score=0.0)
+        label = name.partition("#")[0] if is_automatic(name) else self._rules[name].category
+        instance = Instance(id=number, label=label, category_id=0, is_thing=True, score=0.0)
         return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=None)
 
 
@@ -301,8 +303,14 @@ class _Table:
         self.columns, self._names, self._people = columns, names, people
         answers = (*names, NOWHERE)
         expected = (*KEYS, "subject", *NAMED, *(CHANCE + name for name in answers), *POINT, "in_image")
+        unnamed = tuple(
+            column.removeprefix(CHANCE)
+            for column in columns.cells
+            if column.startswith(CHANCE) and is_automatic(column.removeprefix(CHANCE))
+        )
+        answers = (*answers, *unnamed)
         for column in columns.cells:
-            if column not in expected:
+            if column not in expected and column.removeprefix(CHANCE) not in unnamed:
                 raise VfoaError(f"{columns.path}:1: no column {column!r} here; {did_you_mean(column, expected)}")
         self.has_points = any(column in columns.cells for column in POINT)
         named = [column for column in columns.cells if column in NAMED or column.startswith(CHANCE)]
@@ -315,9 +323,11 @@ class _Table:
         self._out = self._are_out() if self.has_points else ()
         self._check_points()
         self._numbers = columns.numbers("instance_id")
-        self.chances = {
-            name: np.nan_to_num(columns.numbers(CHANCE + name)) for name in answers if CHANCE + name in columns.cells
-        }
+        given = {name: columns.numbers(CHANCE + name) for name in answers if CHANCE + name in columns.cells}
+        self.chances = {name: np.nan_to_num(column) for name, column in given.items()}
+        self._has_chances = np.zeros(len(columns.lines), np.bool_)
+        for numbers in given.values():
+            self._has_chances |= ~np.isnan(numbers)
         self._sums = np.sum([*self.chances.values()], axis=0) if self.chances else None
         self._check_chances()
 
@@ -337,7 +347,7 @@ class _Table:
             return None if math.isnan(u) else Answer(point_px=(u, v))
         target, where = self.columns.cells["target"][row], self.columns.where(row)
         chances = {name: float(column[row]) for name, column in self.chances.items() if column[row] > 0}
-        if self.chances and NOWHERE not in self.chances and 0 < (rest := 1 - sum(chances.values())) < 1:
+        if self._has_chances[row] and NOWHERE not in self.chances and (rest := 1 - sum(chances.values())) > 0:
             chances[NOWHERE] = rest
         if self.chances and not chances:
             if target:
@@ -346,7 +356,7 @@ class _Table:
         if not target and not chances:
             return None
         target = target or max(chances, key=lambda name: chances[name])
-        if target not in (*self._names, NOWHERE):
+        if target not in (*self._names, NOWHERE) and not is_automatic(target):
             raise VfoaError(f"{where}: target {target!r}: {did_you_mean(target, (*self._names, NOWHERE))}")
         if subject in (target, *chances):
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target")
@@ -379,7 +389,7 @@ class _Table:
         if self._sums is None:
             return
         least = 1.0 if NOWHERE in self.chances else 0.0
-        wrong = (self._sums > 1 + _TOLERANCE) | ((self._sums < least - _TOLERANCE) & (self._sums > 0))
+        wrong = (self._sums > 1 + _TOLERANCE) | ((self._sums < least - _TOLERANCE) & self._has_chances)
         for row in np.flatnonzero(wrong)[:1].tolist():
             names = ", ".join(CHANCE + name for name in self.chances)
             limit = "1" if least else f"at most 1 (the rest is that of {NOWHERE})"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from harness.cli import app as program
 from harness.cli.clips import app
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
@@ -274,3 +275,66 @@ def test_shares_of_the_image_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
     first, second, *_ = masks.frames
     with pytest.raises(VfoaError, match=r"points\.csv: u_px, v_px: all are from 0 to 1; expected pixels"):
         _run_points(tmp_path, [f"{first},anna,0.5,0.25,1", f"{second},anna,0.5,0.3,1"])
+
+
+EXPORTED = """
+clips = ["talk"]
+preset = "measured"
+
+[[configuration]]
+name = "forward"
+attention.method = "bayes"
+
+[[configuration]]
+name = "near"
+attention.method = "nearest"
+attention.limit_deg = 5
+"""
+READ = """
+[[configuration]]
+name = "{name}_read"
+attention.method = "answers"
+attention.file = "{name}/${{CLIP}}.csv"
+"""
+
+
+def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None:
+    """A posterior with its probabilities, and a rule that can say "nowhere"."""
+    write_text(talk / "annotations" / "talk.csv", true_labels().replace("7,12,ben,robot", "7,12,ben,none"))
+    write_text(talk / "talk.toml", EXPORTED)
+    first, scores = _run(talk)
+    for name in ("forward", "near"):
+        given = ["answers", "export", str(first.path), "--config", name, "--out", name]
+        assert CliRunner().invoke(program, given).stdout == f"{name}/talk.csv\n"
+    write_text(talk / "talk.toml", EXPORTED + "".join(READ.format(name=name) for name in ("forward", "near")))
+    plan = prepare(load_experiment("talk.toml"))
+    scores = rescore(run_plan(plan, talk / "again", workers=1, progress=lambda clip: None))
+    for name in ("forward", "near"):
+        own, theirs = (
+            [outcome for outcome in scores.outcomes if outcome.configuration == each] for each in (name, f"{name}_read")
+        )
+        for a, b in zip(own, theirs, strict=True):
+            assert a.frames == b.frames
+            for column in ("correct", "predicted", "says_nowhere", "confidence", "on_truth", "brier"):
+                np.testing.assert_array_equal(getattr(a, column), getattr(b, column), err_msg=f"{name} {column}")
+    assert not all(outcome.correct.all() for outcome in scores.outcomes)
+
+
+def test_an_export_overwrites_nothing_unasked(talk: Path) -> None:
+    _answer(f"{frame},{subject},{target}" for frame, subject, target in _labels(talk))
+    directory, _ = _run(talk)
+    given = ["answers", "export", str(directory.path), "--config", "cones"]
+    assert CliRunner().invoke(program, given, catch_exceptions=False).exit_code == 0
+    written = directory.path / "exported" / "cones" / "talk.csv"
+    write_text(written, "mine")
+    assert isinstance(CliRunner().invoke(program, given).exception, VfoaError)
+    assert written.read_text() == "mine"
+    assert CliRunner().invoke(program, [*given, "--replace"]).exit_code == 0
+    assert written.read_text().startswith("frame,subject,target,instance_id\n1,anna,ben,\n")
+
+
+def test_an_object_without_a_name_can_be_an_answer(talk: Path) -> None:
+    rows = [f"{frame},{subject},cup#4" for frame, subject, _ in _labels(talk)]
+    _answer(rows)
+    row = _row(_run(talk)[1])
+    assert (row.correct, row.predicted) == (0, 24)

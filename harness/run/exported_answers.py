@@ -1,0 +1,94 @@
+"""Answers of a run as tables that another run, or another program, can read.
+
+The format is that of :mod:`harness.pipeline.outputs.answers`, so that ``attention.method = "answers"`` reads them back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from harness.clips.manifest import manifest_of_run
+from harness.files.io import check_new
+from harness.files.tables import write_rows
+from harness.labels.labels import NOWHERE
+from harness.pipeline.outputs.answers import CHANCE
+from harness.run.directory import RunDirectory
+from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import ClipRecords, choose, read_clip_records
+
+
+def export_answers(
+    run: Path, configuration: str | None, *, folder: Path | None = None, replace: bool = False
+) -> Iterator[Path]:
+    """Write the answers of one configuration of a run, a table for each clip: ``folder/CLIP.csv``.
+
+    Parameters
+    ----------
+    configuration
+        None: the only one.
+    folder
+        Default: ``exported/CONFIGURATION`` in the run's directory.
+
+    Raises
+    ------
+    VfoaError
+        If the run has several configurations and none was chosen, or a file is there and is not to be replaced.
+    """
+    directory = RunDirectory(run)
+    manifest = directory.read_manifest()
+    configurations = [*manifest.get("configurations", ())]
+    chosen = choose(configurations, configuration, run)
+    target = folder or run / "exported" / chosen
+    for clip in manifest.get("clips", ()):
+        check_new(target / f"{clip['name']}.csv", replace=replace, inputs=directory.inputs)
+    for clip in manifest.get("clips", ()):
+        of_clip = manifest_of_run(clip.get("manifest", ""), clip["name"], manifest.get("annotator"))
+        header, rows = answer_table(read_clip_records(run, of_clip, chosen))
+        target.mkdir(parents=True, exist_ok=True)
+        write_rows(path := target / f"{clip['name']}.csv", header, rows)
+        yield path
+
+
+def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+    """The header and the rows of a clip's answers: one row for each named person in each frame.
+
+    A person without an answer has a blank target. Where several targets share a name, ``instance_id`` says which one
+    has the focus, and the probability of the name is that of all of them.
+    """
+    frames = [record for _, record in sorted(records.by_frame.items())]
+    names = dict.fromkeys(target.name for record in frames for target in record.targets)
+    with_chances = tuple(names) if records.has_probabilities else ()
+    header = ("frame", "subject", "target", "instance_id", *(CHANCE + name for name in with_chances))
+    rows: list[tuple[object, ...]] = []
+    for record in frames:
+        people = dict[str, SubjectRecord]()
+        for person in record.subjects:
+            if person.name is not None:
+                people.setdefault(person.name, person)  # of two tracks with one name the first counts, as in the score
+        for name, person in people.items():
+            target, instance_id = _focus(record, person)
+            chances = _chances(record, person) if target is not None else {}
+            rows.append((record.frame, name, target, instance_id, *(chances.get(other) for other in with_chances)))
+    return header, rows
+
+
+def _focus(record: FrameRecord, person: SubjectRecord) -> tuple[str | None, int | None]:
+    """The name of a person's focus, None for no answer; and which instance, if the name is that of several."""
+    if person.missing is not None:
+        return None, None
+    if person.focus is None:
+        return NOWHERE, None
+    name = record.target(person.focus).name
+    is_shared = sum(target.name == name for target in record.targets) > 1
+    return name, person.focus if is_shared else None
+
+
+def _chances(record: FrameRecord, person: SubjectRecord) -> dict[str, float]:
+    """The probability of each name, in the order of the attention."""
+    names = {target.instance_id: target.name for target in record.targets}
+    chances: dict[str, float] = {}
+    for value in person.attention:
+        name = names[value.instance_id]
+        chances[name] = chances.get(name, 0.0) + value.total
+    return chances
