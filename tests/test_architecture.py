@@ -67,7 +67,7 @@ DOORS = {
         "harness/server/",
     ),
     "jinja2": ("harness/report/page/render.py",),
-    "matplotlib": (),
+    "matplotlib": ("harness/report/figures/",),
     "rich": ("harness/cli/", "harness/report/formats.py"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (

@@ -21,6 +21,7 @@ from harness.cli import answers, clips, labels, models, setup
 from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
+from harness.cli.figures import figures
 from harness.cli.fit import fit
 from harness.cli.run import demo, run
 from harness.cli.scores import compare, plan, report, score
@@ -80,6 +81,7 @@ app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)
 app.command(short_help="Write one frame and its neighbours as a small recording.")(export_failure)
 app.command(short_help="Serve runs as datasets of Rerun's catalogue.")(catalog)
 app.command(short_help="Compare configurations, of one run or of several.")(compare)
+app.command(short_help="Draw figures of runs for a paper, as SVG and PDF.")(figures)
 app.command(short_help="Say how many clips it takes to see a difference.")(plan)
 app.command(short_help="Fit attention's weights to labelled clips.")(fit)
 app.command(short_help="Measure the speed of each stage.")(bench)

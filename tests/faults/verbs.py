@@ -56,6 +56,7 @@ VERBS: dict[str, Writes | Left] = {
         ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
         varies=(".rrd",),
     ),
+    "figures": Writes(("figures", "run", "--out", "figures", "--replace")),
     "fit": Writes(("fit", "run", "--out", "fitted.toml", "--even-if-worse")),
     "bench": Left("measures times; one file, by the writer that fit has"),
     "annotate": Writes(call=project.label, varies=(".talk.jsonl",), grows=("annotations/talk.csv",)),

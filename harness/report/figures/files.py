@@ -1,0 +1,150 @@
+"""The figures of runs, and their files: ``NAME_1col.svg``, ``NAME_1col.pdf``, and the same for two columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.files.io import write_together
+from harness.run.directory import RunDirectory
+from harness.score.calibration import reliabilities
+from harness.score.finished_run import read_scores
+from harness.score.fit_logit import fit_logit
+from harness.score.labelled_run import read_labelled
+from harness.score.oracle_ablation import without_oracles
+from harness.score.score import ScoreRow, Scores
+from harness.score.verdicts import Verdict
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTHS_INCH = {"1col": 3.5, "2col": 7.16}
+"""The widths of a column and of a page with two columns, of IEEE's journals, inches."""
+FORMATS = ("svg", "pdf")
+
+Draw = Callable[[float], "Figure"]
+"""Draws a figure of this width, inches."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Figures by name, and a note for each one that these runs do not have."""
+
+    drawn: dict[str, Draw] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+
+
+def check_matplotlib() -> None:
+    """Raise a :class:`VfoaError` if Matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        raise VfoaError("figures: needs the package matplotlib; expected vfoa installed with its extra: vfoa[figures]")
+
+
+def figure_files(folder: Path) -> list[Path]:
+    """Every file that figures of runs can have in a folder."""
+    return [folder / f"{name}_{width}.{kind}" for name, width, kind in product(NAMES, WIDTHS_INCH, FORMATS)]
+
+
+NAMES = ("frr", "frr_by_clip", "error_types", "confusion", "calibration", "learning_curve")
+
+
+def write_figures(figures: Figures, folder: Path) -> list[Path]:
+    """Write every figure into a folder, which is made; all files or none. Equal runs give equal bytes."""
+    from harness.report.figures.style import saved, styled
+
+    contents: dict[Path, str | bytes] = {}
+    with styled():
+        for (name, draw), (width, inches) in product(figures.drawn.items(), WIDTHS_INCH.items()):
+            figure = draw(inches)
+            contents |= {folder / f"{name}_{width}.{kind}": saved(figure, kind) for kind in FORMATS}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_together(contents)
+    return list(contents)
+
+
+def figures_of(runs: Sequence[Path]) -> Figures:
+    """The figures of finished runs. Steps of an oracle ablation are left out, as in the figures of the report.
+
+    Raises
+    ------
+    VfoaError
+        If Matplotlib is not installed, a run is not finished, or no frame of a run is labelled.
+    """
+    check_matplotlib()
+    from harness.report.figures import charts
+
+    shown = [_Shown.read(run, name) for run, name in zip(runs, _names(runs), strict=True)]
+    overall = [row for each in shown for row in each.rows(each.scores.overall())]
+    by_clip = [row for each in shown for row in each.rows(each.scores.by_clip()) if row[1].clip is not None]
+    figures = Figures()
+    figures.drawn["frr"] = lambda width: charts.forest(overall, width)
+    figures.drawn["frr_by_clip"] = lambda width: charts.by_clip(by_clip, width)
+    figures.drawn["error_types"] = lambda width: charts.error_types(overall, width)
+    verdicts = {name: found for each in shown for name, found in each.verdicts().items()}
+    figures.drawn["confusion"] = lambda width: charts.confusion(verdicts, width)
+    calibrations = [
+        (each.named(found.configuration), found) for each in shown for found in reliabilities(each.scores.outcomes)
+    ]
+    if calibrations:
+        figures.drawn["calibration"] = lambda width: charts.calibration(calibrations, width)
+    else:
+        figures.missing.append("calibration: no configuration gives probabilities")
+    fits = []
+    for each in shown:
+        try:
+            fits.append((each.name, fit_logit(read_labelled(RunDirectory(each.run))).fit))
+        except VfoaError as error:
+            figures.missing.append(f"learning_curve: {each.run}: {error}")
+    if curves := [(name, fit) for name, fit in fits if fit.curve]:
+        figures.drawn["learning_curve"] = lambda width: charts.learning_curve(curves, width)
+    elif fits:
+        figures.missing.append("learning_curve: too few labelled seconds for two points")
+    return figures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shown:
+    """A run: its folder, its name, empty for a single run, and its scores."""
+
+    run: Path
+    name: str
+    scores: Scores
+
+    @classmethod
+    def read(cls, run: Path, name: str) -> _Shown:
+        scores = read_scores(RunDirectory(run))
+        if not scores.rows:
+            raise VfoaError(f"{run}: no labelled frame; expected labels of its clips: vfoa annotate CLIP")
+        return cls(run=run, name=name, scores=scores)
+
+    def named(self, configuration: str) -> str:
+        """The name of a configuration in the figures."""
+        return f"{self.name}: {configuration}" if self.name else configuration
+
+    def rows(self, rows: Sequence[ScoreRow]) -> list[tuple[str, ScoreRow]]:
+        plain = set(without_oracles(self.scores.scored_configurations))
+        return [(self.named(row.configuration), row) for row in rows if row.configuration in plain]
+
+    def verdicts(self) -> dict[str, list[Verdict]]:
+        """The scored verdicts of each configuration."""
+        found = {name: list[Verdict]() for name in without_oracles(self.scores.configurations)}
+        for verdict in self.scores.verdicts:
+            if verdict.outcome != "unscored" and verdict.configuration in found:
+                found[verdict.configuration].append(verdict)
+        return {self.named(name): verdicts for name, verdicts in found.items() if verdicts}
+
+
+def _names(runs: Sequence[Path]) -> list[str]:
+    """A name for each run: its folder's, with the parent's where two are equal; empty for a single run."""
+    if len(runs) == 1:
+        return [""]
+    names = [run.resolve().name for run in runs]
+    return [
+        name if names.count(name) == 1 else f"{run.resolve().parent.name}/{name}"
+        for run, name in zip(runs, names, strict=True)
+    ]

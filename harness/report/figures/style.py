@@ -1,0 +1,88 @@
+"""The look of figures in print: light, sans-serif at 7 to 8 points, the colours and shapes of the report's page."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+INK, SOFT, LINE, PANEL = "#1c1f24", "#59616e", "#d9dde4", "#f4f5f8"
+RIGHT, OFF = "#2e8b57", "#d9480f"
+_COLOURS = ("#0b62c4", "#c2410c", "#0b7a4b", "#a21caf", "#7a5a00", "#0e7490", "#be123c", "#475569")
+_SHAPES = ("o", "s", "^", "D", "v", "P", "X")
+
+_STYLE = {
+    "svg.hashsalt": "vfoa",  # equal runs give equal bytes
+    "svg.fonttype": "path",  # letters as outlines: the same in every program
+    "pdf.fonttype": 42,  # TrueType, embedded
+    "font.family": "DejaVu Sans",  # comes with Matplotlib
+    "font.size": 7,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.5,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 1.4,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.axisbelow": True,
+    "grid.color": LINE,
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "text.parse_math": False,  # names may have dollar signs
+    "figure.dpi": 100,
+    "savefig.dpi": 300,  # of pictures inside
+    "lines.linewidth": 1.1,
+    "hatch.linewidth": 0.5,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw and save in this style within the block, whatever the user's own settings of Matplotlib are."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def canvas(width_inch: float, height_inch: float) -> Figure:
+    """A figure whose parts, legends included, keep clear of each other and of its edges."""
+    layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)
+    return Figure(figsize=(width_inch, height_inch), layout=layout, facecolor="white")
+
+
+def saved(figure: Figure, kind: str) -> bytes:
+    """The figure as a file of this kind, ``svg`` or ``pdf``, without the time at which it was made."""
+    file = io.BytesIO()
+    figure.savefig(file, format=kind, metadata={"Date" if kind == "svg" else "CreationDate": None})
+    return file.getvalue()
+
+
+def colour(number: int) -> str:
+    """The colour of the configuration with this number."""
+    return _COLOURS[number % len(_COLOURS)]
+
+
+def shape(number: int) -> str:
+    """The marker of the configuration with this number; with the colour, 56 configurations differ."""
+    return _SHAPES[number % len(_SHAPES)]
+
+
+def is_wide(width_inch: float) -> bool:
+    """Whether a figure takes two columns."""
+    return width_inch > 5

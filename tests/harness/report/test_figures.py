@@ -1,0 +1,220 @@
+"""Figures for a paper: every clip, configuration, legend and axis title is in them, as SVG and PDF in two widths."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+from harness.report.figures import charts
+from harness.report.figures.files import NAMES, WIDTHS_INCH, Figures, figures_of, write_figures
+from harness.report.figures.style import canvas, saved, styled
+from harness.run.experiment import FitRecord, MethodScore
+from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
+from harness.score.verdicts import judge
+from tests.command import vfoa
+from tests.records import answers, labels, write_run
+
+CLIPS = [f"clip_{number:02}" for number in range(12)]
+"""More than a page of the report's pager."""
+LABELLED = ("cup", "book", "cup", "none", "cup", "book")
+SAID = {
+    "cones": ("cup", "book", "book", "cup", None, "book"),
+    "sure -- $x$": ("cup", "book", "cup", "none", "book", "cup"),
+}
+"""What two configurations say; a name may have signs of SVG's comments and of formulas."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of twelve clips under two configurations, of which the second gives probabilities."""
+    root = tmp_path_factory.mktemp("figures")
+    clips = [_write_clip(root, clip) for clip in CLIPS]
+    said = [answers(names, clip=clip, configuration=name) for clip in CLIPS for name, names in SAID.items()]
+    methods = {name: {"probabilistic": name != "cones", "says_nowhere": name != "cones"} for name in SAID}
+    records = (record for of_pair in said for record in of_pair)
+    return write_run(root / "run", records, clips=clips, methods=methods).path
+
+
+def _write_clip(root: Path, name: str) -> dict[str, object]:
+    tables = "".join(
+        f'[{kind}]\ncategory = "{kind[-4:]}"\n' for kind in ("subjects.girl", "targets.cup", "targets.book")
+    )
+    for folder, file, text in (
+        ("datasets", f"{name}.toml", f'name = "{name}"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
+        (
+            "annotations",
+            f"{name}.csv",
+            "".join(
+                [
+                    "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n",
+                    *(f"{k},{k},girl,{target},\n" for k, target in enumerate(LABELLED, start=1)),
+                ]
+            ),
+        ),
+    ):
+        (root / folder).mkdir(exist_ok=True)
+        (root / folder / file).write_text(text, encoding="utf-8")
+    return {
+        "name": name,
+        "manifest": str(root / "datasets" / f"{name}.toml"),
+        "rate_hz": 25.0,
+        "frames": list(range(1, 7)),
+    }
+
+
+@pytest.fixture(scope="module")
+def figures(run: Path) -> Figures:
+    """The run's figures."""
+    return figures_of([run])
+
+
+@pytest.fixture(scope="module")
+def files(run: Path, figures: Figures) -> Path:
+    """The folder of the run's figures."""
+    folder = run.parent / "out"
+    assert [note.partition(":")[0] for note in figures.missing] == ["learning_curve"]
+    written = write_figures(figures, folder)
+    assert len(written) == len(set(written)) == 5 * 2 * 2
+    return folder
+
+
+def _texts(svg: Path) -> set[str]:
+    """The texts of an SVG, which are outlines, with each text as a comment beside them."""
+    return set(re.findall(r"<!-- (.*?) -->", svg.read_text(encoding="utf-8")))
+
+
+EXPECTED = {
+    "frr": {"FRR, 95 % interval", "best simple rule", "focus recognition rate (%)", "cones", "50.0", "66.7"},
+    "frr_by_clip": {*CLIPS, "cones", "focus recognition rate (%), 95 % interval", "clip"},
+    "error_types": {"cones", "M  missed", "S  no subject", "wrong frames (% of the labelled ones)"},
+    "confusion": {"cup", "book", "none", "no prediction", "ground truth", "answer (framed: the right one)"},
+    "calibration": {"calibrated", "confidence (%)", "right (% of the frames)"},
+}
+
+
+@pytest.mark.parametrize("width", WIDTHS_INCH)
+@pytest.mark.parametrize("name", EXPECTED)
+def test_names_legend_and_axis_titles_are_inside(files: Path, name: str, width: str) -> None:
+    svg = files / f"{name}_{width}.svg"
+    texts = _texts(svg)
+    assert EXPECTED[name] - texts == set()
+    assert any("$x$" in text for text in texts)
+    assert f'width="{72 * WIDTHS_INCH[width]:g}pt"' in svg.read_text(encoding="utf-8")
+    assert "<text" not in svg.read_text(encoding="utf-8")  # outlines: no font of the reader's machine
+
+
+@pytest.mark.parametrize("width", WIDTHS_INCH)
+@pytest.mark.parametrize("name", EXPECTED)
+def test_fonts_are_embedded(files: Path, name: str, width: str) -> None:
+    pdf = (files / f"{name}_{width}.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-")
+    assert pdf.count(b"/FontFile2 ") == pdf.count(b"/Type /FontDescriptor") > 0
+    assert b"/CreationDate" not in pdf
+
+
+def test_nothing_is_cut_and_legends_hide_nothing(figures: Figures) -> None:
+    with styled():
+        for name, draw in figures.drawn.items():
+            for width in WIDTHS_INCH.values():
+                figure = draw(width)
+                saved(figure, "svg")  # lays it out
+                inside = figure.bbox.padded(1)
+                tight = figure.get_tightbbox().transformed(figure.dpi_scale_trans)
+                assert inside.x0 <= tight.x0, (name, width)
+                assert inside.x1 >= tight.x1, (name, width)
+                assert inside.y0 <= tight.y0, (name, width)
+                assert inside.y1 >= tight.y1, (name, width)
+                (legend, *_) = figure.legends or [None]
+                if legend is not None:
+                    boxes = [axes.get_window_extent() for axes in figure.axes]
+                    assert not any(legend.get_window_extent().overlaps(box) for box in boxes), (name, width)
+
+
+def test_several_runs_share_a_figure(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for file in run.iterdir():
+        (copy / file.name).symlink_to(file)
+    write_figures(figures_of([run, copy]), tmp_path / "out")
+    assert {"run: cones", "copy: cones"} <= _texts(tmp_path / "out" / "frr_1col.svg")
+
+
+def test_the_learning_curve_has_every_point_and_both_levels() -> None:
+    points = {"20 s": 0.5, "60 s": 0.6}
+    levels = {f"{FITTED}, forward": 0.75, f"{DEFAULT}, forward": 0.55, COMMONEST: 0.2}
+    fit = FitRecord(
+        experiment="x",
+        configuration="y",
+        clips=("a", "b"),
+        people=2,
+        labelled_s=90.5,
+        version="0",
+        held_out=tuple(MethodScore(method=name, n=9, frr=frr) for name, frr in levels.items()),
+        curve=tuple(MethodScore(method=name, n=9, frr=frr) for name, frr in points.items()),
+    )
+    with styled():
+        (axes,) = charts.learning_curve([("", fit)], 3.5).axes
+    curve, *lines = axes.get_lines()
+    assert curve.get_xdata().tolist() == [20, 60, 90.5]
+    assert curve.get_ydata().tolist() == pytest.approx([50, 60, 75])
+    assert [line.get_ydata()[0] for line in lines] == pytest.approx([55, 20])
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["20", "60", "90.5"]
+
+
+def test_a_confusion_of_many_names_keeps_the_frequent_ones() -> None:
+    names = [f"name_{number:02}" for number in range(30)]
+    truth = [name for number, name in enumerate(names) for _ in range(1 + number)]
+    records = answers(truth)
+    labelled = labels(*truth)
+    verdicts = [judge(record, "girl", labelled.at(record.frame, "girl")) for record in records]
+    with styled():
+        axes = charts.confusion({"one": verdicts}, 3.5).axes[0]
+    shown = [label.get_text() for label in axes.get_yticklabels()]
+    assert shown == [*names[6:], "(other)"]
+
+
+def test_settings_of_the_user_do_not_matter() -> None:
+    def drawn() -> bytes:
+        with styled():
+            figure = canvas(2, 1)
+            figure.add_subplot().set(xlabel="x")
+            return saved(figure, "svg")
+
+    plain = drawn()
+    with mpl.rc_context({"font.size": 30, "axes.facecolor": "red", "svg.fonttype": "none"}):
+        assert drawn() == plain
+
+
+def test_the_command_names_what_it_wrote_and_left_out(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "figures"
+    code, said, _ = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out))
+    assert code == 0
+    assert said.splitlines()[-1] == f"20 files in {out}: frr, frr_by_clip, error_types, confusion, calibration"
+    assert said.startswith("Left out: learning_curve: ")
+    assert {path.name for path in out.iterdir()} == {
+        f"{name}_{width}.{kind}" for name in NAMES[:-1] for width in ("1col", "2col") for kind in ("svg", "pdf")
+    }
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    code, _, err = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out))
+    assert (code, err.splitlines()) == (
+        2,
+        [f"vfoa: {out / 'frr_1col.svg'}: exists already; expected --replace, or another --out"],
+    )
+    code, _, _ = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out), "--replace")
+    assert code == 0
+    assert {path: path.read_bytes() for path in out.iterdir()} == before  # equal runs give equal bytes
+
+
+def test_without_matplotlib_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("harness.report.figures.files.find_spec", lambda name: None)
+    code, out, err = vfoa(monkeypatch, capsys, "figures", str(tmp_path), "--out", str(tmp_path / "out"))
+    assert (code, out) == (2, "")
+    expected = "vfoa: figures: needs the package matplotlib; expected vfoa installed with its extra: vfoa[figures]\n"
+    assert err == expected
