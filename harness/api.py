@@ -119,9 +119,10 @@ class RunResults:
         """What the answers come from, by table: frames, instances, objects, people, directions, true_people.
 
         Columns: :data:`harness.run.tables.TABLES`. ``clip``, ``scene`` and ``frame`` join them with the answers;
-        configurations of the same masks, depth and heads share a scene. Raises the errors of :attr:`answers`.
+        configurations of the same masks, depth and heads share a scene. Clouds, which are large, are only in the files.
+        Raises the errors of :attr:`answers`.
         """
-        return {name: self._parquet(name) for name in TABLES if name != "answers"}
+        return {name: self._parquet(name) for name in TABLES if name not in ("answers", "clouds")}
 
     @property
     def failures(self) -> pd.DataFrame:

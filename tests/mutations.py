@@ -243,8 +243,8 @@ MUTATIONS = (
     Mutation(
         "the height of a head is its width",
         "harness/run/records.py",
-        "(box_px[2] - box_px[0]) * origin[2]",
-        "(box_px[3] - box_px[0]) * origin[2]",
+        "(head.box_px[2] - head.box_px[0]) * origin[2]",
+        "(head.box_px[3] - head.box_px[0]) * origin[2]",
         "harness/run/test_records.py",
     ),
     Mutation(

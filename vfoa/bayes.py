@@ -45,6 +45,11 @@ class BayesSettings(PosteriorSettings, SurfaceSettings, MethodSettings):
     frame_rate_hz: float = Field(default=25.0, gt=0)
     """Frame rate where frames have no times, or times that do not increase."""
 
+    @property
+    def cloud_points(self) -> int:
+        """A ray goes to each of them."""
+        return self.directions if self.surface == "cloud" else 0
+
 
 Held = tuple[Belief, int | None]
 """A person's belief, and its time in nanoseconds (None: unknown)."""

@@ -29,6 +29,11 @@ class MethodSettings(Settings):
         return ()
 
     @property
+    def cloud_points(self) -> int:
+        """Points of each target's cloud that the method uses, evenly chosen (:func:`vfoa.visible.spaced`); 0: none."""
+        return 0
+
+    @property
     def elsewhere(self) -> str:
         """What to expect of these weights on other clips: a sentence, empty where nothing is known."""
         return ""

@@ -103,13 +103,16 @@ def _box_rays(origin: Float, boxes: tuple[Box3D, ...], count: int) -> list[Float
 
 def _cloud_rays(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
     """Rays (T, count, 3) to points of each cloud."""
-    points = np.stack([_spaced(target.points_left, count) for target in targets]) - origin
+    points = np.stack([spaced(target.points_left, count) for target in targets]) - origin
     distance = np.linalg.norm(points, axis=-1, keepdims=True)
     return np.asarray(points / np.maximum(distance, np.finfo(float).tiny))
 
 
-def _spaced(points: np.ndarray, count: int) -> Float:
-    """Choose ``count`` of the points (N, 3), evenly spaced in their order, with repetitions if N is less."""
+def spaced(points: np.ndarray, count: int) -> Float:
+    """Choose ``count`` of the points (N, 3), evenly spaced in their order, with repetitions if N is less.
+
+    The same number of the chosen ones are all of them.
+    """
     return points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)].astype(np.float64)
 
 

@@ -6,7 +6,7 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from itertools import chain, repeat
@@ -195,10 +195,16 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         run_id=directory.read_manifest()["run_id"],
         sinks=(*plan.sinks, ResultsSinks()),
         drawn=prepared.drawn,
+        clouds=_clouds(configuration.for_clip(clip) for configuration in configurations),
         digest=prepared.digest,
         known=dict(KNOWN),
         cache=cache,
     )
+
+
+def _clouds(configurations: Iterable[Configuration]) -> tuple[int, ...]:
+    """The numbers of points that the methods use of a target's cloud."""
+    return tuple(sorted({each.attend.attention.cloud_points for each in configurations} - {0}))
 
 
 Unchanged = Callable[[], AbstractContextManager[None]]

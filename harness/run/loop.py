@@ -40,7 +40,8 @@ class ClipJob:
     """A clip under some configurations. It is pickled, so it holds only settings, paths and factories.
 
     ``run_id`` is the random id of the run, for its recordings. Finished frames go to the ``sinks`` in their order.
-    ``drawn`` holds the shapes drawn on the clip. ``digest`` is that of the clip's content, of which every frame must be
+    ``drawn`` holds the shapes drawn on the clip, ``clouds`` the numbers of points that methods of the run use of a
+    target's cloud. ``digest`` is that of the clip's content, of which every frame must be
     read (None: not checked), and ``known`` are digests by the stamp of their files. ``cache`` is None if no output of a
     stage is stored. ``ahead`` is the number of frames that one thread reads, and another one perceives, in advance; 0
     for no threads.
@@ -53,6 +54,7 @@ class ClipJob:
     run_id: str = field(default_factory=new_run_id)
     sinks: tuple[SinkFactory, ...] = ()
     drawn: DrawnClip | None = None
+    clouds: tuple[int, ...] = ()
     digest: str | None = None
     known: Mapping[str, str] = field(default_factory=dict)
     cache: ClipCache | None = None
@@ -85,7 +87,9 @@ class ClipJob:
             If weights or files of a stage are missing.
         """
         return {
-            each.name: identities(each, clip, self.manifest, self.frames, digest=self.digest, drawn=self.drawn)
+            each.name: identities(
+                *(each, clip, self.manifest, self.frames), digest=self.digest, drawn=self.drawn, clouds=self.clouds
+            )
             for each in self.configurations
         }
 
@@ -128,7 +132,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         Perception(
             job.configurations, images, job.cache, manifest=job.manifest, drawn=job.drawn, parallel=parallel
         ) as perception,
-        SceneWriters(job.directory, job.manifest.name, decided, Measurer(truth)) as scenes,
+        SceneWriters(job.directory, job.manifest.name, decided, Measurer(truth), job.clouds) as scenes,
     ):
         frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
         runners = attend_to(frames, job, clip, progress, scenes)

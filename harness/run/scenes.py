@@ -11,7 +11,7 @@ import filecmp
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from itertools import count
@@ -20,6 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 from uuid import uuid4
+
+import numpy as np
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import code_of, file_digest
@@ -47,6 +49,7 @@ from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
 from vfoa.types import Person, StereoFrame, StereoRig, Target
+from vfoa.visible import spaced
 
 Identity = Mapping[str, Any]
 
@@ -59,10 +62,12 @@ def identities(
     *,
     digest: str | None,
     drawn: DrawnClip | None,
+    clouds: Sequence[int],
 ) -> tuple[Identity, Identity]:
     """Everything that decides the scene, and everything else that decides the directions, as JSON values.
 
-    ``digest`` is that of the clip's content; None if it is not known, as in a job of its own.
+    ``digest`` is that of the clip's content; None if it is not known, as in a job of its own. ``clouds`` are the
+    numbers of points that methods use of a cloud.
 
     Raises
     ------
@@ -80,6 +85,7 @@ def identities(
         "drawn sha256": drawn.digest if drawn and configuration.uses_drawn else None,
         "reconstruction": configuration.reconstruction.model_dump(mode="json"),
         "tracking": configuration.attend.tracking.model_dump(mode="json"),
+        "clouds": list(clouds),
         "answers": _answers(configuration.attend.attention, manifest, clip),
         "code": [code_of(name) for name in ("vfoa.reconstruction", "vfoa.tracking", "harness.clips.naming")],
         "measures": file_digest(Path(measures.__file__)),
@@ -202,6 +208,8 @@ class SceneWriters:
         The :func:`identities` of each configuration, by name.
     measurer
         Measures the stages against the ground truth; None for a clip of recorded poses.
+    clouds
+        The numbers of points that methods use of a target's cloud.
     """
 
     def __init__(
@@ -210,8 +218,9 @@ class SceneWriters:
         clip: str,
         decided: Mapping[str, tuple[Identity, Identity]],
         measurer: Measurer | None = None,
+        clouds: Sequence[int] = (),
     ) -> None:
-        self._measurer = measurer
+        self._measurer, self._clouds = measurer, clouds
         self._folders: dict[str, FolderWriter] = {}
         self._keys: dict[str, tuple[str, str]] = {}
         for name, (of_scene, of_directions) in decided.items():
@@ -247,7 +256,10 @@ class SceneWriters:
             with timed(followed.timings, "measures"):
                 measured = self._measure(followed)
             with timed(followed.timings, "recording"):
-                rows = {**_scene_rows(shared.frame, followed, measured), **_directions_rows(followed, measured)}
+                rows = {
+                    **_scene_rows(shared.frame, followed, measured, self._clouds),
+                    **_directions_rows(followed, measured),
+                }
                 for key in keys:
                     tables = SCENE_TABLES if key == self._keys[name][0] else DIRECTIONS_TABLES
                     self._folders[key].add({table: rows[table] for table in tables})
@@ -271,7 +283,7 @@ _RIG = attrgetter(*(each.name for each in fields(StereoRig)))
 
 
 def _scene_rows(
-    frame: StereoFrame | None, followed: Followed, measured: FrameMeasures | None
+    frame: StereoFrame | None, followed: Followed, measured: FrameMeasures | None, clouds: Sequence[int]
 ) -> dict[str, Iterable[Row]]:
     """The rows of a frame in the tables of a scene."""
     scene, names = followed.scene, followed.names
@@ -289,6 +301,12 @@ def _scene_rows(
         "people": (
             _person(scene.index, track, person, names.subjects.get(track))
             for track, person in followed.tracked.people(scene.people)
+        ),
+        "clouds": (
+            (scene.index, target.instance.id, count, spaced(target.points_left, count).astype(np.float32).ravel())
+            for target in scene.targets
+            if len(target.points_left)
+            for count in clouds
         ),
     }
 

@@ -1,8 +1,8 @@
 """The frames of a run as Parquet files, for programs; what is the same for several configurations is stored once.
 
-    scenes/SCENE/CLIP/{frames,instances,objects,people}.parquet     what was found in the images
-    directions/DIRECTIONS/CLIP/{directions,true_people}.parquet     where people look
-    answers/CONFIGURATION/CLIP.parquet                              what they look at
+    scenes/SCENE/CLIP/{frames,instances,objects,people,clouds}.parquet  what was found in the images
+    directions/DIRECTIONS/CLIP/{directions,true_people}.parquet         where people look
+    answers/CONFIGURATION/CLIP.parquet                                  what they look at
 
 SCENE and DIRECTIONS are digests of all that decides them (:mod:`harness.run.scenes`). Each table begins with the clip
 and these names, so that tables can be joined. The rows of a frame keep their order, a row group has 600 frames, and
@@ -111,6 +111,12 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "head_box_px": Column("vec4?", "Box of the head in the left image, px; null: the clip has no images."),
         "head_score": Column("double?", "Score of the head's detector."),
     },
+    "clouds": {
+        **_of("clip", "scene"),
+        "instance_id": Column("int32", "Instance whose 3D points these are; one without points has no row."),
+        "points": Column("int32", "Number of the points, evenly chosen: one that a method of the run asks for."),
+        "points_m": Column("list<float>", "The points in the left camera's frame, m: x, y, z of the first, and so on."),
+    },
     "directions": {
         **_of("clip", "scene", "directions"),
         "track_id": _TRACK,
@@ -151,7 +157,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
 }
 """The columns of each table."""
 
-SCENE_TABLES = ("frames", "instances", "objects", "people")
+SCENE_TABLES = ("frames", "instances", "objects", "people", "clouds")
 DIRECTIONS_TABLES = ("directions", "true_people")
 """The tables in a folder of ``scenes/`` and of ``directions/``."""
 
@@ -287,6 +293,7 @@ def _schema(table: str) -> Any:
         **{name: pa.type_for_alias(name) for name in ("string", "int32", "int64", "double", "bool")},
         "list<int32>": integers,
         "list<double>": doubles,
+        "list<float>": pa.list_(pa.field("element", pa.float32(), nullable=False)),
         "list<double?>": pa.list_(pa.float64()),
         **dict.fromkeys(_LENGTHS, doubles),
         "fit": pa.struct(fit),

@@ -19,6 +19,7 @@ from harness.run.table_records import read_records
 from harness.run.tables import find_tables, read_table
 from tests.disk import write_text
 from vfoa.types import HeadView
+from vfoa.visible import spaced
 
 EXPERIMENT = """
 clips = ["studio_talk"]
@@ -40,6 +41,11 @@ gaze_filter.cues = "both"
 [[configuration]]
 name = "other-gaze"
 gaze.seed = 7
+
+[[configuration]]
+name = "posterior"
+attention.method = "bayes"
+attention.directions = 16
 
 [[configuration]]
 name = "other-depth"
@@ -180,6 +186,32 @@ def test_filtered_directions_are_in_the_answers(followed: tuple[RunDirectory, li
             row[f"{cue}_filtered"] for row in answers
         ]
         assert [list(getattr(each, cue)) for each in subjects["raw"]] == [look[cue] for look in looks]
+
+
+def test_clouds_have_the_points_that_a_method_chooses(followed: tuple[RunDirectory, list[SharedFrame]]) -> None:
+    directory, frames = followed
+    scenes = [each.scene for shared in frames if isinstance(each := shared.by_configuration["raw"], Followed)]
+    targets = [(scene.index, target) for scene in scenes for target in scene.targets]
+    rows = _rows(directory, "clouds", "raw")
+    assert [(row["frame"], row["instance_id"], row["points"]) for row in rows] == [
+        (frame, target.instance.id, 16) for frame, target in targets
+    ]
+    for row, (_, target) in zip(rows, targets, strict=True):
+        chosen = spaced(target.points_left, 16)
+        assert len(target.points_left) > 16
+        assert np.array(row["points_m"]).reshape(-1, 3).tolist() == chosen.tolist()
+        assert spaced(chosen, 16).tolist() == chosen.tolist()
+
+
+def test_a_run_without_such_a_method_has_no_clouds(tmp_path: Path) -> None:
+    path = write_text(
+        tmp_path / "cones.toml", EXPERIMENT.replace('attention.method = "bayes"\nattention.directions = 16', "")
+    )
+    directory = run_plan(
+        prepare(load_experiment(str(path)), limit=1), tmp_path / "out", workers=1, progress=lambda clip: None
+    )
+    assert read_table(directory, "clouds").num_rows == 0
+    assert read_table(directory, "instances").num_rows > 0
 
 
 def test_a_folder_says_what_it_is_a_digest_of(followed: tuple[RunDirectory, list[SharedFrame]]) -> None:
