@@ -15,6 +15,8 @@ own tables call it.
 the object whose mask holds the point (in a frame without masks: the smallest box). ``in_image`` 0 is ``none``; a row
 without a point is no answer.
 
+The file of Idiap's tracker holds the answers of its own model (:mod:`harness.sources.measured.idiap`).
+
 Answers are joined by name, so they count whether or not this pipeline found the person or the object: what it did not
 find is added to the scene without a box.
 """
@@ -41,6 +43,7 @@ from harness.labels.labels import NOWHERE
 from harness.pipeline.configuration import CLIP_VARIABLE
 from harness.remote import expand
 from harness.sources import Clip, MeasuredClip
+from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.methods import MethodSettings
 from vfoa.tracking import Tracked
@@ -280,7 +283,7 @@ def read_answers(
         For the first mistake, with file and line: a column or a name that is unknown, a frame that the clip does not
         have, two rows of one person in one frame, probabilities that do not add up.
     """
-    columns = read_parquet_columns(path) if path.suffix == ".parquet" else read_columns(path, None, ("subject",))
+    columns = _read(path)
     table = _Table(columns, tuple(names), tuple(people))
     by_frame: dict[int, dict[str, Answer]] = {}
     lines: dict[tuple[int, str], int] = {}
@@ -294,6 +297,13 @@ def read_answers(
         if (answer := table.answer(row, subject)) is not None:
             by_frame.setdefault(frame, {})[subject] = answer
     return Answers(probabilistic=bool(table.chances), has_points=table.has_points, by_frame=by_frame)
+
+
+def _read(path: Path) -> TableColumns:
+    """The columns of a table in any of the formats."""
+    if path.suffix == ".parquet":
+        return read_parquet_columns(path)
+    return answers_of_idiap(path) if is_tracker_output(path) else read_columns(path, None, ("subject",))
 
 
 class _Table:

@@ -6,8 +6,11 @@ No header; a line for each frame and person::
 
 ``X, Y, Z`` is the head in metres, in the axes of the robot's camera (x right, y down, z forward): the robot is at the
 origin. ``roll``, ``tilt`` and ``pan`` are degrees, relative to the ray between head and camera: 0, 0 looks into the
-camera. The head box in pixels and the answers of Idiap's own model are not read. The frames are the distinct times,
-numbered from 0.
+camera. The head box in pixels is not read. The frames are the distinct times, numbered from 0.
+
+The pairs from column 14 on are the answers of Idiap's own model, a hidden Markov model (Sheikhi and Odobez 2015), as
+probabilities: of ``Robot``, ``Person 2`` and so on, and ``Unfocused``. They are no part of the clip
+(:func:`answers_of_idiap`).
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ import numpy as np
 from pydantic import Field
 
 from harness.files.digests import file_digest
-from harness.files.tables import csv_rows
+from harness.files.tables import TableColumns, csv_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
 from vfoa.errors import VfoaError
@@ -74,7 +77,7 @@ class IdiapClip(FramesOfMeasurements):
                 calibration="not needed",
             )
             for file in files
-            if _is_tracker_output(file)
+            if is_tracker_output(file)
         )
 
 
@@ -82,7 +85,49 @@ _NEAREST_M, _FARTHEST_M = 1e-6, 1e6
 """Range of distances at which a head has a direction from the camera."""
 
 
-def _is_tracker_output(path: Path) -> bool:
+def answers_of_idiap(path: Path) -> TableColumns:
+    """Read the answers of Idiap's model as columns of other systems' answers: frame, subject, target, probabilities.
+
+    ``Person 2`` is the subject ``2``, ``Robot`` the target ``robot``, ``Unfocused`` is ``none``.
+
+    Raises
+    ------
+    VfoaError
+        If a line is none of the tracker, or its answers are no pairs of a name and a number.
+    """
+    rows = [(f"{path}:{line}", line, [cell.strip() for cell in cells]) for line, cells in csv_rows(path)]
+    places = {
+        time_ns: number for number, time_ns in enumerate(sorted({_person(where, cells)[0] for where, _, cells in rows}))
+    }
+    chances = [_chances(where, cells[len(COLUMNS) :]) for where, _, cells in rows]
+    names = dict.fromkeys(name for of_row in chances for name in of_row)
+    return TableColumns(
+        path=path,
+        lines=tuple(line for _, line, _ in rows),
+        cells={
+            "frame": tuple(str(places[int(cells[0])]) for *_, cells in rows),
+            "subject": tuple(cells[1] for *_, cells in rows),
+            "target": ("",) * len(rows),
+            **{f"p_{name}": tuple(of_row.get(name, "") for of_row in chances) for name in names},
+        },
+    )
+
+
+def _chances(where: str, cells: list[str]) -> dict[str, str]:
+    """The probabilities at the end of a line, by the name that the clip has for the target."""
+    if len(cells) % 2 or len({*cells[::2]}) * 2 != len(cells):
+        raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected pairs of a name and its probability")
+    return {
+        _NAMES.get(name, name.removeprefix("Person ").lower()): chance
+        for name, chance in zip(cells[::2], cells[1::2], strict=True)
+    }
+
+
+_NAMES = {"Unfocused": "none"}
+
+
+def is_tracker_output(path: Path) -> bool:
+    """Whether a file is one of the tracker, by its first line."""
     try:
         if not path.is_file():
             return False

@@ -24,7 +24,7 @@ from harness.run.table_records import read_records
 from harness.score.score import ScoreRow, Scores
 from harness.sources import Clip, MeasuredClip
 from tests.disk import write_text
-from tests.measured import measured_tables, true_labels
+from tests.measured import LABELS_HEADER, idiap_file, measured_tables, true_labels
 from vfoa.errors import VfoaError
 
 PAIR = """
@@ -338,3 +338,51 @@ def test_an_object_without_a_name_can_be_an_answer(talk: Path) -> None:
     _answer(rows)
     row = _row(_run(talk)[1])
     assert (row.correct, row.predicted) == (0, 24)
+
+
+IDIAP = """
+clips = ["talk"]
+preset = "measured"
+[[configuration]]
+name = "hmm"
+attention.method = "answers"
+attention.file = "talk/tracker.csv"
+"""
+
+
+@pytest.fixture
+def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of a clip of Idiap's tracker, labelled: 1 looks at the robot, 2 at nothing. Its answers: both at it."""
+    monkeypatch.chdir(tmp_path)
+    path = idiap_file(tmp_path / "talk")
+    lines = path.read_text(encoding="utf-8").splitlines()
+    other = {"1": "Person 2", "2": "Person 1"}
+    said = "Robot,0.7,Unfocused,0.25"
+    write_text(path, "\n".join(f"{','.join(c[:13])},{said},{other[c[1]]},0.05" for c in (x.split(",") for x in lines)))
+    added = CliRunner().invoke(app, ["add", str(path), "--name", "talk"], catch_exceptions=False)
+    assert added.exit_code == 0, added.output
+    write_text(tmp_path / "annotations" / "talk.csv", LABELS_HEADER + "0,5,1,robot,\n0,5,2,none,\n")
+    write_text(tmp_path / "talk.toml", IDIAP)
+    return path
+
+
+def test_the_answers_in_the_file_of_idiaps_tracker(tracked: Path, tmp_path: Path) -> None:
+    _, scores = _run(tmp_path)
+    of_people = {outcome.subject: outcome for outcome in scores.outcomes}
+    assert {name: outcome.correct.all() for name, outcome in of_people.items()} == {"1": True, "2": False}
+    np.testing.assert_allclose(of_people["1"].on_truth, 0.7)
+    np.testing.assert_allclose(of_people["2"].on_truth, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "problem"),
+    [
+        ("Person 9,0.05", r"tracker\.csv:1: no column 'p_9'"),
+        ("Robot,0.05", r"tracker\.csv:1: found .*; expected pairs"),
+        ("Person 2,much", r"tracker\.csv:1: p_2: expected a finite number, found 'much'"),
+    ],
+)
+def test_a_wrong_answer_of_idiaps_tracker_is_named(tracked: Path, tmp_path: Path, theirs: str, problem: str) -> None:
+    write_text(tracked, tracked.read_text(encoding="utf-8").replace("Person 2,0.05", theirs))
+    with pytest.raises(VfoaError, match=problem):
+        _run(tmp_path)
