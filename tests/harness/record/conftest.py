@@ -21,8 +21,8 @@ from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import to_record
-from harness.run.tables import write_tables
 from harness.score.verdicts import Verdict, judge
+from tests.record_tables import write_tables
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.geometry import fov_from_radius
 from vfoa.types import (
@@ -180,7 +180,7 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
                     if frame.record.frame == number:
                         recorders[name].write(under(frame, name))
     records = {("clip", name): [under(frame, name).record for frame in found] for name, found in frames.items()}
-    write_tables(directory, records, records.__getitem__)
+    write_tables(directory, records)
     write_verdict_layers(directory, {"clip": LABELS})
     return Recorded(run, tuple(frames))
 

@@ -15,8 +15,8 @@ from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.table_records import TableReader, read_records
-from harness.run.tables import write_tables
 from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
+from tests.record_tables import write_tables
 from vfoa.errors import VfoaError
 
 
@@ -127,7 +127,7 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
     by_pair = {
         ("clip", name): [each for each in records if each.configuration == name] for name in shared.configurations
     }
-    write_tables(directory, by_pair, by_pair.__getitem__)
+    write_tables(directory, by_pair)
     late = [
         LabelRange(first_frame=0, last_frame=13, subject=ANN, label=LABEL),
         LabelRange(first_frame=14, last_frame=1000, subject=ANN, label=Label(target="book#4")),
