@@ -14,22 +14,28 @@ from harness.cli.terminal import say
 def figures(
     runs: Annotated[list[str], typer.Argument(help="Directories of finished runs.", metavar="RUN...")],
     out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Directory to write the files into.")],
+    clip: Annotated[str | None, typer.Option(metavar="CLIP", help="Draw a failure of this clip as the strip.")] = None,
+    config: Annotated[
+        str | None, typer.Option(metavar="CONFIGURATION", help="Draw a failure of this configuration as the strip.")
+    ] = None,
+    subject: Annotated[str | None, typer.Option(help="Draw a failure of this person as the strip.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Draw a failure in this frame as the strip.")] = None,
     replace: Replace = False,
 ) -> None:
     """Draw figures of runs for a paper: SVG and PDF, in the width of one column and of two. Needs vfoa[figures].
 
     FRR of all configurations with intervals, FRR by clip, error types, confusion, calibration and the learning curve of
-    the logit, each over all clips; several runs share a figure.
+    the logit, each over all clips; several runs share a figure. One failure is a strip of image, scene and attention.
     """
     from harness.files.io import check_new
-    from harness.report.figures.files import check_matplotlib, figure_files, figures_of, write_figures
+    from harness.report.figures.files import Wanted, check_matplotlib, figure_files, figures_of, write_figures
     from harness.run.directory import RunDirectory
 
     check_matplotlib()
     folders = [run_folder(run) for run in runs]
     for file in figure_files(out):
         check_new(file, replace=replace, hint=", or another --out", inputs=RunDirectory(folders[0]).inputs)
-    drawn = figures_of(folders)
+    drawn = figures_of(folders, Wanted(clip=clip, configuration=config, subject=subject, frame=frame))
     files = write_figures(drawn, out)
     for note in drawn.missing:
         say(f"Left out: {note}")

@@ -13,7 +13,7 @@ import os
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -234,3 +234,13 @@ def open_without_real_time(codec: av.VideoCodecContext) -> None:
         with contextlib.suppress(ProcessLookupError):
             if os.sched_getscheduler(thread) != policy:
                 os.sched_setscheduler(thread, policy, parameters)
+
+
+def decoded(packets: Sequence[bytes]) -> Image:
+    """The image of the last of these packets, which begin with a key frame and follow each other."""
+    import av
+
+    codec: Any = av.CodecContext.create("libdav1d", "r")
+    shown = [frame for packet in packets for frame in codec.decode(av.Packet(packet))]
+    shown += codec.decode(None)
+    return np.asarray(shown[-1].to_ndarray(format="rgb24"), dtype=np.uint8)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.files.io import write_together
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory, clip_names
+from harness.run.grid import base_of
+from harness.run.table_records import TableReader
 from harness.score.calibration import reliabilities
 from harness.score.finished_run import read_scores
 from harness.score.fit_logit import fit_logit
@@ -50,7 +54,7 @@ def figure_files(folder: Path) -> list[Path]:
     return [folder / f"{name}_{width}.{kind}" for name, width, kind in product(NAMES, WIDTHS_INCH, FORMATS)]
 
 
-NAMES = ("frr", "frr_by_clip", "error_types", "confusion", "calibration", "learning_curve")
+NAMES = ("frr", "frr_by_clip", "error_types", "confusion", "calibration", "learning_curve", "failure")
 
 
 def write_figures(figures: Figures, folder: Path) -> list[Path]:
@@ -67,8 +71,10 @@ def write_figures(figures: Figures, folder: Path) -> list[Path]:
     return list(contents)
 
 
-def figures_of(runs: Sequence[Path]) -> Figures:
-    """The figures of finished runs. Steps of an oracle ablation are left out, as in the figures of the report.
+def figures_of(runs: Sequence[Path], wanted: Wanted | None = None) -> Figures:
+    """The figures of finished runs; ``wanted`` chooses the failure of the strip.
+
+    Steps of an oracle ablation are left out, as in the figures of the report.
 
     Raises
     ------
@@ -104,7 +110,88 @@ def figures_of(runs: Sequence[Path]) -> Figures:
         figures.drawn["learning_curve"] = lambda width: charts.learning_curve(curves, width)
     elif fits:
         figures.missing.append("learning_curve: too few labelled seconds for two points")
+    _add_failure(figures, shown, wanted or Wanted())
     return figures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """The failure of the strip; None: any. Without a wish, one of the commonest error of the best configuration."""
+
+    clip: str | None = None
+    configuration: str | None = None
+    subject: str | None = None
+    frame: int | None = None
+
+    def holds(self, verdict: Verdict) -> bool:
+        """Whether a verdict is one of them."""
+        places = (self.clip, verdict.clip), (self.configuration, verdict.configuration), (self.subject, verdict.subject)
+        return all(wish in (None, found) for wish, found in (*places, (self.frame, verdict.frame)))
+
+
+def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> None:
+    """Add the strip of one failure: of the first run that has a recording of one."""
+    from harness.record.composed import find_clips
+    from harness.record.frame_reading import read_frame
+    from harness.report.figures.strip import Failure, strip
+
+    missing = "no such wrong frame has a recording"
+    for each in shown:
+        try:
+            clips = {clip.files.clip: clip for clip in find_clips(each.run, None, None)}
+        except VfoaError as error:
+            missing = str(error)
+            continue
+        recorded = {(name, layers.configuration) for name, clip in clips.items() for layers in clip.layers}
+        chosen = _failure(each.scores, recorded, wanted)
+        if chosen is None:
+            continue
+        clip, of = clips[chosen.clip], (chosen.clip, chosen.configuration)
+        reader = TableReader(RunDirectory(each.run), [chosen.clip])
+        near = [frame for frame in clip.frames if abs(frame - chosen.frame) <= _AROUND]
+        blocks = [block for block in reader.blocks if (block.clip, block.configuration) == of]
+        content = read_frame(clip, chosen.configuration, chosen.subject, chosen.frame)
+        failure = Failure(
+            verdict=chosen,
+            content=content,
+            records=[record for block in blocks for record in reader.read(block) if record.frame in near],
+            verdicts=[
+                verdict
+                for verdict in each.scores.verdicts
+                if (verdict.clip, verdict.configuration, verdict.subject) == (*of, chosen.subject)
+                and verdict.frame in near
+            ],
+            targets=_targets(each.run, chosen.clip),
+        )
+        figures.drawn["failure"] = partial(strip, failure)
+        return
+    figures.missing.append(f"failure: {missing}")
+
+
+_AROUND = 40
+"""Frames on either side of a failure that its curves show."""
+
+
+def _failure(scores: Scores, recorded: set[Pair], wanted: Wanted) -> Verdict | None:
+    wrong = [
+        verdict
+        for verdict in scores.verdicts
+        if verdict.outcome == "wrong" and (verdict.clip, verdict.configuration) in recorded and wanted.holds(verdict)
+    ]
+    if not wrong:
+        return None
+    rates = {row.configuration: row.frr for row in scores.overall()}
+    best = max(dict.fromkeys(v.configuration for v in wrong), key=lambda name: rates.get(base_of(name), 0.0))
+    of_best = [verdict for verdict in wrong if verdict.configuration == best]
+    ((commonest, _),) = Counter(verdict.error_type for verdict in of_best).most_common(1)
+    return next(verdict for verdict in of_best if verdict.error_type == commonest)
+
+
+def _targets(run: Path, clip: str) -> list[str]:
+    """The names of a clip in a run in the order in which recordings colour them: targets, then subjects."""
+    (about,) = (each for each in RunDirectory(run).read_manifest()["clips"] if each["name"] == clip)
+    subjects, targets = clip_names(about)
+    return [*targets, *subjects]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,12 +11,16 @@ import pytest
 from harness.report.figures import charts
 from harness.report.figures.files import NAMES, WIDTHS_INCH, Figures, figures_of, write_figures
 from harness.report.figures.style import canvas, saved, styled
+from harness.run.directory import RunDirectory
 from harness.run.experiment import FitRecord, MethodScore
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from harness.score.verdicts import judge
 from tests.command import vfoa
+from tests.harness.record.conftest import ANN, four_frames
+from tests.harness.record.conftest import write_run as write_recorded
 from tests.records import answers, labels, write_run
 
+HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 CLIPS = [f"clip_{number:02}" for number in range(12)]
 """More than a page of the report's pager."""
 LABELLED = ("cup", "book", "cup", "none", "cup", "book")
@@ -49,7 +53,7 @@ def _write_clip(root: Path, name: str) -> dict[str, object]:
             f"{name}.csv",
             "".join(
                 [
-                    "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n",
+                    HEAD,
                     *(f"{k},{k},girl,{target},\n" for k, target in enumerate(LABELLED, start=1)),
                 ]
             ),
@@ -75,7 +79,7 @@ def figures(run: Path) -> Figures:
 def files(run: Path, figures: Figures) -> Path:
     """The folder of the run's figures."""
     folder = run.parent / "out"
-    assert [note.partition(":")[0] for note in figures.missing] == ["learning_curve"]
+    assert [note.partition(":")[0] for note in figures.missing] == ["learning_curve", "failure"]
     written = write_figures(figures, folder)
     assert len(written) == len(set(written)) == 5 * 2 * 2
     return folder
@@ -138,8 +142,10 @@ def test_several_runs_share_a_figure(run: Path, tmp_path: Path) -> None:
     copy.mkdir()
     for file in run.iterdir():
         (copy / file.name).symlink_to(file)
-    write_figures(figures_of([run, copy]), tmp_path / "out")
-    assert {"run: cones", "copy: cones"} <= _texts(tmp_path / "out" / "frr_1col.svg")
+    with styled():
+        (axes,) = figures_of([run, copy]).drawn["frr"](3.5).axes
+    configurations = [f"{each}: {name}" for each in ("run", "copy") for name in SAID]
+    assert [label.get_text() for label in axes.get_yticklabels()] == configurations
 
 
 def test_the_learning_curve_has_every_point_and_both_levels() -> None:
@@ -189,7 +195,7 @@ def test_settings_of_the_user_do_not_matter() -> None:
 
 
 def test_the_command_names_what_it_wrote_and_left_out(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    run: Path, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "figures"
     code, said, _ = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out))
@@ -197,17 +203,60 @@ def test_the_command_names_what_it_wrote_and_left_out(
     assert said.splitlines()[-1] == f"20 files in {out}: frr, frr_by_clip, error_types, confusion, calibration"
     assert said.startswith("Left out: learning_curve: ")
     assert {path.name for path in out.iterdir()} == {
-        f"{name}_{width}.{kind}" for name in NAMES[:-1] for width in ("1col", "2col") for kind in ("svg", "pdf")
+        f"{name}_{width}.{kind}" for name in NAMES[:5] for width in ("1col", "2col") for kind in ("svg", "pdf")
     }
-    before = {path: path.read_bytes() for path in out.iterdir()}
+    found = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert found == {path.name: path.read_bytes() for path in files.iterdir()}  # equal runs give equal bytes
     code, _, err = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out))
     assert (code, err.splitlines()) == (
         2,
         [f"vfoa: {out / 'frr_1col.svg'}: exists already; expected --replace, or another --out"],
     )
-    code, _, _ = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(out), "--replace")
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A finished run of one clip with recordings, in which the subject's cup is always the truth."""
+    run = RunDirectory(write_recorded(tmp_path / "run", {"two cones": four_frames()}).run)
+    tables = f'[subjects."{ANN}"]\ncategory = "person"\n[targets."red cup"]\ncategory = "cup"\n'
+    for folder, file, text in (
+        ("datasets", "clip.toml", f'name = "clip"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
+        ("annotations", "clip.csv", f"{HEAD}10,14,{ANN},red cup,\n"),
+    ):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / file).write_text(text, encoding="utf-8")
+    manifest = run.read_manifest()
+    manifest["clips"][0]["manifest"] = str(tmp_path / "datasets" / "clip.toml")
+    methods = {"two cones": {"probabilistic": False, "says_nowhere": False}}
+    run.write_manifest({**manifest, "methods": methods, "finished": "now"})
+    return run.path
+
+
+def test_a_failure_is_drawn_with_image_scene_and_curves(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("figures", str(recorded), "--out", str(tmp_path / "out"), "--frame", "14")
+    code, said, _ = vfoa(monkeypatch, capsys, *words)
+    assert (code, said.splitlines()[-1].rpartition(", ")[2]) == (0, "failure")
+    for width in WIDTHS_INCH:
+        texts = _texts(tmp_path / "out" / f"failure_{width}.svg")
+        inside = {"left image", "scene in metres", "attention", f"attention of {ANN}", "frame", "truth", "answer"}
+        legend = {"red cup", "book#4", "true target", "cones of the gaze", "cones of the head"}
+        assert (inside | legend) - texts == set()
+        title = " ".join(sorted(texts))
+        assert "clip, two cones, frame 14" in title
+        svg = (tmp_path / "out" / f"failure_{width}.svg").read_text(encoding="utf-8")
+        assert svg.count("<image") >= 3  # the left image, the masks, the clouds
+
+
+def test_a_failure_that_is_not_there_is_named(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "out")
+    code, said, _ = vfoa(monkeypatch, capsys, "figures", str(recorded), "--out", out, "--frame", "12")
     assert code == 0
-    assert {path: path.read_bytes() for path in out.iterdir()} == before  # equal runs give equal bytes
+    assert "Left out: failure: no such wrong frame has a recording" in said.splitlines()
+    assert not list((tmp_path / "out").glob("failure*"))
 
 
 def test_without_matplotlib_one_line_says_what_to_install(
