@@ -149,12 +149,34 @@ def _infer(
     settings: BayesSettings,
     time_ns: int | None,
 ) -> Attention:
+    found = believed(subject, targets, eyes, before, settings, time_ns)
+    if isinstance(found, NoAttention):
+        return Attention(subject=subject, missing=found)
+    belief, cues = found
+    shares = cue_shares(cues, belief, settings)
+    unknown = tuple(
+        TargetAttention(instance_id=number, gaze=shares[0], head=shares[1], total=1.0)
+        for number in boxes_of_others(subject, targets)
+    )
+    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, cues))
+    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings))
+
+
+def believed(
+    subject: Subject,
+    targets: tuple[Target, ...],
+    eyes: Mapping[int, Float],
+    before: Held | None,
+    settings: BayesSettings,
+    time_ns: int | None,
+) -> tuple[Belief, MeasuredCues] | NoAttention:
+    """Return the belief about a subject after a frame, and the cues that it follows from; or why there is none."""
     origin = subject.person.eye_origin_left
     if origin is None:
-        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
+        return NoAttention.NO_EYES_3D
     cues = measured_cues(subject, settings)
     if cues is None:
-        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
+        return NoAttention.NO_DIRECTION
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
     views = views_of(origin, others, eyes, settings)
@@ -165,13 +187,7 @@ def _infer(
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
-    belief = update(last, scenery, cues, seconds_between(last_ns, time_ns, settings.frame_rate_hz), settings)
-    shares = cue_shares(cues, belief, settings)
-    unknown = tuple(
-        TargetAttention(instance_id=target.instance.id, gaze=shares[0], head=shares[1], total=1.0) for target in others
-    )
-    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, cues))
-    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings))
+    return update(last, scenery, cues, seconds_between(last_ns, time_ns, settings.frame_rate_hz), settings), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:

@@ -27,10 +27,11 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from vfoa.bayes import BayesSettings, Held, eyes_of, infer_attentions, seconds_between
+from vfoa.bayes import BayesSettings, Held, believed, eyes_of, seconds_between
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings
+from vfoa.posterior.filter import answered
 from vfoa.settings import Settings
 from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 
@@ -243,21 +244,20 @@ def weigh_attentions(
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
     their weights. ``belief`` is the input of :func:`weigh_again`.
     """
-    eyes = eyes_of(subjects)
-    posteriors, held = infer_attentions(
-        subjects, targets, tuple(state.held for state in states), _posterior(settings.frame_rate_hz), time_ns
-    )
+    eyes, posterior = eyes_of(subjects), _posterior(settings.frame_rate_hz)
     attentions, after = [], []
-    for subject, posterior, before, belief in zip(subjects, posteriors, states, held, strict=True):
-        dt_s = seconds_between(before.means.time_ns, time_ns, settings.frame_rate_hz)
-        observed = observe(subject, targets, eyes, before.means, dt_s, posterior)
-        if isinstance(observed, NoAttention):
-            attentions.append(Attention(subject=subject, missing=observed))
+    for subject, before in zip(subjects, states, strict=True):
+        found = believed(subject, targets, eyes, before.held, posterior, time_ns)
+        if isinstance(found, NoAttention):
+            attentions.append(Attention(subject=subject, missing=found))
             after.append(before)
             continue
-        seen, means = observed
+        belief, _ = found
+        chance = dict(zip(belief.keys, answered(belief, belief.probabilities, posterior).tolist(), strict=True))
+        dt_s = seconds_between(before.means.time_ns, time_ns, settings.frame_rate_hz)
+        seen, means = observe(subject, targets, eyes, before.means, dt_s, chance)
         attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
-        after.append(Remembered(replace(means, time_ns=time_ns), belief))
+        after.append(Remembered(replace(means, time_ns=time_ns), (belief, time_ns)))
     return tuple(attentions), tuple(after)
 
 

@@ -28,8 +28,8 @@ from typing import Literal
 import numpy as np
 
 from vfoa.attention import boxes_of_others
-from vfoa.geometry import box_corners, left_from_crop, on_the_way, perturb
-from vfoa.types import Attention, Box3D, Float, NoAttention, Subject, Target
+from vfoa.geometry import box_corners, left_from_crop, length_of, on_the_way, perturb
+from vfoa.types import Box3D, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
 MEAN_S = np.array([0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -92,19 +92,19 @@ def observe(
     eyes: Mapping[int, Float],
     means: Means,
     dt_s: float,
-    posterior: Attention,
-) -> tuple[Seen, Means] | NoAttention:
-    """Compute a subject's features in a frame, and the running means after it; or say why there are none.
+    posterior: Mapping[int | None, float],
+) -> tuple[Seen, Means]:
+    """Compute a subject's features in a frame, and the running means after it.
 
-    ``eyes`` are the eye origins of people by instance id: people are looked at in the face. ``dt_s`` is the time since
-    the frame of ``means``, seconds. ``posterior`` is the attention by the posterior.
+    The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id:
+    people are looked at in the face. ``dt_s`` is the time since the frame of ``means``, seconds. ``posterior`` are the
+    posterior's probabilities by target; one that it does not see has none.
     """
-    origin = subject.person.eye_origin_left
-    if origin is None:
-        return NoAttention.NO_EYES_3D
-    gaze, head = subject.direction("gaze"), subject.direction("head")
-    if gaze is None and head is None:
-        return NoAttention.NO_DIRECTION
+    origin, gaze, head = (
+        np.asarray(subject.person.eye_origin_left),
+        subject.direction("gaze"),
+        subject.direction("head"),
+    )
     case: Case = "head" if gaze is None else "gaze" if head is None else "both"
     head_sum = math.exp(-dt_s / _BODY_S) * means.head
     cues = np.full((4, 3), np.nan)
@@ -121,9 +121,9 @@ def observe(
         claimed = _GAZE_RAD if subject.gaze.sigma_rad is None else subject.gaze.sigma_rad
     shapes = _shapes(boxes_of_others(subject, targets), eyes, origin)
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
-    now = np.vstack([angles, _overlap(cues[2], shapes), _odds_of_nowhere(posterior)])
-
     ids = shapes.ids
+    chance = np.array([posterior.get(number, 0.0) for number in ids])
+    now = np.vstack([angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
     return seen, Means(ids=ids, head=head_sum, sums=sums)
@@ -153,12 +153,14 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
     """The targets as seen from ``origin`` (3,): people by their faces, other things by their boxes."""
     faces = [number in eyes for number in boxes]
     middles = np.array([eyes.get(number, box.center_m) for number, box in boxes.items()]).reshape(-1, 3) - origin
-    distance = np.linalg.norm(middles, axis=1)
+    distance = length_of(middles)
     middles[distance < _NEAREST_M] = (0, 0, _NEAREST_M)
     frames = left_from_crop(middles)
     right, down, ahead = np.moveaxis((box_corners(list(boxes.values())) - origin) @ frames, -1, 0)
     outline = np.arctan2([right, down], ahead)
-    half = np.where(faces, FACE_RADIUS_M, [box.half_size_m.mean() for box in boxes.values()])
+    half = np.where(
+        faces, FACE_RADIUS_M, np.array([box.half_size_m for box in boxes.values()]).reshape(-1, 3).mean(axis=1)
+    )
     radius = np.arctan2(half, distance)
     least, most = outline.min(axis=-1).T, outline.max(axis=-1).T
     least[faces], most[faces] = -radius[faces, None], radius[faces, None]
@@ -185,9 +187,8 @@ def _overlap(head: Float, shapes: _Shapes) -> Float:
     return np.asarray(-np.log(within.prod(axis=-1) + _LEAST_OVERLAP))
 
 
-def _odds_of_nowhere(posterior: Attention) -> Float:
-    """Log odds (T,) of nowhere over each target, by their probabilities."""
-    chance = np.array([value.total for value in posterior.values])
+def _odds_of_nowhere(chance: Float) -> Float:
+    """Log odds (T,) of nowhere over each target, by the probabilities (T,) of the targets."""
     return np.asarray(np.log(max(1 - chance.sum(), 0.0) + _LEAST_CHANCE) - np.log(chance + _LEAST_CHANCE))
 
 
@@ -209,7 +210,7 @@ def _mean(sums: Float) -> Float:
 
 def _direction(mean: Float, otherwise: Float) -> Float:
     """The direction (3,) of a sum of directions; ``otherwise`` where it is unknown or they cancel."""
-    length = float(np.linalg.norm(mean[:3]))
+    length = float(length_of(mean[:3]))
     return mean[:3] / length if length > 1e-6 else otherwise
 
 

@@ -7,12 +7,14 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from vfoa.geometry import angle_between, box_corners, entry_distance, left_from_crop, unit
+from vfoa.geometry import angle_between, box_corners, left_from_crop, own_entry_distance, unit
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
 
@@ -69,17 +71,18 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
     moments: dict[int, tuple[Float, float]] = {}
     if boxes:
         count = settings.directions
-        rays = _cloud_rays(origin, targets, count) if clouds else _box_rays(origin, boxes, count)
-        for target, directions in zip(targets, rays, strict=True):
+        rays = _cloud_rays(origin, targets, count) if clouds else _rays_about(origin, boxes, count)
+        reached = np.isfinite(own_entry_distance(origin, rays, boxes)) if not clouds else np.ones(rays.shape[:2], bool)
+        seen = reached.any(axis=1)
+        middles, variances = _moments(rays[seen], reached[seen])
+        for target, middle, variance in zip(compress(targets, seen), middles, variances.tolist(), strict=True):
             number = target.instance.id
-            if not len(directions):
-                continue
             if settings.faces and number in eyes:
                 towards = eyes[number] - origin
                 distance = float(np.linalg.norm(towards))
                 moments[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
             else:
-                moments[number] = _moments(directions)
+                moments[number] = middle, variance
     return Views(
         ids=tuple(moments),
         directions=np.array([direction for direction, _ in moments.values()]).reshape(-1, 3),
@@ -87,18 +90,15 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
     )
 
 
-def _moments(directions: Float) -> tuple[Float, float]:
-    """Mean direction, and half of the mean squared chord about it (the variance per tangent direction)."""
-    middle = unit(directions.mean(axis=0))
-    return middle, float(((directions - middle) ** 2).sum(axis=1).mean() / 2)
+def _moments(rays: Float, reached: NDArray[np.bool_]) -> tuple[Float, Float]:
+    """Mean directions (T, 3) of the rays (T, K, 3) that reach a target (T, K), at least one of each.
 
-
-def _box_rays(origin: Float, boxes: tuple[Box3D, ...], count: int) -> list[Float]:
-    """Those of ``count`` rays (K, 3) about each box that reach it."""
-    rays = _rays_about(origin, boxes, count)
-    return [
-        about[np.isfinite(entry_distance(origin, about, (box,))[:, 0])] for about, box in zip(rays, boxes, strict=True)
-    ]
+    And half of the mean squared chords (T,) about them: the variances per tangent direction.
+    """
+    count = reached.sum(axis=1)
+    middles = unit((rays * reached[..., None]).sum(axis=1) / count[:, None])
+    squares = ((rays - middles[:, None]) ** 2).sum(axis=-1)
+    return middles, (squares * reached).sum(axis=1) / count / 2
 
 
 def _cloud_rays(origin: Float, targets: tuple[Target, ...], count: int) -> Float:

@@ -26,6 +26,7 @@ from vfoa.geometry import (
     gaze_direction_crop,
     head_direction_crop,
     left_from_crop,
+    own_entry_distance,
     perturb,
     pixel_ray,
     project,
@@ -262,6 +263,8 @@ def test_rays_enter_boxes_where_they_first_meet_a_face(seed):
     origin, directions = rng.normal(size=3), unit(rng.normal(size=(20, 3)))
     expected = [[first_face(origin, direction, box) for box in boxes] for direction in directions]
     np.testing.assert_allclose(entry_distance(origin, directions, boxes), expected, atol=1e-9)
+    own = own_entry_distance(origin, directions.reshape(4, 5, 3), boxes)
+    np.testing.assert_allclose(own, [np.array(expected)[5 * k : 5 * k + 5, k] for k in range(4)], atol=1e-9)
 
 
 @given(

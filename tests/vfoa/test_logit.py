@@ -20,7 +20,6 @@ from vfoa.logit import (
 from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
-    Attention,
     Box3D,
     Cues,
     Float,
@@ -33,7 +32,6 @@ from vfoa.types import (
     Scene,
     Subject,
     Target,
-    TargetAttention,
 )
 
 EYES = np.array([0.0, 0.0, 0.0])
@@ -56,10 +54,9 @@ def looking(gaze: Float | None, head: Float | None) -> Subject:
     return Subject(track_id=1, person=person, gaze=given_gaze, head_pose=given_head)
 
 
-def by_posterior(subject: Subject, targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> Attention:
-    """An answer of the posterior: the same probability of each target."""
-    values = (TargetAttention(instance_id=each.instance.id, gaze=0.0, head=0.0, total=chance) for each in targets)
-    return Attention(subject=subject, values=tuple(values))
+def by_posterior(targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> dict[int | None, float]:
+    """The posterior's probabilities: the same of each target."""
+    return {None: 1 - chance * len(targets), **{each.instance.id: chance for each in targets}}
 
 
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
@@ -101,8 +98,8 @@ def test_a_subject_without_eyes_or_directions_has_a_reason() -> None:
 def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
     def before_after(gap_s: float) -> float:
         left, right = looking(LEFT, LEFT), looking(RIGHT, RIGHT)
-        _, means = observe(left, TARGETS, {}, Means(), 0.1, by_posterior(left))
-        seen, _ = observe(right, TARGETS, {}, means, gap_s, by_posterior(right))
+        _, means = observe(left, TARGETS, {}, Means(), 0.1, by_posterior())
+        seen, _ = observe(right, TARGETS, {}, means, gap_s, by_posterior())
         return float(seen.before[0, 0] / seen.now[0, 0])
 
     assert before_after(0.1) < before_after(1.0) < before_after(30.0) == pytest.approx(1.0)
@@ -110,8 +107,7 @@ def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
 
 def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
     subject = looking(None, head)
-    seen = observe(subject, (target,), eyes or {}, Means(), 0.1, by_posterior(subject, (target,)))[0]
-    assert isinstance(seen, Seen)
+    seen = observe(subject, (target,), eyes or {}, Means(), 0.1, by_posterior((target,)))[0]
     return dict(zip(CUES, seen.now[:, 0].tolist(), strict=True))
 
 
@@ -184,15 +180,8 @@ def test_a_spread_of_the_constant_makes_probabilities_less_sure(utility: float, 
 def test_the_posterior_is_a_cue_of_its_own() -> None:
     """A target that is likelier by the posterior alone gets a greater utility, in proportion to its weight."""
     subject = looking(None, LEFT)
-    seen = {
-        chance: observe(subject, TARGETS, {}, Means(), 0.1, by_posterior(subject, chance=chance))
-        for chance in (0.1, 0.4)
-    }
-    now = {
-        chance: found[0].now[CUES.index("posterior")]
-        for chance, found in seen.items()
-        if not isinstance(found, NoAttention)
-    }
+    seen = {chance: observe(subject, TARGETS, {}, Means(), 0.1, by_posterior(chance=chance)) for chance in (0.1, 0.4)}
+    now = {chance: found.now[CUES.index("posterior")] for chance, (found, _) in seen.items()}
     assert now[0.1] == pytest.approx(np.log(0.801 / 0.101))
     assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
 
@@ -220,7 +209,7 @@ def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> No
     means = Means()
     subject = looking(None, LEFT)
     for _ in range(20):
-        found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior(subject))
+        found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior())
         seen.append(found)
     sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[2] * 10 + [None] * 10)
     prior = shipped_weights()

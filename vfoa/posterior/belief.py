@@ -8,6 +8,7 @@ and those of the head per head hypothesis, averaged over the other: filters per 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class MeasuredCues:
     head_sigma_rad: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Belief:
     """The belief about a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
 
@@ -80,7 +81,7 @@ class Belief:
     facing: Float | None = None
     tail: float = 1.0
 
-    @property
+    @cached_property
     def weights(self) -> Float:
         """Probabilities (G, K) of the hypotheses."""
         weights = np.exp(self.log_weights - self.log_weights.max())

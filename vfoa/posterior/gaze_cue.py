@@ -38,13 +38,16 @@ def weighed_gaze(
     if cues.gaze is None:
         return predicted, nothing
     ahead = None if head is None else perturb(head, 0.0, np.deg2rad(BELOW_DEG))
-    aims = np.stack([_aims(scenery, gain, ahead) for gain in hypotheses.gains])
+    aims = _aims(scenery, np.array(hypotheses.gains), ahead)
     offset = tangent_offset(aims, cues.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
     error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)
     return error, Evidence.of(likelihood, square, settings.tails)
 
 
-def _aims(scenery: Scenery, gain: float, ahead: Float | None) -> Float:
-    """Expected measured gaze for each target (T, 3) with this gain. A gaze at nowhere is about ``ahead``."""
-    nowhere = on_the_way(scenery.to_camera, scenery.middle, gain) if ahead is None else ahead
-    return np.vstack([on_the_way(scenery.to_camera, scenery.directions, gain), nowhere])
+def _aims(scenery: Scenery, gains: Float, ahead: Float | None) -> Float:
+    """Expected measured gaze (N, T, 3) with each gain (N,) for each target. A gaze at nowhere is about ``ahead``."""
+    ends = scenery.directions if ahead is not None else np.vstack([scenery.directions, scenery.middle])
+    aims = np.empty((len(gains), len(scenery.keys), 3))
+    aims[:, -1] = np.nan if ahead is None else ahead
+    aims[:, : len(ends)] = on_the_way(scenery.to_camera, ends, gains[:, None])
+    return aims

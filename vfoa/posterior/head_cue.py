@@ -51,18 +51,20 @@ def weighed_head(
     nowhere = np.full((len(share), 1), sigma_rad(settings.nowhere_deg) ** 2)
     aside = np.concatenate([on_target, nowhere], axis=1)
     facing = scenery.middle if prior.facing is None else prior.facing
-    goals = np.stack([np.vstack([on_the_way(facing, scenery.directions, part), facing]) for part in share])
+    goals = np.empty((len(share), len(scenery.keys), 3))
+    goals[:, :-1], goals[:, -1] = on_the_way(facing, scenery.directions, share[:, None]), facing
     # eyes at rest look below the head's axis, so that the head stays above the way to a target
     above = np.zeros((*goals.shape[:2], 2))
     above[:, :-1, 1] = share[:, None] * np.deg2rad(BELOW_DEG)
+    seen = [head for head in (prior.last_head, cues.head) if head is not None]
+    offsets = tangent_offset(goals, np.array(seen)[:, None, None]) + above
     if prior.motion is None or prior.last_head is None:
         rest = ((1 - share[:, None]) * sigma_rad(settings.rest_deg)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
         looked, stay = flow.of("head")
-        last = tangent_offset(goals, prior.last_head) + above
-        predicted = next_motion(prior.motion, looked, flow.columns, stay, last, noise, aside, dt_s, _LAG_S)
+        predicted = next_motion(prior.motion, looked, flow.columns, stay, offsets[0], noise, aside, dt_s, _LAG_S)
     if cues.head is None:
         return predicted, nothing
-    motion, likelihood, square = weigh_head(predicted, tangent_offset(goals, cues.head) + above, noise, settings.tails)
+    motion, likelihood, square = weigh_head(predicted, offsets[-1], noise, settings.tails)
     return motion, Evidence.of(likelihood, square, settings.tails)
