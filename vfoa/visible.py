@@ -73,7 +73,7 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
         count = settings.directions
         rays = _cloud_rays(origin, targets, count) if clouds else _rays_about(origin, boxes, count)
         reached = np.isfinite(own_entry_distance(origin, rays, boxes)) if not clouds else np.ones(rays.shape[:2], bool)
-        seen = reached.any(axis=1)
+        seen = np.asarray(reached.any(axis=1))
         middles, variances = _moments(rays[seen], reached[seen])
         for target, middle, variance in zip(compress(targets, seen), middles, variances.tolist(), strict=True):
             number = target.instance.id
