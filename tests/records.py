@@ -128,6 +128,27 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
     return directory
 
 
+ANNOTATIONS_HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+
+
+def write_clip(root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Write a clip's manifest and its labels of frames 1, 2, ... of a girl; return its entry in a run's manifest."""
+    named = {"subjects.girl": "girl", **{f"targets.{target}": target for target in sorted({*targets} - {"none"})}}
+    tables = "".join(f'[{table}]\ncategory = "{category}"\n' for table, category in named.items())
+    rows = zip(targets, notes or [""] * len(targets), strict=True)
+    labelled = "".join(f"{frame},{frame},girl,{target},{note}\n" for frame, (target, note) in enumerate(rows, start=1))
+    for path, text in (
+        (root / "datasets" / f"{name}.toml", f'name = "{name}"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
+        (root / "annotations" / f"{name}.csv", ANNOTATIONS_HEAD + labelled),
+    ):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    frames = list(range(1, len(targets) + 1))
+    times_ns = [frame * 40_000_000 for frame in frames]
+    manifest = str(root / "datasets" / f"{name}.toml")
+    return {"name": name, "manifest": manifest, "rate_hz": 25.0, "frames": frames, "times_ns": times_ns}
+
+
 def tables_of(directory: RunDirectory) -> dict[str, bytes]:
     """The content of every table of frames of a run, by its path."""
     paths = sorted(directory.path.rglob("*.parquet"))

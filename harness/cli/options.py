@@ -121,6 +121,14 @@ Cache = Annotated[
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]
 Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
+Where = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CONDITION",
+        help="Score only labelled frames that meet this, such as target=mug|book, subject!=ann, clip=talk, "
+        "note=occluded (a word of the label's note), time>=2.5 (s) or frame<100. Several: all of them.",
+    ),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables by clip and of the stages, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 ProviderName = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json, NoOpen, Port, Run, Verbose, run_folder
+from harness.cli.options import Json, NoOpen, Port, Run, Verbose, Where, run_folder
 from harness.cli.terminal import print_json, print_reports, say
 
 if TYPE_CHECKING:
     from harness.score.comparison import Comparison
+    from harness.score.subset import Condition
 
 
 def score(
@@ -26,14 +27,29 @@ def score(
             metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv. Default: the labels that the run names."
         ),
     ] = None,
+    where: Where = None,
     verbose: Verbose = False,
 ) -> None:
-    """Score a run again from its results and the present labels; needs no images and no models."""
+    """Score a run again from its results and the present labels; needs no images and no models.
+
+    With --where, nothing is written: the table of these frames is printed.
+    """
     from harness.cli.terminal import print_scores, say_unknown_names
+    from harness.report.tables import summary_table
+    from harness.report.verdict import verdict_lines
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+    from vfoa.errors import VfoaError
 
     folder = run_folder(run)
+    if where:
+        if annotator is not None:
+            raise VfoaError("score: --where does not go with --annotator; expected one of them")
+        scores = read_scores(RunDirectory(folder), _conditions(where))
+        print_reports([summary_table(scores)[0]])
+        say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_lines(scores)]))
+        return
     scores = rescore(RunDirectory(folder), annotator)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
     print_scores(scores, folder, verbose=verbose)
@@ -75,6 +91,12 @@ def report(
     browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
 
 
+def _conditions(where: Sequence[str] | None) -> list[Condition]:
+    from harness.score.subset import Condition
+
+    return [Condition.parse(text) for text in where or ()]
+
+
 _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 
 
@@ -96,6 +118,7 @@ def compare(
     page: Annotated[
         Path | None, typer.Option("--page", metavar="HTML", help="Write a page with the table, sorted by any column.")
     ] = None,
+    where: Where = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -124,7 +147,8 @@ def compare(
         compared = [*folders, *([] if against is None else [against])]
         inputs = [file for run in compared for file in RunDirectory(run).inputs]
         check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
-    comparisons = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
+    met = _conditions(where)
+    comparisons = compare_runs(folders, met) if against is None else compare_with_baseline(folders, against, met)
     failing = [] if check is None else _failing(comparisons, *check)
     if as_json:
         values = [asdict(with_values(comparison, units=None)) for comparison in comparisons]

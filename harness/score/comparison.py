@@ -26,6 +26,7 @@ from harness.score.statistics import (
     sign_flip_p,
     smallest_p,
 )
+from harness.score.subset import Condition
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -327,20 +328,22 @@ def _fewest(enough: Callable[[int], bool]) -> int | None:
     return high
 
 
-def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
+def compare_runs(runs: Sequence[Path], where: Sequence[Condition] = ()) -> tuple[Comparison, ...]:
     """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
 
-    The oracle ablation is left out, here and below.
+    The oracle ablation is left out, here and below. ``where``: only labelled frames that meet all conditions.
 
     Raises
     ------
     VfoaError
         If a run cannot be scored, two runs are the same directory, or their labels differ.
     """
-    return compare({f"{run}/{name}": frames for run, name, frames in _scored(_distinct(runs))})
+    return compare({f"{run}/{name}": frames for run, name, frames in _scored(_distinct(runs), where)})
 
 
-def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Comparison, ...]:
+def compare_with_baseline(
+    runs: Sequence[Path], baseline: Path, where: Sequence[Condition] = ()
+) -> tuple[Comparison, ...]:
     """Compare each configuration of the runs with the baseline's of the same name; Holm over all of these.
 
     Raises
@@ -349,9 +352,9 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
         If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
     """
     _distinct([baseline, *runs])
-    reference, compared = read_scores(RunDirectory(baseline)), []
+    reference, compared = read_scores(RunDirectory(baseline), where), []
     known = reference.scored_configurations
-    for run, name, frames in _scored(runs):
+    for run, name, frames in _scored(runs, where):
         if name not in known:
             raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
         (comparison,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": frames})
@@ -361,10 +364,10 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
     return with_holm(compared)
 
 
-def _scored(runs: Iterable[Path]) -> Iterator[tuple[Path, str, list[ScoredFrames]]]:
+def _scored(runs: Iterable[Path], where: Sequence[Condition]) -> Iterator[tuple[Path, str, list[ScoredFrames]]]:
     """Yield the scored frames of each configuration of the runs, without the oracle ablation."""
     for run in runs:
-        scores = read_scores(RunDirectory(run))
+        scores = read_scores(RunDirectory(run), where)
         for name in without_oracles(scores.scored_configurations):
             yield run, name, scores.frames_of(name)
 

@@ -22,6 +22,7 @@ from harness.run.results import answers_of, has_images
 from harness.run.table_records import Block, TableReader, most_people
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
+from harness.score.subset import Condition, subset
 from vfoa.errors import VfoaError
 
 RUN_LABELS = "run_labels_sha256"
@@ -30,16 +31,17 @@ TABLE_LABELS = "labels_sha256"
 """The key with the labels that the tables use."""
 
 
-def read_scores(directory: RunDirectory) -> Scores:
-    """Score a finished run without writing anything.
+def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Scores:
+    """Score a finished run without writing anything; ``where``: only the labelled frames that meet all conditions.
 
     Raises
     ------
     VfoaError
-        If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
+        If the run is not finished, no configuration ran on every clip, a clip's manifest or labels cannot be read, or
+        no labelled frame meets the conditions.
     """
     run = FinishedRun.read(directory)
-    return score(run.records(), run.reference())
+    return score(run.records(), run.reference(where=where))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +118,9 @@ class FinishedRun:
                 )
         return [block for block in blocks if block.clip not in clips and block.configuration not in configurations]
 
-    def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
+    def reference(
+        self, annotator: str | None = None, *, compare_content: bool = False, where: Sequence[Condition] = ()
+    ) -> Reference:
         """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
 
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
@@ -127,6 +131,11 @@ class FinishedRun:
         manifests = self._manifests(annotator)
         read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
+        unlabelled = [manifests[name] for name in read if name not in labels]
+        if where:
+            frames = {clip["name"]: clip["frames"] for clip in run["clips"]}
+            times_ns = {clip["name"]: clip.get("times_ns", ()) for clip in run["clips"]}
+            labels = subset(labels, where, frames, times_ns)
         of_clips: dict[str, list[str]] = {}
         changed: list[str] = []
         for clip in run["clips"]:
@@ -149,7 +158,8 @@ class FinishedRun:
                 *([f"Scored against the labels of {annotator!r}."] if annotator else []),
                 *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
                 *changed,
-                *self._unlabelled_notes([manifests[name] for name in read if name not in labels]),
+                *self._unlabelled_notes(unlabelled),
+                *([f"Only frames with {' and '.join(each.text for each in where)}."] if where else []),
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self._names_now(manifests),

@@ -107,7 +107,7 @@ def test_a_check_passes_or_fails_by_its_kind_and_is_refused_where_it_cannot(
 ) -> None:
     for right, expected in zip((20, 18, 0), ends, strict=True):
         runs = {"before": _Scored(looks, 20), "after": _Scored(looks, right)}
-        monkeypatch.setattr(comparison, "read_scores", lambda directory, runs=runs: runs[directory.path.name])
+        monkeypatch.setattr(comparison, "read_scores", lambda directory, where, runs=runs: runs[directory.path.name])
         done = CliRunner().invoke(app, ["compare", "after", "--baseline", "before", "--fail-on", kind])
         if expected is None:
             assert isinstance(done.exception, VfoaError)

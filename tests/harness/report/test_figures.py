@@ -18,9 +18,8 @@ from harness.score.verdicts import judge
 from tests.command import vfoa
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
-from tests.records import answers, labels, write_run
+from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_run
 
-HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 CLIPS = [f"clip_{number:02}" for number in range(12)]
 """More than a page of the report's pager."""
 LABELLED = ("cup", "book", "cup", "none", "cup", "book")
@@ -35,38 +34,11 @@ SAID = {
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run of twelve clips under two configurations, of which the second gives probabilities."""
     root = tmp_path_factory.mktemp("figures")
-    clips = [_write_clip(root, clip) for clip in CLIPS]
+    clips = [write_clip(root, clip, LABELLED) for clip in CLIPS]
     said = [answers(names, clip=clip, configuration=name) for clip in CLIPS for name, names in SAID.items()]
     methods = {name: {"probabilistic": name != "cones", "says_nowhere": name != "cones"} for name in SAID}
     records = (record for of_pair in said for record in of_pair)
     return write_run(root / "run", records, clips=clips, methods=methods).path
-
-
-def _write_clip(root: Path, name: str) -> dict[str, object]:
-    tables = "".join(
-        f'[{kind}]\ncategory = "{kind[-4:]}"\n' for kind in ("subjects.girl", "targets.cup", "targets.book")
-    )
-    for folder, file, text in (
-        ("datasets", f"{name}.toml", f'name = "{name}"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
-        (
-            "annotations",
-            f"{name}.csv",
-            "".join(
-                [
-                    HEAD,
-                    *(f"{k},{k},girl,{target},\n" for k, target in enumerate(LABELLED, start=1)),
-                ]
-            ),
-        ),
-    ):
-        (root / folder).mkdir(exist_ok=True)
-        (root / folder / file).write_text(text, encoding="utf-8")
-    return {
-        "name": name,
-        "manifest": str(root / "datasets" / f"{name}.toml"),
-        "rate_hz": 25.0,
-        "frames": list(range(1, 7)),
-    }
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +193,7 @@ def recorded(tmp_path: Path) -> Path:
     tables = f'[subjects."{ANN}"]\ncategory = "person"\n[targets."red cup"]\ncategory = "cup"\n'
     for folder, file, text in (
         ("datasets", "clip.toml", f'name = "clip"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
-        ("annotations", "clip.csv", f"{HEAD}10,14,{ANN},red cup,\n"),
+        ("annotations", "clip.csv", f"{ANNOTATIONS_HEAD}10,14,{ANN},red cup,\n"),
     ):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / file).write_text(text, encoding="utf-8")

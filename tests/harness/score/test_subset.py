@@ -1,0 +1,108 @@
+"""``--where``: a finished run scored on some of its labelled frames."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from harness.run.directory import RunDirectory
+from harness.score.finished_run import read_scores
+from harness.score.subset import Condition
+from tests.command import vfoa
+from tests.records import answers, write_clip, write_run
+from vfoa.errors import VfoaError
+
+TRUTH = ("cup", "book", "cup", "none", "cup", "book")
+NOTES = ("far", "far child", "", "", "childlike", "")
+SAID = {"one": ("cup", "cup", "book", "cup", "cup", "book"), "two": ("cup", "book", "cup", "cup", "book", "book")}
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Two clips of six frames at 25 frames a second, the first at 0.04 s, under two configurations."""
+    clips = [write_clip(tmp_path, clip, TRUTH, NOTES) for clip in ("a", "b")]
+    said = [answers(names, clip=clip, configuration=name) for clip in ("a", "b") for name, names in SAID.items()]
+    return write_run(tmp_path / "run", (record for of_pair in said for record in of_pair), clips=clips).path
+
+
+@pytest.mark.parametrize(
+    ("conditions", "frames"),
+    [
+        (["target=cup"], [1, 3, 5]),
+        (["target=cup|none"], [1, 3, 4, 5]),
+        (["target!=cup"], [2, 4, 6]),
+        (["note=child"], [2]),  # a word, and no part of one
+        (["note!=far"], [3, 4, 5, 6]),
+        (["subject=girl"], [1, 2, 3, 4, 5, 6]),
+        (["time>=0.12"], [3, 4, 5, 6]),
+        (["time<0.12"], [1, 2]),
+        (["frame>2", "frame<=5", "target = cup"], [3, 5]),
+    ],
+)
+def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: list[str], frames: list[int]) -> None:
+    scores = read_scores(RunDirectory(run), [Condition.parse(text) for text in conditions])
+    scored: dict[tuple[str, str], list[int]] = {(v.clip, v.configuration): [] for v in scores.verdicts}
+    for verdict in scores.verdicts:
+        if verdict.outcome != "unscored":
+            scored[verdict.clip, verdict.configuration].append(verdict.frame)
+    assert scored == dict.fromkeys([("a", "one"), ("a", "two"), ("b", "one"), ("b", "two")], frames)
+    for row in scores.overall():
+        within = [SAID[row.configuration][frame - 1] == TRUTH[frame - 1] for frame in frames]
+        assert (row.n, row.correct) == (2 * len(frames), 2 * sum(within))
+
+
+def test_one_clip_of_several(run: Path) -> None:
+    scores = read_scores(RunDirectory(run), [Condition.parse("clip!=a")])
+    assert {row.clip for row in scores.rows} == {"b"}
+    assert scores.notes[-1] == "Only frames with clip!=a."
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("target", r"--where: found 'target'; expected clip, subject"),
+        ("targets=cup", r"--where: found 'targets' in 'targets=cup'; did you mean 'target'\?"),
+        ("target<3", r"--where: found 'target<3'; expected"),
+        ("time=3", r"--where: found 'time=3'; expected"),
+        ("time>soon", r"--where: found 'time>soon'; expected"),
+        ("target=cop", r"--where: target 'cop': no label has it; did you mean 'cup'\?"),
+        ("frame>99", r"--where frame>99: no labelled frame of the run meets this"),
+    ],
+)
+def test_a_wrong_condition_is_one_line(run: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message) as error:
+        read_scores(RunDirectory(run), [Condition.parse(text)])
+    assert "\n" not in str(error.value)
+
+
+def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:
+    directory = RunDirectory(run)
+    manifest = directory.read_manifest()
+    for clip in manifest["clips"]:
+        del clip["times_ns"]
+    directory.write_manifest(manifest)
+    with pytest.raises(VfoaError, match="--where: time: the run has no times of a; expected them"):
+        read_scores(directory, [Condition.parse("time>1")])
+
+
+def test_score_prints_the_subset_and_writes_nothing(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    code, out, err = vfoa(monkeypatch, capsys, "score", str(run), "--where", "target=cup", "--where", "frame<5")
+    assert (code, err) == (0, "")
+    assert "Only frames with target=cup and frame<5." in out
+    cells = [line.split()[:3] for line in out.splitlines() if line.split()[:1] in (["one"], ["two"])]
+    assert cells[:2] == [["one", "4", "50.0"], ["two", "4", "100.0"]]
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+
+
+def test_compare_counts_these_frames_only(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = vfoa(monkeypatch, capsys, "compare", str(run), "--where", "target=cup", "--json")
+    assert code == 0
+    (row,) = json.loads(out)
+    assert (row["n"], row["better"], row["worse"]) == (6, 2, 2)
