@@ -84,12 +84,15 @@ def test_every_command_of_the_documents_is_one(page: str, command: str, is_whole
         known = known.commands[words.pop(0)]
     required = [word.strip("[]") for word in words]
     known.make_context("vfoa", required, resilient_parsing=not is_whole)
-    existing = {"paper_cases", *names("experiments"), *names("datasets")}
+    existing = {"benchmark", "paper_cases", *names("experiments"), *names("datasets")}
     if known.name == "run" and words:
         assert words[0] in existing or PLACEHOLDERS.match(words[0]), f"{page}: no experiment or clip {words[0]!r}"
     for before, word in pairwise(words):
         if before == "--set" and known.name == "run":
-            assert word.split("=")[0] in setting_keys()
+            key = word.split("=")[0]
+            if words[0] == "benchmark":  # METHOD.key in place of attention.key
+                key = f"attention.{key.partition('.')[2]}"
+            assert key in {*setting_keys(), "attention.method"}
         if before == "--clip":
             assert word in existing or PLACEHOLDERS.match(word)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -33,7 +33,8 @@ def run(
     what: Annotated[
         list[str] | None,
         typer.Argument(
-            help="An experiment (name or .toml file), clips, or paper_cases. Default: the one in ./experiments.",
+            help="An experiment (name or .toml file), clips, benchmark or paper_cases. "
+            "Default: the one in ./experiments.",
             metavar="EXPERIMENT | CLIP",
             autocompletion=experiment_and_clip_names,
         ),
@@ -85,8 +86,35 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table.
 
-    With paper_cases, print the paper's simulated cases, without a clip; --out writes them as paper_cases.md.
+    With benchmark, run every method on every material at hand, each into a folder of its own, and print one table;
+    --set NAME.key=value changes a method's setting or adds one. With paper_cases, print the paper's simulated cases,
+    without a clip; --out writes them as paper_cases.md.
     """
+    from harness.pipeline.cache_store import open_store
+    from harness.run.directory import out_folder
+    from vfoa.errors import VfoaError
+
+    if what == ["benchmark"]:
+        others = {
+            "--preset": preset,
+            "--clip": clips,
+            "--scheduler": scheduler,
+            "--oracle": oracle,
+            "--annotator": annotator,
+            "--retry-failed": retry_failed,
+        }
+        if unused := [option for option, value in others.items() if value]:
+            raise VfoaError(f"run benchmark: found {', '.join(unused)}; expected none of them")
+        _run_benchmark(
+            out_folder(out or Path("runs") / "benchmark"),
+            overrides or [],
+            workers=workers or os.cpu_count() or 1,
+            threads=threads or os.cpu_count() or 1,
+            limit=limit,
+            recording=recording,
+            cache=None if no_cache else open_store(cache),
+        )
+        return
     if what == ["paper_cases"]:
         given = {
             "--set": overrides,
@@ -107,10 +135,8 @@ def run(
         _run_paper_cases(out, [option for option, value in given.items() if value])
         return
     from harness.cli.terminal import frames_bar, print_scores
-    from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
-    from harness.run.directory import out_folder
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -144,6 +170,39 @@ def run(
         say(advice)
     print_scores(scores, directory.path, verbose=verbose)
     _report_failures(directory)
+
+
+def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
+    """Run the materials of the benchmark that are here, print the table and write it; exit with 1 if none is here."""
+    from harness.cli.terminal import frames_bar, print_reports
+    from harness.files.io import atomic_write
+    from harness.report.benchmark import MATERIALS, benchmark_table, changed_methods, material_experiment
+    from harness.report.experiment_run import run_whole
+    from harness.report.formats import to_csv, to_markdown
+    from harness.report.write import rescore
+    from vfoa.errors import VfoaError
+
+    changes = changed_methods(overrides)
+    scores, left_out = {}, []
+    notices: list[str] = []
+    with _told_if_interrupted(notices):
+        for name in MATERIALS:
+            try:
+                experiment, missing = material_experiment(name, changes)
+                _, directory = run_whole(
+                    experiment, out / name, bar=frames_bar, tell=notices.append, beside=False, **options
+                )
+                scores[name] = rescore(directory)
+                left_out += [f"{name}: {each}" for each in missing]
+            except VfoaError as error:
+                left_out.append(f"{name}: not run: {error}.")
+    table = benchmark_table(scores, left_out)
+    print_reports([table])
+    if not scores:
+        raise typer.Exit(1)
+    atomic_write(out / "benchmark.md", to_markdown(table))
+    atomic_write(out / "benchmark.csv", to_csv(table))
+    say(f"Table: {out / 'benchmark.md'}; the report of each material: {out}/MATERIAL/report.html")
 
 
 def _run_paper_cases(out: str | None, unused: list[str]) -> None:
@@ -217,7 +276,7 @@ def experiment_of(
     clips_known = {*clip_files(), *families()}
     for name in what:
         if not name.endswith(".toml") and name not in clips_known:
-            hint = did_you_mean(name, ["paper_cases", *names("experiments"), *clips_known])
+            hint = did_you_mean(name, ["benchmark", "paper_cases", *names("experiments"), *clips_known])
             raise VfoaError(f"run: no experiment or clip {name!r}; {hint}, or a .toml file")
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default

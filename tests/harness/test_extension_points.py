@@ -103,7 +103,7 @@ def test_a_method_of_one_file_is_run_recorded_and_scored(tmp_path: Path, monkeyp
 
     manifest = directory.read_manifest()
     assert manifest["configurations"]["steady"]["attention"] == {"method": "steady", "keep": 0.8}
-    assert manifest["methods"]["steady"] == {"probabilistic": False, "says_nowhere": False}
+    assert manifest["methods"]["steady"] == {"probabilistic": False, "says_nowhere": False, "from_file": False}
     assert "my_method" in plan.deciding_modules
 
     rates = {row.configuration: row.frr for row in rescore(directory).overall()}
