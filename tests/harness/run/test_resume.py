@@ -107,7 +107,7 @@ def test_a_killed_run_goes_on_to_the_same_tables(
     process.wait()
     directory = _finish(experiment, tmp_path / "out")
     frames = [path.relative_to(whole.path).as_posix() for path in whole.path.rglob("*.parquet")]
-    assert len(frames) == 14
+    assert len(frames) == 16
     for name in (*TABLES, *frames):
         assert (directory.path / name).read_bytes() == (whole.path / name).read_bytes(), name
     recordings = sorted(path.name for path in directory.path.glob("*.rrd"))
