@@ -187,7 +187,13 @@ def test_layers_have_the_names_of_their_files(run: Path) -> None:
 def test_the_command_prints_three_lines_of_python_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", {"two cones": four_frames()}).run
     command = [sys.executable, "-m", "harness.cli", "catalog", str(run)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a suite in the background ignores it
+    )
     try:
         assert process.stdout is not None
         said = [process.stdout.readline() for _ in range(6)]
