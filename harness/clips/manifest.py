@@ -39,8 +39,6 @@ from vfoa.errors import VfoaError, did_you_mean, located
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
-"""The names that the program gives to objects without one: label#id."""
-
 
 class PhaseRule(Settings):
     """Which frames of a clip are a phase of it: those with so many things beside people."""

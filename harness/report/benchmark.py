@@ -18,7 +18,7 @@ from harness.pipeline.configuration import Configuration, merged, reads_clip
 from harness.remote import expand
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range
 from harness.run.directory import FITTED_ON_REPORTED
-from harness.run.experiment import Experiment, is_experiment, load_experiment
+from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
 from harness.score.calibration import reliabilities
 from harness.score.score import Scores
 from vfoa.config import read_steps
@@ -134,7 +134,8 @@ def material_experiment(name: str, changes: Tables | None = None) -> tuple[Exper
             left_out.append(f"{method}: not in the table: no file {missing}.")
         else:
             configurations.append(_with_method(experiment.configurations[0], method, settings))
-    notes = tuple(note for note in experiment.notes if not note.startswith(FITTED_ON_REPORTED))
+    own = (note for note in experiment.notes if not note.startswith(FITTED_ON_REPORTED))
+    notes = tuple(dict.fromkeys((*own, *shipped_notes(configurations, experiment.clips))))
     return replace(
         experiment,
         name=name,

@@ -251,7 +251,7 @@ def load_experiment(
         notes=(
             *(*file.notes, *missing, *partly),
             *_fitted_notes(file, preset, present),
-            *_shipped_notes(configurations, present),
+            *shipped_notes(configurations, present),
         ),
         annotator=file.annotator,
         published=file.published,
@@ -347,7 +347,7 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
             yield f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}."
 
 
-def _shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
+def shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
     """Yield what weights that ship with a method have seen of the clips, as a warning, and what to expect on others."""
     methods = [configuration.attend.attention for configuration in configurations]
     fitted_on = {clip for method in methods for clip in method.fitted_on}

@@ -99,3 +99,4 @@ def test_the_materials_that_need_no_download_are_complete(monkeypatch: pytest.Mo
     assert [each.name for each in experiment.configurations] == list(METHODS)
     assert {each.choices["stereo"].name for each in experiment.configurations if each.choices["stereo"]} == {"sgbm"}
     assert (left_out, experiment.published) == ([], None)
+    assert [each.attend.attention.elsewhere in experiment.notes for each in experiment.configurations[5:]] == [True] * 2
