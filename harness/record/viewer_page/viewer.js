@@ -4,8 +4,11 @@
 
 const asked = new URLSearchParams(location.search);
 const said = document.getElementById("said");
+const canvas = document.getElementById("canvas");
 const warned = document.getElementById("warned");
 const [SET_TIME_CURSOR, TIMELINE, TIME, PLAY_STATE, PAUSED] = [6, 2, 3, 5, 1];
+const MOST_COVERED_MS = 30_000;
+const SETTLED_MS = 300; // the viewer draws what has come, in our layout
 const [IN_FRONT, RECORDINGS, LOADING] = [1, 3, 7]; // of the viewer's state
 
 function varint(value) {
@@ -72,6 +75,29 @@ async function warnOfVideo(codec, isWanted) {
   if (isWanted()) warned.hidden = isShown;
 }
 
+/** Whether every file is there, so that the viewer shows them in our layout. */
+function isWhole(viewer) {
+  const fields = fieldsOf(viewer.viewer_state());
+  return fields.has(RECORDINGS) && !fields.has(LOADING);
+}
+
+/** Hide what the viewer draws of a recording that is still loading: a layout of its own, for some seconds. */
+async function coverUntilWhole(viewer, isWanted) {
+  canvas.classList.add("covered");
+  said.textContent = "Loading the recording …";
+  for (let left = MOST_COVERED_MS; left > 0 && isWanted() && !isWhole(viewer); left -= 50) {
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  if (!isWanted()) return; // the later call covers, too, or shows what is there
+  await new Promise((resolve) => setTimeout(resolve, SETTLED_MS));
+  uncover();
+}
+
+function uncover() {
+  canvas.classList.remove("covered");
+  said.textContent = "";
+}
+
 /** Show the files of a recording in a layout at a frame. A later call takes over from one that still waits. */
 async function show(asked) {
   const mine = (serial += 1);
@@ -90,10 +116,13 @@ async function show(asked) {
   const files = asked.getAll("files").map((file) => new URL(file, location).href);
   const missing = files.filter((file) => !opened.has(file));
   if (!missing.length && !isInFront(viewer, application)) missing.push(files[0]); // it comes to the front again
+  const isNew = missing.some((file) => !opened.has(file));
   for (const file of missing) {
     opened.add(file);
     viewer.add_receiver(file);
   }
+  if (isNew || canvas.classList.contains("covered")) coverUntilWhole(viewer, () => mine === serial);
+  else uncover();
   if (frame !== null) await goTo(viewer, application, frame, () => mine === serial);
 }
 
@@ -119,8 +148,7 @@ function isInFront(viewer, application) {
 async function goTo(viewer, application, frame, isWanted) {
   for (let [there, loaded] = [false, false]; !loaded; await new Promise((resolve) => setTimeout(resolve, 200))) {
     if (!isWanted()) return;
-    const fields = fieldsOf(viewer.viewer_state());
-    const whole = fields.has(RECORDINGS) && !fields.has(LOADING);
+    const whole = isWhole(viewer);
     if ((there && !whole) || !isInFront(viewer, application)) continue;
     try {
       await viewer.viewer_control(pausedAt(frame));
@@ -139,13 +167,14 @@ async function start() {
     enable_history: false,
     persist: false,
   });
-  await viewer.start(document.getElementById("canvas"));
+  await viewer.start(canvas);
   window._handle = viewer;
   window._started(viewer);
   said.textContent = "";
 }
 
 function complain(error) {
+  uncover();
   said.textContent = `The recording cannot be shown: ${error.message ?? error}`;
 }
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs, urljoin, urlsplit
+from urllib.parse import parse_qs, quote, urljoin, urlsplit
 
 import numpy as np
 import pytest
@@ -97,6 +97,41 @@ def _wait_for(browser: Chrome, frame: int) -> np.ndarray:
         with suppress(TimeoutException):  # a slow machine draws for longer than the driver waits
             now = browser.get_screenshot_as_png() if _shows(frame) in _state(browser) else b""
     return np.asarray(Image.open(io.BytesIO(now)).convert("RGB"))
+
+
+_SAMPLER = """
+window.seen = [];
+setInterval(() => {
+  if (!window._handle) return;
+  const fields = fieldsOf(window._handle.viewer_state());
+  seen.push([getComputedStyle(canvas).opacity === "0", fields.has(RECORDINGS), fields.has(LOADING)]);
+}, 20);
+"""
+"""Samples of what the page shows: whether the canvas is covered, and whether recordings are there and still loading."""
+
+
+def test_the_canvas_is_covered_until_the_recording_is_whole(
+    browser: Chrome, clip: RecordedClip, viewer_files: dict[str, bytes]
+) -> None:
+    recording = clip.compose()
+    browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _SAMPLER})
+    with running(site({recording.name: recording}, viewer_files)) as server:
+        browser.get(server.address)
+        for frame in (14, 10, 11):  # the later ones: the viewer's files are in the browser's cache
+            browser.get("about:blank")
+            browser.get(urljoin(server.address, f"/open?recording={quote(recording.name)}&frame={frame}"))
+            wait_for(lambda: _samples(browser)[-1:] == [[False, True, False]], at_most_s=LOADED_S)
+            first = np.asarray(Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("L"), dtype=float)
+            samples = _samples(browser)
+            assert [True, True, False] in samples
+            assert [False, True, True] not in samples  # what loads is never seen
+            settled = np.asarray(Image.fromarray(_wait_for(browser, frame)).convert("L"), dtype=float)
+            changed = np.abs(first - settled) > 40
+            assert changed.mean() < 0.25, frame  # the same panes in the same places
+
+
+def _samples(browser: Chrome) -> list[list[bool]]:
+    return list(browser.execute_script("return window.seen || []"))
 
 
 def _state(browser: Chrome) -> bytes:
