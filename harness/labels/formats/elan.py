@@ -150,7 +150,7 @@ class _Document:
 def _parse(path: Path, exchange: Exchange) -> _Document:
     data = read_bytes(path)
     if is_elan_text(data[:4096]):
-        return _of_text(path, read_elan_text(path, has_offset=exchange.offset is not None))
+        return _of_text(path, read_elan_text(path, has_offset=exchange.offset is not None, fps=exchange.fps))
     root = parse_xml(data, path)
     if root.tag != "ANNOTATION_DOCUMENT":
         raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")

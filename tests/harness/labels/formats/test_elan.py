@@ -384,6 +384,72 @@ def test_exported_numbers_are_values_after_times(tmp_path: Path) -> None:
     assert Elan().read(path, exchange(renamed=names)).labels.ranges == (row(2, 4, "bird"), row(5, 5, "none"))
 
 
+def _codes(*rows: str, standard: str | None) -> str:
+    """Begin, end and duration as time codes: with a column for each tier, or without headers."""
+    if standard is None:
+        return "".join("girl\t\t" + row.replace(" ", "\t") + "\n" for row in rows)
+    header = "\t".join([*(f"{word} - {standard}" for word in FRENCH), "girl"])
+    return "\n".join([header, *(row.replace(" ", "\t") for row in rows), ""])
+
+
+@pytest.mark.parametrize(
+    ("standard", "rate", "rows", "ranges"),
+    [
+        # frame n of the clip is shown from (n - 1) / rate on, in a film that began a minute before
+        ("PAL", 25.0, ("00:01:00:00 00:01:00:02 00:00:00:02 bird", "00:01:00:02 00:01:00:05 00:00:00:03 cup"), (2, 5)),
+        (
+            "PAL-50fps",
+            50.0,
+            ("00:01:00:00 00:01:00:04 00:00:00:04 bird", "00:01:00:04 00:01:00:05 00:00:00:00 cup"),
+            (4, 5),
+        ),
+        # NTSC has no frames 0 and 1 in this minute: its first one is number 1800, at 60.060 s
+        (
+            "NTSC",
+            29.97,
+            ("00:00:59:29 00:01:00:05 00:00:00:04 bird", "00:01:00:05 00:01:00:07 00:00:00:02 cup"),
+            (3, 5),
+        ),
+        (
+            "NTSC",
+            29.97,
+            ("00:00:59;29 00:01:00;05 00:00:00;04 bird", "00:01:00;05 00:01:00;07 00:00:00;02 cup"),
+            (3, 5),
+        ),
+    ],
+)
+@pytest.mark.parametrize("has_header", [True, False])
+def test_time_codes_are_the_times_at_which_their_frames_begin(
+    standard: str, rate: float, rows: tuple[str, ...], ranges: tuple[int, int], has_header: bool, tmp_path: Path
+) -> None:
+    path = write_text(tmp_path / "a.txt", _codes(*rows, standard=standard if has_header else None))
+    begin_s = 60.06 if rate == 29.97 else 60.0
+    mapping = exchange(fps=rate, offset=begin_s)
+    last_bird, last_cup = ranges
+    assert Elan().read(path, mapping).labels.ranges == (row(1, last_bird, "bird"), row(last_bird + 1, last_cup, "cup"))
+    if not has_header:
+        message = r"a\.txt:1: time codes .* no header states; expected --fps 25 \(PAL\), 50 or 29\.97"
+        for other in (None, 24.0):
+            with pytest.raises(VfoaError, match=message):
+                Elan().read(path, exchange(fps=other, offset=begin_s))
+
+
+@pytest.mark.parametrize(
+    ("standard", "code"),
+    [("PAL", "00:00:01:25"), ("NTSC", "00:00:01:30"), ("NTSC", "00:01:00:01"), ("PAL", "00:00:01.00")],
+)
+def test_a_time_code_that_its_rate_does_not_have_is_refused(standard: str, code: str, tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.txt", _codes(f"00:00:00:00 {code} 00:00:01:00 bird", standard=standard))
+    with pytest.raises(VfoaError, match=rf"a\.txt:2: found .*{code}.*expected begin and end"):
+        Elan().read(path, exchange())
+
+
+def test_exact_times_count_where_there_are_time_codes_too(tmp_path: Path) -> None:
+    header = "\t".join(f"{word} - {unit}" for word in ENGLISH for unit in ("ss.msec", "PAL")) + "\tgirl\n"
+    cells = "0.15\t00:00:00:03\t0.24\t00:00:00:06\t0.09\t00:00:00:02\tbird\n"
+    assert Elan().read(write_text(tmp_path / "a.txt", header + cells), exchange()).labels.ranges == (row(5, 6, "bird"),)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
