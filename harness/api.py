@@ -20,8 +20,7 @@ from harness.report.write import rescore
 from harness.run.directory import MOST, RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
 from harness.run.tables import TABLES, read_table
-from harness.score.comparison import compare_runs as _compare_runs
-from harness.score.comparison import compare_with_baseline
+from harness.score.compared_runs import compare_runs as _compare_runs
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
@@ -280,7 +279,8 @@ def _incomplete(directory: RunDirectory, failed: Sequence[Mapping[str, str]]) ->
 def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:
     """Compare configurations on the same frames, as ``vfoa compare`` does.
 
-    Compares every two configurations of the runs; with ``baseline``, each with that run's of the same name. Columns:
+    Compares every two configurations of one run, those of several runs with the ones of the same name, and with
+    ``baseline`` each with that run's of the same name (:func:`harness.score.compared_runs.compare_runs`). Columns:
     :data:`harness.report.csv_tables.COMPARISON_COLUMNS`.
 
     Raises
@@ -289,8 +289,8 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
         If a run cannot be scored, or the runs have nothing in common.
     """
     paths = [local_folder(run, "compare_runs:") for run in runs]
-    comparisons = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
-    return _read(io.StringIO(to_csv(comparisons_csv(comparisons))))
+    compared = _compare_runs(paths, None if baseline is None else Path(baseline))
+    return _read(io.StringIO(to_csv(comparisons_csv(compared.comparisons))))
 
 
 def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:

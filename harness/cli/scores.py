@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,7 @@ from harness.cli.options import Json, NoOpen, Port, Run, Verbose, Where, run_fol
 from harness.cli.terminal import print_json, print_reports, say
 
 if TYPE_CHECKING:
+    from harness.score.compared_runs import ComparedRuns
     from harness.score.comparison import Comparison
     from harness.score.subset import Condition
 
@@ -116,24 +117,24 @@ def compare(
         ),
     ] = None,
     page: Annotated[
-        Path | None, typer.Option("--page", metavar="HTML", help="Write a page with the table, sorted by any column.")
+        Path | None,
+        typer.Option("--page", metavar="HTML", help="Write a page: ranking, differences, frames that changed."),
     ] = None,
     where: Where = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compare configurations on the same frames: difference, exact sign-flip test, its interval, for all comparisons.
+    """Rank the configurations of runs, and compare them on the same frames: difference, exact test, interval.
 
-    Tests and intervals are corrected for the number of comparisons by Holm's method.
+    With several runs, configurations of the same name are compared. Tests and intervals are corrected for the number
+    of comparisons by Holm's method.
     """
-    from dataclasses import asdict
-    from dataclasses import replace as with_values
-
     from harness.files.io import atomic_write, check_new
+    from harness.report.compared_runs import compared_lines, ranking_table
     from harness.report.comparisons import terminal_comparisons
     from harness.report.page.render import render_comparison
     from harness.run.directory import RunDirectory
-    from harness.score.comparison import compare_runs, compare_with_baseline
+    from harness.score.compared_runs import compare_runs
     from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:
@@ -144,25 +145,58 @@ def compare(
     folders = [run_folder(run) for run in runs]
     against = None if baseline is None else run_folder(baseline)
     if page is not None:
-        compared = [*folders, *([] if against is None else [against])]
-        inputs = [file for run in compared for file in RunDirectory(run).inputs]
+        inputs = [file for run in [*folders, *([against] if against else [])] for file in RunDirectory(run).inputs]
         check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
-    met = _conditions(where)
-    comparisons = compare_runs(folders, met) if against is None else compare_with_baseline(folders, against, met)
-    failing = [] if check is None else _failing(comparisons, *check)
+    compared = compare_runs(folders, against, _conditions(where))
+    failing = [] if check is None else _failing(compared.comparisons, *check)
     if as_json:
-        values = [asdict(with_values(comparison, units=None)) for comparison in comparisons]
-        verdicts = [{"verdict": comparison.verdict, "sentence": comparison.sentence} for comparison in comparisons]
-        print_json([row | verdict for row, verdict in zip(values, verdicts, strict=True)])
+        print_json(_as_json(compared))
     else:
-        print_reports([terminal_comparisons(comparisons)])
+        say("\n".join(compared_lines(compared)))
+        print_reports([ranking_table(compared), terminal_comparisons(compared.comparisons)])
         if page is not None:
-            atomic_write(page, render_comparison(comparisons))
+            atomic_write(page, render_comparison(compared))
             say(f"Page: {page}")
     for line in failing:
         say(f"vfoa: --fail-on {fail_on}: {line}", err=True)
     if failing:
         raise typer.Exit(1)
+
+
+def _as_json(compared: ComparedRuns) -> dict[str, Any]:
+    """The ranking, the comparisons, and the frames that changed their verdict."""
+    from dataclasses import asdict, replace
+
+    return {
+        "configurations": [
+            {
+                "name": row.name,
+                "run": str(row.run),
+                "configuration": row.scores.configuration,
+                **{key: getattr(row.scores, key) for key in ("frr", "n", "looks", "clips")},
+                "interval": asdict(row.scores.interval),
+            }
+            for row in compared.ranked()
+        ],
+        "comparisons": [
+            asdict(replace(comparison, units=None)) | {"verdict": comparison.verdict, "sentence": comparison.sentence}
+            for comparison in compared.comparisons
+        ],
+        "changes": [
+            {
+                "reference": change.reference,
+                "configuration": change.configuration,
+                "clip": change.before.clip,
+                "subject": change.before.subject,
+                "frames": change.frames,
+                "truth": change.before.truth,
+                "before": change.before.predicted,
+                "after": change.after.predicted,
+                "is_better": change.is_better,
+            }
+            for change in compared.changes()
+        ],
+    }
 
 
 def _parsed(fail_on: str) -> tuple[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import combinations, takewhile
 from typing import NamedTuple
@@ -78,7 +78,7 @@ def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
 
 def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) -> Table:
     """Pairs of configurations on their common frames, for people."""
-    shared = _shared_folder([name for comparison in comparisons for name in comparison.names])
+    shared = shared_folder([name for comparison in comparisons for name in comparison.names])
     return Table.of(
         title,
         "Configuration | Against | Verdict | Points | 95 % | Units | p | Corrected | Detectable | n | Better | Worse",
@@ -132,7 +132,7 @@ def _detectable(share: float) -> str:
     return "none" if math.isinf(share) else percent(share)
 
 
-def _shared_folder(names: Sequence[str]) -> str:
+def shared_folder(names: Iterable[str]) -> str:
     """The folders that all names have in common, with the slash."""
     levels = zip(*(name.split("/")[:-1] for name in names), strict=False)
     return "".join(f"{level[0]}/" for level in takewhile(lambda level: len(set(level)) == 1, levels))

@@ -1,20 +1,16 @@
-"""Comparison of configurations, of one run or several, on the frames that both were scored on; clips that it takes."""
+"""Comparison of configurations on the frames that both were scored on, and the clips that it takes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from harness.run.directory import RunDirectory
-from harness.score.finished_run import read_scores
 from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, difference_interval, pair, standard_error
-from harness.score.oracle_ablation import without_oracles
 from harness.score.statistics import (
     SIGNIFICANCE,
     UNKNOWN,
@@ -26,8 +22,6 @@ from harness.score.statistics import (
     sign_flip_p,
     smallest_p,
 )
-from harness.score.subset import Condition
-from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 POWER = 0.8
@@ -145,7 +139,14 @@ def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, .
     either did not score are left out. Without a common frame, n = 0 and p = 1.
     """
     known = {name: list(scored) for name, scored in frames.items()}
-    return with_holm([_comparison(*names, pair(*(known[name] for name in names))) for names in combinations(known, 2)])
+    return compare_pairs(known, combinations(known, 2))
+
+
+def compare_pairs(
+    frames: Mapping[str, Iterable[ScoredFrames]], pairs: Iterable[tuple[str, str]]
+) -> tuple[Comparison, ...]:
+    """Compare some pairs of configurations, the reference first, as :func:`compare` does."""
+    return with_holm([_comparison(*names, pair(*(frames[name] for name in names))) for names in pairs])
 
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
@@ -326,55 +327,3 @@ def _fewest(enough: Callable[[int], bool]) -> int | None:
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)
     return high
-
-
-def compare_runs(runs: Sequence[Path], where: Sequence[Condition] = ()) -> tuple[Comparison, ...]:
-    """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
-
-    The oracle ablation is left out, here and below. ``where``: only labelled frames that meet all conditions.
-
-    Raises
-    ------
-    VfoaError
-        If a run cannot be scored, two runs are the same directory, or their labels differ.
-    """
-    return compare({f"{run}/{name}": frames for run, name, frames in _scored(_distinct(runs), where)})
-
-
-def compare_with_baseline(
-    runs: Sequence[Path], baseline: Path, where: Sequence[Condition] = ()
-) -> tuple[Comparison, ...]:
-    """Compare each configuration of the runs with the baseline's of the same name; Holm over all of these.
-
-    Raises
-    ------
-    VfoaError
-        If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
-    """
-    _distinct([baseline, *runs])
-    reference, compared = read_scores(RunDirectory(baseline), where), []
-    known = reference.scored_configurations
-    for run, name, frames in _scored(runs, where):
-        if name not in known:
-            raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
-        (comparison,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": frames})
-        if comparison.n == 0:
-            raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
-        compared.append(comparison)
-    return with_holm(compared)
-
-
-def _scored(runs: Iterable[Path], where: Sequence[Condition]) -> Iterator[tuple[Path, str, list[ScoredFrames]]]:
-    """Yield the scored frames of each configuration of the runs, without the oracle ablation."""
-    for run in runs:
-        scores = read_scores(RunDirectory(run), where)
-        for name in without_oracles(scores.scored_configurations):
-            yield run, name, scores.frames_of(name)
-
-
-def _distinct(runs: Sequence[Path]) -> list[Path]:
-    places = [run.resolve() for run in runs]
-    for run, place in zip(runs, places, strict=True):
-        if places.count(place) > 1:
-            raise VfoaError(f"{run}: given twice; expected different runs")
-    return list(runs)

@@ -10,7 +10,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.comparisons import comparison_table
+from harness.report.compared_runs import changes_table, compared_lines, ranking_table
+from harness.report.comparisons import comparison_table, shared_folder
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
 from harness.report.page.packing import Attention, bundle, pack_json
@@ -19,7 +20,7 @@ from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_lines
 from harness.score.calibration import reliabilities
-from harness.score.comparison import Comparison
+from harness.score.compared_runs import ComparedRuns
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 
@@ -124,22 +125,21 @@ def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, 
     }
 
 
-MOST_SENTENCES = 3
-"""Most significant differences that the head of a comparison's page names; the table has all."""
-
-
-def render_comparison(comparisons: Sequence[Comparison]) -> str:
-    """Return the page of comparisons of several runs: a row for each pair, to be sorted by any column."""
-    names = {name for comparison in comparisons for name in (comparison.reference, comparison.configuration)}
-    significant = [comparison.sentence for comparison in comparisons if comparison.is_significant]
-    table = comparison_table(comparisons)
+def render_comparison(compared: ComparedRuns) -> str:
+    """Return the page of runs side by side: the ranking, the comparisons, the frames that changed their verdict."""
+    changes = list(compared.changes())
+    tables = [
+        ranking_table(compared),
+        comparison_table(compared.comparisons),
+        changes_table(changes, shared_folder(compared.places)),
+    ]
+    pairs = _counted(len(compared.comparisons), "pair")
     return template("compare.html.jinja").render(
         title="Comparison of runs",
-        facts=[f"{len(names)} configurations", f"{len(comparisons)} pairs"],
-        verdict=" ".join(f"{sentence}." for sentence in significant[:MOST_SENTENCES])
-        or "No two of them differ significantly.",
-        table=table.title,
-        packs={"tables": pack_json([plain_table(table)])},
+        facts=[_counted(len(compared.scores), "run"), _counted(len(compared.places), "configuration"), pairs],
+        verdict=compared_lines(compared),
+        tables=[table.title for table in tables],
+        packs={"tables": pack_json([plain_table(table) for table in tables])},
         script=script("compare"),
         data={},
     )

@@ -9,8 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.score import comparison
+from harness.score import compared_runs
 from harness.score.intervals import ScoredFrames
+from harness.score.score import ScoreRow
 from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
@@ -58,6 +59,9 @@ class _Scored:
     looks: int
     right: int
     scored_configurations: tuple[str, ...] = ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
+
+    def overall(self) -> list[ScoreRow]:
+        return []
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         return [
@@ -107,7 +111,7 @@ def test_a_check_passes_or_fails_by_its_kind_and_is_refused_where_it_cannot(
 ) -> None:
     for right, expected in zip((20, 18, 0), ends, strict=True):
         runs = {"before": _Scored(looks, 20), "after": _Scored(looks, right)}
-        monkeypatch.setattr(comparison, "read_scores", lambda directory, where, runs=runs: runs[directory.path.name])
+        monkeypatch.setattr(compared_runs, "read_scores", lambda directory, where, runs=runs: runs[directory.path.name])
         done = CliRunner().invoke(app, ["compare", "after", "--baseline", "before", "--fail-on", kind])
         if expected is None:
             assert isinstance(done.exception, VfoaError)
@@ -129,7 +133,7 @@ def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
     before, better = _run(tmp_path / "before", 8), _run(tmp_path / "better", 20)
     said = CliRunner().invoke(app, ["compare", better, "--baseline", before, "--fail-on", "significant-drop", "--json"])
     assert said.exit_code == 0
-    (one,) = json.loads(said.stdout)
+    (one,) = json.loads(said.stdout)["comparisons"]
     assert (one["n"], one["better"], one["worse"]) == (FRAMES, 12 * LOOKS, 0)
     assert one["p"] == 2 / 2**LOOKS
     assert "significantly better" in one["sentence"]
@@ -137,14 +141,14 @@ def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
 
 def test_runs_side_by_side_are_told_apart_by_their_directory(tmp_path: Path) -> None:
     first, second = _run(tmp_path / "a", 8), _run(tmp_path / "b", 9)
-    (one,) = json.loads(CliRunner().invoke(app, ["compare", first, second, "--json"]).stdout)
+    (one,) = json.loads(CliRunner().invoke(app, ["compare", first, second, "--json"]).stdout)["comparisons"]
     assert (one["reference"], one["configuration"]) == (f"{first}/one", f"{second}/one")
 
 
 def test_several_runs_against_a_baseline_are_corrected_together(tmp_path: Path) -> None:
     before, *others = (_run(tmp_path / name, n) for name, n in (("before", 8), ("better", 14), ("same", 8)))
     said = CliRunner().invoke(app, ["compare", *others, "--baseline", before, "--json"])
-    better, same = json.loads(said.stdout)
+    better, same = json.loads(said.stdout)["comparisons"]
     assert (better["p"], better["p_holm"]) == (2 / 2**LOOKS, 4 / 2**LOOKS)
     assert "p = 0.016, corrected for 2 comparisons: significantly better" in better["sentence"]
     assert (same["p"], same["p_holm"]) == (1, 1)

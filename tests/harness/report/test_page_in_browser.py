@@ -19,12 +19,9 @@ from PIL import Image, ImageColor
 from harness.files.io import atomic_write
 from harness.labels.labels import Labels
 from harness.report.page.data import ERROR_COLOURS
-from harness.report.page.render import render_comparison
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
-from harness.score.comparison import compare
 from harness.score.outcomes import Reference
-from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
@@ -509,44 +506,6 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, pag
     assert table.splitlines()[1].split(",")[4:7] == shares
     assert figure.startswith("<svg")
     assert "var(" not in figure
-
-
-def test_a_page_compares_runs_in_a_table_that_is_sorted_by_points_interval_and_p(
-    session: Chrome, tmp_path: Path
-) -> None:
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    given = {"a/one": 10, "b/one": 20, "c/one": 5}
-    records = [
-        each
-        for name, right in given.items()
-        for clip in ("clip", "other")
-        for each in answers(["cup"] * right + ["dragon"] * (24 - right), configuration=name, clip=clip)
-    ]
-    scores = score(records, Reference(labels={name: labels(*["cup"] * 24) for name in ("clip", "other")}))
-    (path := tmp_path / "compared.html").write_text(
-        render_comparison(compare({name: scores.frames_of(name) for name in given})), encoding="utf-8"
-    )
-    session.get("about:blank")
-    requested(session)
-    set_width(session, 1400)
-    session.get(path.as_uri())
-    WebDriverWait(session, 60).until(lambda found: len(found.find_elements("css selector", "tbody tr")) == 3)
-    assert requested(session) == [path.as_uri()]
-    assert session.find_element("id", "verdict").text == "No two of them differ significantly."
-    heads = {each.text: each for each in session.find_elements("css selector", ".head")}
-    assert {"Points", "95 %", "p", "Corrected"} <= heads.keys()
-
-    def points() -> list[float]:
-        return [
-            float(row.find_elements("tag name", "td")[2].text)
-            for row in session.find_elements("css selector", "tbody tr")
-        ]
-
-    for falls in (True, False):
-        heads["Points"].click()
-        assert points() == sorted(points(), reverse=falls)
-    assert session.execute_script("return document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_the_oracle_ablation_is_a_waterfall(session: Chrome, tmp_path: Path) -> None:

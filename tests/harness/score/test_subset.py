@@ -104,5 +104,5 @@ def test_compare_counts_these_frames_only(
 ) -> None:
     code, out, _ = vfoa(monkeypatch, capsys, "compare", str(run), "--where", "target=cup", "--json")
     assert code == 0
-    (row,) = json.loads(out)
+    (row,) = json.loads(out)["comparisons"]
     assert (row["n"], row["better"], row["worse"]) == (6, 2, 2)

@@ -1,0 +1,107 @@
+"""Runs side by side: the answer in a few sentences, the ranking, and the frames that changed their verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from harness.report.comparisons import shared_folder
+from harness.report.formats import Table, percent, percent_range
+from harness.score.compared_runs import Change, ComparedRuns
+from harness.score.comparison import Comparison, identical_on
+from harness.score.verdicts import answered
+
+MOST_SENTENCES = 3
+"""Most sentences on differences; the table has all."""
+
+
+def compared_lines(compared: ComparedRuns) -> list[str]:
+    """The answer: the runs that are identical, the significant differences, then the best configuration."""
+    shared, comparisons = shared_folder(compared.places), compared.comparisons
+    found = [
+        *_identical_runs(compared, shared),
+        *(f"{_short(comparison, shared).sentence}." for comparison in comparisons if comparison.is_significant),
+    ]
+    lines = found[:MOST_SENTENCES]
+    if len(found) > MOST_SENTENCES:
+        lines.append(f"{len(found) - MOST_SENTENCES} more are in the table.")
+    if not found and comparisons:
+        pairs = "the only pair" if len(comparisons) == 1 else f"{len(comparisons)} pairs"
+        lines.append(f"No significant difference in {pairs}.")
+    for best in compared.ranked()[:1]:
+        ends = percent_range(best.scores.interval)
+        who = f"Best of {len(compared.places)}: {best.name.removeprefix(shared)}"
+        lines.append(f"{who}, right in {percent(best.scores.frr)} % of the frames (95 %: {ends}).")
+    return lines
+
+
+def _identical_runs(compared: ComparedRuns, shared: str) -> Iterator[str]:
+    """A sentence for every two runs that are right on the same frames in all configurations that are compared."""
+    of_runs: dict[tuple[str, str], list[Comparison]] = {}
+    for comparison in compared.comparisons:
+        reference, run = (str(compared.places[name][0]) for name in comparison.names)
+        if reference != run:
+            of_runs.setdefault((reference, run), []).append(comparison)
+    for (reference, run), comparisons in of_runs.items():
+        if all(comparison.is_identical for comparison in comparisons):
+            names = " and ".join(f"{each}/".removeprefix(shared).rstrip("/") for each in (reference, run))
+            many = "1 configuration" if len(comparisons) == 1 else f"{len(comparisons)} configurations"
+            yield f"{names}: {identical_on(sum(comparison.n for comparison in comparisons))} of {many}."
+
+
+def _short(comparison: Comparison, shared: str) -> Comparison:
+    names = comparison.reference.removeprefix(shared), comparison.configuration.removeprefix(shared)
+    return replace(comparison, reference=names[0], configuration=names[1])
+
+
+def ranking_table(compared: ComparedRuns) -> Table:
+    """Every configuration of every run by its FRR, the best first."""
+    shared, rows = shared_folder(compared.places), compared.ranked()
+    notes = ["FRR %: on all labelled frames of the run. 95 %: its interval by clips or, below 6 clips, by looks."]
+    if len({row.scores.n for row in rows}) > 1:
+        notes.append("n differs: these rates are on different frames. The differences below are on common frames.")
+    if compared.comparisons and (alone := compared.uncompared):
+        names = ", ".join(name.removeprefix(shared) for name in alone)
+        notes.append(f"In one run only, so ranked and not compared: {names}.")
+    return Table.of(
+        "Configurations by FRR",
+        "Configuration | FRR % | 95 % | n | Clips",
+        (
+            (
+                *(row.name.removeprefix(shared), percent(row.scores.frr), percent_range(row.scores.interval)),
+                *(row.scores.n, row.scores.clips),
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=notes,
+    )
+
+
+def changes_table(changes: Iterable[Change], shared: str) -> Table:
+    """Frames that are right in one configuration and wrong in the other, a row for each stretch; ``shared`` is cut."""
+    return Table.of(
+        "Frames that changed their verdict",
+        "Configuration | Against | Change | Clip | Subject | Frames | Truth | Then | Now | Error type | Count",
+        (
+            (
+                *(change.configuration.removeprefix(shared), change.reference.removeprefix(shared)),
+                "better" if change.is_better else "worse",
+                *(change.before.clip, change.before.subject, _frames(change)),
+                *(change.before.truth, answered(change.before), answered(change.after)),
+                (change.before.error_type or change.after.error_type or "").replace("_", " "),
+                len(change.frames),
+            )
+            for change in changes
+        ),
+        words=10,
+        notes=(
+            "A row is a stretch of labelled frames, one after the other, with the same answers. Then: the answer of "
+            "the configuration in the column Against. Error type: that of the wrong answer.",
+        ),
+    )
+
+
+def _frames(change: Change) -> str:
+    first, last = change.frames[0], change.frames[-1]
+    return str(first) if first == last else f"{first}–{last}"
