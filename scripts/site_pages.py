@@ -149,7 +149,7 @@ _OF_FRAMES = {
     "instances": ("scenes/SCENE/CLIP/instances.parquet", "a row is an object or a person in a frame."),
     "people": ("scenes/SCENE/CLIP/people.parquet", "a row is a person who is followed in a frame, as in answers."),
     "objects": ("scenes/SCENE/CLIP/objects.parquet", "a row is a true object against the instance found for it."),
-    "clouds": ("scenes/SCENE/CLIP/clouds.parquet", "A row is a choice of the 3D points of an instance in one frame."),
+    "clouds": ("scenes/SCENE/CLIP/clouds.parquet", "a row is a choice of the 3D points of an instance in one frame."),
     "directions": ("directions/DIRECTIONS/CLIP/directions.parquet", "a row is a person in a frame, as in answers."),
     "true_people": ("directions/DIRECTIONS/CLIP/true_people.parquet", "a row is a true person against what was found."),
 }

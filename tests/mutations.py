@@ -178,9 +178,9 @@ MUTATIONS = (
     ),
     Mutation(
         "a clip is marked finished before its recordings are closed",
-        "harness/run/results_sink.py",
-        "        self._files.close()\n",
-        "        self._files.close()\n        if kind is None:\n            self.mark_finished()\n",
+        "harness/run/answers.py",
+        "        self._files.__exit__(kind, error, trace)\n",
+        "        self._files.__exit__(kind, error, trace)\n        if kind is None:\n            self.finish()\n",
         "harness/run/test_recordings_kept.py",
     ),
     Mutation(

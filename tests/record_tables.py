@@ -6,11 +6,11 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple
 
-from harness.run.answers import filtered_cues, write_answers
+from harness.run.answers import answer_rows, filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scenes import FolderWriter, key_of, remove_unused
-from harness.run.tables import Row
+from harness.run.tables import Row, TableWriter
 
 SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")
 DIRECTIONS = ("head_pose", "gaze")
@@ -35,7 +35,11 @@ def write_tables(directory: RunDirectory, by_pair: Mapping[Pair, Sequence[FrameR
             scene.add(_scene_rows(record))
             directions.add(_directions_rows(record, filtered))
         final = {"scene": (found := scene.finish()), "directions": directions.finish(scene=found)}
-        write_answers(directory, pair, final, records, filtered)
+        with TableWriter(
+            {"answers": directory.answers(pair)}, {"clip": pair[0], **final, "configuration": pair[1]}
+        ) as table:
+            for record in records:
+                table.add({"answers": answer_rows(record, filtered)})
     remove_unused(directory)
 
 

@@ -74,7 +74,6 @@ DOORS = {
         "harness/files/folders.py",
         "harness/files/parsing.py",
         "harness/pipeline/outputs/maps.py",
-        "harness/run/results.py",
         "harness/record/verdict_layer.py",
         "harness/report/",
         "harness/pipeline/cache_store.py",

@@ -15,7 +15,6 @@ from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.directory import RunDirectory
 from harness.run.loop import ClipJob, run_clip
-from harness.run.results_sink import ResultsSinks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +71,7 @@ def measure_stages(
             frames=tuple(frames),
             configurations=tuple(configurations),
             directory=directory,
-            sinks=(recordings(configurations), ThumbnailSinks(), ResultsSinks()),
+            sinks=(recordings(configurations), ThumbnailSinks()),
             drawn=drawn,
         )
         for outcome in [run_clip(job, lambda clip: None)]:

@@ -1,15 +1,29 @@
-"""The answers of a configuration on a clip as a table (:mod:`harness.run.tables`)."""
+"""The answers of a configuration on a clip: written as they are made, with the times of the stages.
+
+The answers are a table (:mod:`harness.run.tables`), the times a CSV file. Both have draft names in ``partial/`` until
+the clip is finished. A run that was interrupted begins the clip anew: trackers and filters carry more than the answers
+hold, and what was perceived is in the stage cache.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
+from harness.files.io import take_lock
 from harness.run.directory import Pair, RunDirectory
+from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
-from harness.run.tables import Row, TableWriter, answers_table
+from harness.run.tables import Row, TableWriter, write_again
+from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue
+
+LOCK_SECONDS = 10.0
+"""Seconds that the last writer of a file may take to end before it counts as another run."""
 
 
 def filtered_cues(settings: Mapping[str, Any]) -> tuple[Cue, ...]:
@@ -18,34 +32,67 @@ def filtered_cues(settings: Mapping[str, Any]) -> tuple[Cue, ...]:
     return tuple(cue for cue in CUES if cues in ("both", cue))
 
 
-def write_answers(
-    directory: RunDirectory,
-    pair: Pair,
-    keys: Mapping[str, str],
-    records: Iterable[FrameRecord],
-    filtered: tuple[Cue, ...],
-) -> None:
-    """Write the answers in the records of a (clip, configuration); an earlier file is replaced.
+class AnswerWriter:
+    """Writes the answers and times of one (clip, configuration) anew, in a ``with`` block.
+
+    It is the last sink of every configuration, so that it knows the times of all others. :meth:`finish` gives the files
+    their names, when all sinks of the clip are closed.
 
     Parameters
     ----------
     keys
-        The final keys ``scene`` and ``directions``.
+        ``scene`` and ``directions`` that the answers come from.
     filtered
         The cues that are filtered.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
     """
-    path = answers_table(directory.path, pair)
-    draft = path.with_suffix(".partial")
-    table = TableWriter({"answers": draft}, {"clip": pair[0], **keys, "configuration": pair[1]})
-    for record in records:
-        table.add({"answers": answer_rows(record, filtered)})
-    table.close()
-    draft.replace(path)
+
+    def __init__(
+        self, directory: RunDirectory, pair: Pair, keys: Mapping[str, str], filtered: tuple[Cue, ...] = ()
+    ) -> None:
+        self._answers, self._times = directory.answers(pair), directory.partial(pair, "csv")
+        self._drafts = directory.partial(pair, "answers.partial"), directory.partial(pair, "csv.partial")
+        self._keys = {"clip": pair[0], **keys, "configuration": pair[1]}
+        self._filtered = filtered
+        self._files = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Open the files; a :class:`VfoaError` says that another process is writing them."""
+        answers, times = self._drafts
+        times.parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as files:
+            self._rows = files.enter_context(open(times, "ab"))
+            deadline = time.monotonic() + LOCK_SECONDS
+            while not take_lock(self._rows):
+                if time.monotonic() > deadline:
+                    raise VfoaError(f"{times}: another process is writing it; expected one run in a directory")
+                time.sleep(0.1)
+            self._rows.truncate(0)  # not before the lock is held
+            self._table = files.enter_context(TableWriter({"answers": answers}, self._keys))
+            self._files = files.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._files.__exit__(kind, error, trace)
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Write one frame: the rows of its answers, and its ms per stage."""
+        record = frame.record
+        prefix = f"{record.clip},{record.configuration},{record.frame}"
+        rows = "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in frame.timings.items())
+        self._rows.write(rows.encode())
+        self._rows.flush()
+        self._table.add({"answers": answer_rows(record, self._filtered)})
+
+    def finish(self, **keys: str) -> None:
+        """Mark the (clip, configuration) as finished. ``keys`` are the final ones of its scene and directions."""
+        answers, times = self._drafts
+        if (final := {**self._keys, **keys}) != self._keys:
+            write_again(answers, "answers", final)
+        self._answers.parent.mkdir(parents=True, exist_ok=True)
+        answers.replace(self._answers)
+        times.replace(self._times)  # it is the mark: it is last
 
 
 def answer_rows(record: FrameRecord, filtered: tuple[Cue, ...]) -> Iterator[Row]:

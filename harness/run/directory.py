@@ -1,10 +1,9 @@
 """The files of a run; none of them is ever half-written.
 
-``scenes/`` and ``directions/`` get the tables of a clip when it is perceived (:mod:`harness.run.scenes`); their drafts
-are in ``partial/``. There, while a run is on, each (clip, configuration) has a JSON-lines file of its answers, with the
-suffix ``.partial`` until it is finished. At the end the tables of the answers are written from these files, and
-``timings.csv``, in the order of the experiment. The traceback of a faulty stage is in ``partial/``. Only one run at a
-time can use the directory.
+``scenes/`` and ``directions/`` get the tables of a clip when it is perceived (:mod:`harness.run.scenes`), ``answers/``
+those of a (clip, configuration) when it is finished; drafts are in ``partial/``. There, while a run is on, are also the
+times of the stages, from which ``timings.csv`` is made at the end, and the traceback of a faulty stage. Only one run at
+a time can use the directory.
 """
 
 from __future__ import annotations
@@ -244,14 +243,18 @@ class RunDirectory:
         """The file for the traceback of a (clip, configuration) that a stage's fault ended."""
         return self.partial(pair, _TRACEBACK)
 
+    def answers(self, pair: Pair) -> Path:
+        """The table of the answers of a (clip, configuration)."""
+        return self.path / "answers" / pair[1] / f"{pair[0]}.parquet"
+
     def is_finished(self, pair: Pair) -> bool:
-        """Whether a (clip, configuration) is marked finished: its results are whole, and so were its other files."""
-        return self.partial(pair, "jsonl").exists()
+        """Whether a (clip, configuration) is marked finished: its answers are whole, and so were its other files."""
+        return self.partial(pair, "csv").exists() and self.answers(pair).exists()
 
     def unmark(self, pair: Pair) -> None:
         """Remove the results of a finished (clip, configuration), which must run again."""
-        for suffix in ("jsonl", "csv", "json"):
-            self.partial(pair, suffix).unlink(missing_ok=True)
+        for path in (self.partial(pair, "csv"), self.answers(pair)):
+            path.unlink(missing_ok=True)
 
     def read_manifest(self) -> dict[str, Any]:
         """Read the manifest.
@@ -291,7 +294,7 @@ class RunDirectory:
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""
-        for suffix in ("jsonl.partial", "csv.partial", _TRACEBACK):
+        for suffix in ("answers.partial", "csv.partial", _TRACEBACK):
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def remove_partial(self) -> None:
@@ -304,7 +307,7 @@ class RunDirectory:
 
     def has_results(self) -> bool:
         """Whether a frame is finished."""
-        return any(path.stat().st_size for path in (self.path / "partial").glob("*.jsonl*"))
+        return any(path.stat().st_size for path in (self.path / "partial").glob("*.csv*"))
 
     def partial(self, pair: Pair, suffix: str) -> Path:
         """A file of the partial results of a (clip, configuration)."""

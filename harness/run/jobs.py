@@ -22,7 +22,6 @@ from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import SharedFiles, lacks_files
 from harness.run.loop import ClipJob, ClipOutcome, run_clip
 from harness.run.plan import Plan, PreparedClip
-from harness.run.results_sink import ResultsSinks
 from harness.sources import MeasuredClip
 from vfoa.errors import VfoaError
 
@@ -193,7 +192,7 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         configurations=tuple(todo),
         directory=directory,
         run_id=directory.read_manifest()["run_id"],
-        sinks=(*plan.sinks, ResultsSinks()),
+        sinks=plan.sinks,
         drawn=prepared.drawn,
         clouds=_clouds(configuration.for_clip(clip) for configuration in configurations),
         digest=prepared.digest,

@@ -23,11 +23,11 @@ from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import Timings, guarded, timed
+from harness.run.answers import AnswerWriter, filtered_cues
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
 from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext, SinkFactory
 from harness.run.records import to_record
-from harness.run.results_sink import ResultsSink
 from harness.run.scenes import Identity, SceneWriters, identities
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import StageError, VfoaError
@@ -153,7 +153,10 @@ def attend_to(
     Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
     Returns one runner per configuration of the job, in order, each finished, with its error.
     """
-    runners = [ConfigurationRunner(job, configuration, clip) for configuration in job.configurations]
+    runners = [
+        ConfigurationRunner(job, configuration, clip, scenes.keys(configuration.name))
+        for configuration in job.configurations
+    ]
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
@@ -169,7 +172,7 @@ def attend_to(
             for runner in runners:
                 runner.fail(reason)
     for runner in (each for each in runners if each.error is None):
-        runner.mark_finished(scenes.finish(runner.name))
+        runner.finish(scenes.finish(runner.name))
     return runners
 
 
@@ -194,6 +197,7 @@ class ConfigurationRunner:
         job: ClipJob,
         configuration: Configuration,
         clip: Clip | MeasuredClip,
+        keys: Mapping[str, str],
     ) -> None:
         self.error: VfoaError | None = None
         self.name = configuration.name
@@ -208,6 +212,8 @@ class ConfigurationRunner:
         self._clip = clip
         self._attending: Attending
         self._companions: deque[_Companion] = deque()
+        filtered = filtered_cues(configuration.plain())
+        self._answers = AnswerWriter(job.directory, (job.manifest.name, configuration.name), keys, filtered)
         self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
 
@@ -218,6 +224,7 @@ class ConfigurationRunner:
             for factory in self._job.sinks:
                 if (sink := factory.open(self._context)) is not None:
                     self._sinks.append(self._open_sinks.enter_context(sink))
+            self._sinks.append(self._open_sinks.enter_context(self._answers))
         except VfoaError as error:
             self.fail(error)
         return self
@@ -242,14 +249,12 @@ class ConfigurationRunner:
             self._open_sinks.__exit__(type(error), error, error.__traceback__)
             self._open_sinks = ExitStack()
 
-    def mark_finished(self, keys: Mapping[str, str]) -> None:
-        """Mark the results as finished, when the sinks of all configurations are closed.
+    def finish(self, keys: Mapping[str, str]) -> None:
+        """Mark the answers as finished, when the sinks of all configurations are closed.
 
-        ``keys`` are those of the scene and of the directions.
+        ``keys`` are the final ones of the scene and of the directions.
         """
-        for sink in self._sinks:
-            if isinstance(sink, ResultsSink):
-                sink.mark_finished(keys)
+        self._answers.finish(**keys)
 
     def attend(self, shared: SharedFrame) -> None:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""

@@ -1,75 +1,19 @@
-"""The records of a run: as JSON lines while it is on, one per frame; and those of one clip of a finished run."""
+"""The records of one clip of a finished run, and the measures in them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
 from harness.clips.manifest import ClipManifest
-from harness.files.io import opened
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
-
-VERSION = 1
-_START = b'{"version":%d,' % VERSION
-"""The first bytes of each line."""
-
-
-def to_line(record: FrameRecord) -> str:
-    """Encode one frame as a line, with its newline. It begins with the version of the format.
-
-    Raises
-    ------
-    ValueError
-        If reading the line would not give the same record: a number is not finite, or a value is of another type.
-    """
-    line = _START + _ENCODER.encode(record)[1:]
-    if _RECORDS.decode(line) != record:
-        raise ValueError(f"frame {record.frame} of {record.clip}: a value would not survive the file: {record}")
-    return line.decode() + "\n"
-
-
-def read_lines(path: Path) -> Iterator[FrameRecord]:
-    """Read the lines of a (clip, configuration), one record at a time. Nothing is skipped or repaired.
-
-    Raises
-    ------
-    VfoaError
-        If the file is missing, a line has another version or is no record of a frame, or the last line is cut; the
-        message names the file and the line.
-    """
-    with opened(path) as file:
-        for number, line in enumerate(file, start=1):
-            if not line.endswith(b"\n"):
-                raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
-            if not line.startswith(_START):
-                raise VfoaError(f"{path}:{number}: expected a record that begins with {_START!r}, found {line[:20]!r}")
-            try:
-                yield _RECORDS.decode(line)
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-                raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
-
-
-def _plain(value: object) -> int | float:
-    """Convert a NumPy number to a Python number; the encoder knows no other."""
-    if isinstance(value, Integral):
-        return int(value)
-    if isinstance(value, Real):
-        return float(value)
-    raise TypeError(f"expected plain numbers, text and tuples in a record, found {type(value).__name__}")
-
-
-_ENCODER = msgspec.json.Encoder(enc_hook=_plain)
-_RECORDS = msgspec.json.Decoder(FrameRecord)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,17 +10,13 @@ from typing import Any
 
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
-from harness.files.io import read_bytes
-from harness.files.parsing import parse_json
 from harness.pipeline.cache import Account, cache_lines
 from harness.pipeline.cache_store import Store
-from harness.run.answers import filtered_cues, write_answers
 from harness.run.directory import Pair, RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
-from harness.run.results import read_lines
 from harness.run.scenes import remove_unused
 from vfoa.errors import VfoaError
 
@@ -129,7 +124,7 @@ def _finish(
     account: Account,
     started: str,
 ) -> None:
-    """Write the tables of frames, and the manifest that marks the run as finished.
+    """Join the times of the stages, and write the manifest that marks the run as finished.
 
     Raises
     ------
@@ -142,11 +137,6 @@ def _finish(
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join_timings(finished)
-    shutil.rmtree(directory.path / "answers", ignore_errors=True)
-    for pair in finished:
-        keys = parse_json(read_bytes(path := directory.partial(pair, "json")), path)
-        filtered = filtered_cues(of_run["configurations"][pair[1]])
-        write_answers(directory, pair, keys, read_lines(directory.partial(pair, "jsonl")), filtered)
     directory.write_manifest(
         {
             **of_run,

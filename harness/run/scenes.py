@@ -265,6 +265,10 @@ class SceneWriters:
                     self._folders[key].add({table: rows[table] for table in tables})
             written.update(keys)
 
+    def keys(self, name: str) -> dict[str, str]:
+        """The keys ``scene`` and ``directions`` of a configuration, as long as no other scene has them already."""
+        return dict(zip(("scene", "directions"), self._keys[name], strict=True))
+
     def finish(self, name: str) -> dict[str, str]:
         """Give the folders of a configuration their names; return its final keys ``scene`` and ``directions``."""
         scene, directions = (self._folders[key] for key in self._keys[name])
@@ -355,5 +359,9 @@ def remove_unused(directory: RunDirectory) -> None:
             shutil.rmtree(folder)
             with suppress(OSError):  # other clips have the same key
                 folder.parent.rmdir()
+    answers = {paths["answers"] for _, paths in find_tables(directory)}
+    for path in directory.path.glob("answers/*/*"):
+        if path not in answers:
+            path.unlink()
     for draft in directory.path.glob("partial/*.tables"):
         shutil.rmtree(draft)

@@ -17,7 +17,8 @@ from dataclasses import dataclass, fields
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -174,11 +175,6 @@ def directions_tables(root: Path, clip: str, directions: str) -> dict[str, Path]
     return {table: root / "directions" / directions / clip / f"{table}.parquet" for table in DIRECTIONS_TABLES}
 
 
-def answers_table(root: Path, pair: Pair) -> Path:
-    """The file of the answers of a (clip, configuration), in a run's folder."""
-    return root / "answers" / pair[1] / f"{pair[0]}.parquet"
-
-
 class TableWriter:
     """Writes tables frame by frame. The row groups of all have the same frames.
 
@@ -211,6 +207,17 @@ class TableWriter:
         if self._frames == GROUP_FRAMES:
             self._write()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
     def close(self) -> None:
         """Write what remains, and close the files. Raises the errors of :meth:`add`."""
         with self._files:
@@ -242,7 +249,7 @@ def write_again(path: Path, table: str, keys: Mapping[str, str]) -> None:
     """Write a table again under other keys. Raises the errors of :func:`open_table`."""
     import pyarrow as pa
 
-    draft = path.with_suffix(".partial")
+    draft = path.with_name(f"{path.name}.again")
     with open_table(path, table) as file, _new(draft, table, keys) as writer:
         for group in range(file.num_row_groups):
             part = file.read_row_group(group, use_threads=False).replace_schema_metadata()
@@ -318,14 +325,14 @@ def find_tables(
         finished.
     """
     manifest = directory.read_manifest()
-    if not (directory.path / "answers").is_dir():
+    if "finished" not in manifest or not (directory.path / "answers").is_dir():
         why = "is of an earlier version; run it again" if "finished" in manifest else "is not finished"
         raise VfoaError(f"{directory.path}: has no tables of frames (answers/): it {why}")
     failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
     names = [clip["name"] for clip in manifest.get("clips", ()) if clips is None or clip["name"] in clips]
     for clip, configuration in product(names, manifest.get("configurations", ())):
         if (clip, configuration) not in failed:
-            path = answers_table(directory.path, (clip, configuration))
+            path = directory.answers((clip, configuration))
             with open_table(path, "answers") as file:
                 about = {key.decode(): value.decode() for key, value in file.schema_arrow.metadata.items()}
             if missing := [name for name in ("scene", "directions") if f"vfoa.{name}" not in about]:

@@ -24,7 +24,6 @@ from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.loop import ClipJob, run_clip
 from harness.run.plan import Plan, prepare
-from harness.run.results_sink import ResultsSinks
 from harness.run.runner import run_plan
 from scripts.measure.printing import print_tables
 from vfoa.attention import AttentionSettings
@@ -60,10 +59,9 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
         store = Store(root / "cache", _PLENTY)
         cache = open_cache(store, clip.manifest.name, clip.manifest.open_images(), configurations)
         steps: dict[str, tuple[SinkFactory, ...]] = {
-            "reading, cached stages, attention": (),
-            "records": (ResultsSinks(),),
-            "thumbnails": (ThumbnailSinks(), ResultsSinks()),
-            "recordings": (recorded, ThumbnailSinks(), ResultsSinks()),
+            "reading, cached stages, attention, tables": (),
+            "thumbnails": (ThumbnailSinks(),),
+            "recordings": (recorded, ThumbnailSinks()),
         }
         _run(plan, (), cache, root / "warm")
         seconds = [
@@ -76,7 +74,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
         started = time.process_time()
         rescore(directory)
         seconds.append(time.process_time() - started)
-    added = [seconds[0], *(after - before for before, after in pairwise(seconds[:4])), seconds[4]]
+    added = [seconds[0], *(after - before for before, after in pairwise(seconds[:3])), seconds[3]]
     names = [*steps, "scores, first time"]
     return Overhead(
         clip=clip.manifest.name,

@@ -20,7 +20,6 @@ from harness.labels.formats import FORMATS
 from harness.pipeline.outputs.answers import read_answers
 from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
-from harness.run.results import read_lines, to_line
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
@@ -35,7 +34,6 @@ from tests.exchanges import PlainClip, exchange
 from tests.fuzz import states, whole
 from tests.fuzz.states import Read
 from tests.measured import idiap_file
-from tests.records import answers
 
 KINDS = {
     "boris": "json",
@@ -120,7 +118,6 @@ def _labels(name: str) -> Read:
 
 _IMAGE = whole.array(picture(1, 20, 10))
 _ONES, _PNG_16 = whole.array(np.ones((4, 5))), whole.array(np.full((4, 5), 700, np.uint16))
-_RESULTS = "".join(map(to_line, answers(["mug", "none", None, "book"])))
 _IDENTITY = json.dumps({"stage": "bm", "clip": "mine", "settings": {"a": 1}, "code": "x", "versions": {"n": "2"}})
 _OPENCV = (whole.opencv(), whole.opencv(rectified=True))
 
@@ -142,7 +139,6 @@ PARSERS: Sequence[Parser] = (
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
     # Runs and the cache
-    Parser("results", "mine__one.jsonl", _RESULTS, lambda path: list(read_lines(path))),
     Parser("answers", "mine.parquet", states.write_table, states.read_run),
     Parser("instances", "instances.parquet", states.write_table, states.read_run),
     Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),

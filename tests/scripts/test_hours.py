@@ -40,6 +40,6 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
 
 def test_overhead_is_of_every_sink_and_of_the_scores() -> None:
     found = measure_overhead(load_experiment("demo", clips=("studio_table",)), limit=1, rounds=1)
-    assert list(found.ms)[1:] == ["records", "thumbnails", "recordings", "scores, first time"]
+    assert list(found.ms)[1:] == ["thumbnails", "recordings", "scores, first time"]
     assert (found.clip, found.frames, found.configurations) == ("studio_table", 1, 4)
     assert overhead_table(found).rows[-1][0] == "overhead in all"

@@ -112,7 +112,7 @@ def test_nothing_hit_is_none_only_of_a_method_that_can_say_so(
 ) -> None:
     clip = {"name": "noise", "frames": [1], "times_ns": [0], "rate_hz": None}
     method = {"probabilistic": False, "says_nowhere": says_nowhere}
-    manifest = {"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}}
+    manifest = {"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}, "finished": "now"}
     RunDirectory(work / "run").write_manifest(manifest)
     assert opened(run=work / "run").about()["suggestions"]["ann"][-1] == suggested
 

@@ -19,7 +19,6 @@ from harness.pipeline.stage_runner import StageRunner
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
-from harness.run.results import read_lines
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
@@ -223,7 +222,10 @@ def test_a_gaze_from_several_frames_that_fails_names_its_frame(
     line = r"frame 3: gaze\.model = \"gaze360\", estimate_sequence: IndexError: no such bin"
     with pytest.raises(VfoaError, match=line):
         _run(sound, tmp_path / "run")
-    assert [*read_lines(tmp_path / "run" / "partial" / "alley__sound.jsonl.partial")] == alone["sound"][:2]
+    times = (tmp_path / "run" / "partial" / "alley__sound.csv.partial").read_text().splitlines()
+    assert list(dict.fromkeys(int(row.split(",")[2]) for row in times)) == [
+        record.frame for record in alone["sound"][:2]
+    ]
 
 
 def test_a_fault_of_attention_is_one_line_too(

@@ -169,7 +169,7 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
     directory = RunDirectory(run)
     names = {"subjects": {ANN: {}}, "targets": {"red cup": {}}}
     clip = {"name": "clip", "frames": numbers, "rate_hz": 25, "names": names}
-    directory.write_manifest({"clips": [clip], "configurations": tables})
+    directory.write_manifest({"clips": [clip], "configurations": tables, "finished": "now"})
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "subjects": [ANN], "targets": ["red cup"], **options}
     with ExitStack() as stack:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+import pyarrow.parquet as pq
 import pytest
 
 from harness.clips.manifest import load_manifest
@@ -14,8 +15,6 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.loop import ClipJob, run_clip
-from harness.run.results import read_lines
-from harness.run.results_sink import ResultsSinks
 from vfoa.errors import VfoaError
 
 
@@ -69,7 +68,7 @@ def _job(out: Path, *sinks: Witnesses) -> ClipJob:
         frames=(1, 2),
         configurations=tuple(chosen),
         directory=RunDirectory(out),
-        sinks=(*sinks, ResultsSinks()),
+        sinks=sinks,
     )
 
 
@@ -91,5 +90,5 @@ def test_a_sink_that_fails_ends_its_configuration_alone(tmp_path: Path, frame: i
     assert [event for name, event in said if name == "a bm-one"] == ["enter", *range(1, frame + 1), VfoaError]
     directory = RunDirectory(tmp_path)
     assert [directory.is_finished(("studio_table", name)) for name in ("bm-one", "bm-two")] == [False, True]
-    lines = read_lines(directory.partial(("studio_table", "bm-two"), "jsonl"))
-    assert [record.frame for record in lines] == [1, 2]
+    answers = pq.read_table(directory.answers(("studio_table", "bm-two")))
+    assert set(answers["frame"].to_pylist()) == {1, 2}

@@ -61,7 +61,7 @@ def _copies_before_each_rename(out: Path, copies: Path) -> Iterator[None]:
     replace = Path.replace
 
     def copy_first(path: Path, target: Path) -> Path:
-        if target.suffix in (".rrd", ".jsonl", ".csv") and target.is_relative_to(out):
+        if target.suffix in (".rrd", ".parquet", ".csv") and target.is_relative_to(out):
             number = len(list(copies.iterdir()))
             shutil.copytree(out, copies / f"{number:02d} {target.name}")
         return replace(path, target)

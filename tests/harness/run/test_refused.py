@@ -75,7 +75,7 @@ def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
         made = missing_of(directory.path)
         with locked(directory.path, print), removed_if_refused(directory, made):
             directory.write_manifest({})
-            write_text(directory.partial(pair, "jsonl.partial"), line)
+            write_text(directory.partial(pair, "csv.partial"), line)
             write_text(directory.traceback(pair), "Traceback")
             raise VfoaError("refused")
 
@@ -83,7 +83,7 @@ def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
         refused()
     assert directory.traceback(pair).read_text() == "Traceback"
     assert directory.is_new() == (line == "")
-    assert directory.manifest.exists() == directory.partial(pair, "jsonl.partial").exists() == (line != "")
+    assert directory.manifest.exists() == directory.partial(pair, "csv.partial").exists() == (line != "")
 
 
 def test_a_lock_that_was_removed_meanwhile_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,31 +5,30 @@ Two kills by default, at seeded moments, the second of a run with two workers; `
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
+from harness.run.answers import AnswerWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame
-from harness.run.results_sink import ResultsSink
 from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
 from tests.recorded import values_of
-from tests.records import frame_record
+from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
 
 KILLS = int(os.environ.get("VFOA_KILLS", "2"))
@@ -88,7 +87,7 @@ def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[bytes]
 
 def _lines(partial: Path) -> int:
     with suppress(OSError):  # a part that is complete gets another name
-        return sum(path.read_bytes().count(b"\n") for path in partial.glob("*.jsonl*"))
+        return sum(path.read_bytes().count(b"\n") for path in partial.glob("*.csv*"))
     return 0
 
 
@@ -123,41 +122,46 @@ def test_a_killed_run_goes_on_to_the_same_tables(
 PAIR = ("clip", "conf")
 
 
-def _frame(number: int, track_s: float = 0.0, **seconds: float) -> FinishedFrame:
-    record = replace(frame_record(frame=number, clip=PAIR[0], configuration=PAIR[1]), masks_age_s=track_s)
+def _frame(number: int, **seconds: float) -> FinishedFrame:
+    things = [target_record(1, "cup")], [subject_record("girl", totals={1: 0.5}, focus=1)]
+    record = frame_record(*things, frame=number, clip=PAIR[0], configuration=PAIR[1])
     return FinishedFrame(frame=None, percepts=None, result=cast("Any", None), record=record, timings=seconds)
 
 
-def test_results_are_on_disk_as_soon_as_a_frame_is_done_and_are_written_anew_after_a_kill(tmp_path: Path) -> None:
-    directory = RunDirectory(tmp_path)
-    results, timings = (directory.partial(PAIR, suffix) for suffix in ("jsonl.partial", "csv.partial"))
-    with suppress(KeyboardInterrupt), ResultsSink(directory, PAIR) as sink:
+def test_times_are_on_disk_as_soon_as_a_frame_is_done_and_all_is_written_anew_after_a_kill(tmp_path: Path) -> None:
+    directory, keys = RunDirectory(tmp_path), {"scene": "a", "directions": "b"}
+    times = directory.partial(PAIR, "csv.partial")
+    with suppress(KeyboardInterrupt), AnswerWriter(directory, PAIR, keys) as answers:
         for number in (1, 2, 3):
-            sink.write(_frame(number, stereo=number, gaze=number))
-            assert results.read_text().count("\n") == number
-            assert timings.read_text().endswith(
+            answers.write(_frame(number, stereo=number, gaze=number))
+            assert times.read_text().endswith(
                 f"clip,conf,{number},stereo,{number}000.000\nclip,conf,{number},gaze,{number}000.000\n"
             )
         raise KeyboardInterrupt
-    lines = results.read_text()
-    with ResultsSink(directory, PAIR) as sink:
+    with AnswerWriter(directory, PAIR, keys) as answers:
         for number in (1, 2):
-            sink.write(_frame(number, stereo=9.0))
+            answers.write(_frame(number, stereo=9.0))
     assert not directory.is_finished(PAIR)
-    sink.mark_finished({"scene": "a", "directions": "b"})
+    answers.finish(scene="a", directions="other")
     assert directory.is_finished(PAIR)
-    assert json.loads(directory.partial(PAIR, "json").read_text()) == {"scene": "a", "directions": "b"}
-    assert directory.partial(PAIR, "jsonl").read_text() == "".join(lines.splitlines(keepends=True)[:2])
+    table = pq.read_table(directory.answers(PAIR)).select(["clip", "scene", "directions", "configuration", "frame"])
+    assert table.to_pylist() == [
+        {"clip": "clip", "scene": "a", "directions": "other", "configuration": "conf", "frame": number}
+        for number in (1, 2)
+    ]
     assert directory.partial(PAIR, "csv").read_text() == "clip,conf,1,stereo,9000.000\nclip,conf,2,stereo,9000.000\n"
+    directory.unmark(PAIR)
+    assert not directory.is_finished(PAIR)
+    assert not directory.answers(PAIR).exists()
 
 
 def test_a_part_has_one_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.run.results_sink.LOCK_SECONDS", 0.0)
+    monkeypatch.setattr("harness.run.answers.LOCK_SECONDS", 0.0)
     directory = RunDirectory(tmp_path)
     with (
-        ResultsSink(directory, PAIR),
+        AnswerWriter(directory, PAIR, {}),
         pytest.raises(VfoaError, match="another process is writing it"),
-        ResultsSink(directory, PAIR),
+        AnswerWriter(directory, PAIR, {}),
     ):
         pass
 

@@ -18,10 +18,8 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
-from harness.run.results import to_line
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
-from harness.run.tables import find_tables
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from tests.records import tables_of
@@ -146,16 +144,10 @@ def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, t
     for later in ("commit", "host", "started", "finished", "failed", "labels_sha256"):
         del unfinished[later]
     directory.write_manifest({**unfinished, "recording": None})
-    records = list(read_records(finished))
-    for pair in [("studio_table", name) for name in CONFIGURATIONS]:
-        kept = [to_line(record) for record in records if (record.clip, record.configuration) == pair]
-        write_text(directory.partial(pair, "jsonl"), "".join(kept))
-        write_text(directory.partial(pair, "csv"), "")
-        paths = dict(find_tables(finished))[pair]
-        keys = {"scene": paths["frames"].parts[-3], "directions": paths["directions"].parts[-3]}
-        write_text(directory.partial(pair, "json"), json.dumps(keys))
-    for name in ("scenes", "directions"):
+    for name in ("scenes", "directions", "answers"):
         shutil.copytree(finished.path / name, directory.path / name)
+    for pair in [("studio_table", name) for name in CONFIGURATIONS]:
+        write_text(directory.partial(pair, "csv"), "")
     done: list[str] = []
     plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=3)
     run_plan(plan, directory.path, workers=1, progress=done.append)

@@ -33,7 +33,7 @@ def _run(folder: Path, by_pair: dict[Pair, list[FrameRecord]], **settings: dict[
     directory = RunDirectory(folder)
     clips = [{"name": clip, "frames": []} for clip in dict.fromkeys(clip for clip, _ in by_pair)]
     configurations = {name: settings.get(name, {}) for _, name in by_pair}
-    directory.write_manifest({"clips": clips, "configurations": configurations, "failed": []})
+    directory.write_manifest({"clips": clips, "configurations": configurations, "failed": [], "finished": "now"})
     write_tables(directory, by_pair)
     return directory
 
