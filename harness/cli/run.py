@@ -24,6 +24,7 @@ from harness.cli.options import (
 from harness.cli.terminal import say, signals_as_ctrl_c
 
 if TYPE_CHECKING:
+    from harness.labels.labels import Labels
     from harness.run.directory import RunDirectory
     from harness.run.experiment import Experiment
     from harness.run.plan import Plan
@@ -223,17 +224,19 @@ def _run_paper_cases(out: str | None, unused: list[str]) -> None:
 
 
 def _advice(plan: Plan) -> str | None:
-    """A line for a clip without labels under the weights that ship with vfoa: a few labels of it are better."""
-    is_default = any(configuration.attend.attention.fitted_on for configuration in plan.experiment.configurations)
-    clip = next(
-        (planned.manifest.name for planned in plan.clips if planned.labels is None or not planned.labels.ranges), None
-    )
-    if clip is None or not is_default:
+    """A line for a clip without labels: what calibration error to expect, and what a few labels would change."""
+    expected = [configuration.attend.attention.elsewhere for configuration in plan.experiment.configurations]
+    clip = next((planned.manifest.name for planned in plan.clips if not _is_labelled(planned.labels)), None)
+    if clip is None or not any(expected):
         return None
-    return (
-        f"{clip}: the logit has the weights of other people in another setting; 20 labelled seconds would be better: "
-        f"vfoa annotate {clip}, then vfoa fit {clip}"
-    )
+    sentences = " ".join(dict.fromkeys(filter(None, expected)))
+    return f"{clip} has no labels. {sentences} First: vfoa annotate {clip}"
+
+
+def _is_labelled(labels: Labels | None) -> bool:
+    from harness.labels.labels import IGNORED
+
+    return labels is not None and any(row.label.target != IGNORED for row in labels.ranges)
 
 
 @contextmanager

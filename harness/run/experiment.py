@@ -52,6 +52,7 @@ from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.logit import LogitSettings
+from vfoa.methods import DEFAULT_METHOD
 from vfoa.registry import AUTO
 from vfoa.removed import removed
 from vfoa.settings import Settings
@@ -301,9 +302,11 @@ def _configurations(
         for chosen in (of_file, own):  # a stage that a change exchanges has still used its defaults
             used |= {(table, key) for table, settings in inherited(file.defaults, chosen).items() for key in settings}
         bundle = bundles[variant.name]
-        attention = {**file.defaults.get("attention", {}), **own.get("attention", {})}
-        method = attention.get("method", "cones" if attention else None)
-        bundle = logit_only(bundle, method)
+        default, of_own = (tables.get("attention", {}) for tables in (file.defaults, own))
+        attention = {**default, **of_own}
+        # a default that only names a method yields to fitted weights
+        is_chosen = "method" in of_own if default.keys() == {"method"} else bool(attention)
+        bundle = logit_only(bundle, attention.get("method", DEFAULT_METHOD) if is_chosen else None)
         tables = merged(inherited(merged(file.defaults, bundle), own), own)
         tables = _with_quick_auto(tables, _preset_name(preset, presets[variant.name]))
         of_variant = f"{where}: configuration {variant.name!r}"
@@ -354,7 +357,7 @@ def shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...
     if seen := [clip for clip in clips if clip in fitted_on]:
         yield f"{FITTED_ON_REPORTED}: the default weights were fitted on {', '.join(seen)}."
     if len(seen) < len(clips):
-        yield from dict.fromkeys(filter(None, (method.elsewhere for method in methods)))
+        yield from dict.fromkeys(method.elsewhere for method in methods if method.fitted_on)
 
 
 def is_experiment(name_or_path: str) -> bool:

@@ -24,10 +24,12 @@ from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.records import frame_record, subject_record, target_record
 from tests.repository import REPOSITORY
 from vfoa import __version__
+from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
 from vfoa.logit_cues import ROWS
+from vfoa.methods import MethodSettings
 
 STEP_NS = 200_000_000
 """Time between frames: long clips of few frames."""
@@ -77,6 +79,36 @@ def test_the_file_is_a_preset_of_logits_alone(fitted: Path) -> None:
     assert isinstance(forward.attend.attention, LogitSettings)
     assert forward.attend.attention.weights == read_fitted(fitted).attention.weights != shipped_weights()
     assert cones.attend.attention.method == "cones"
+
+
+def test_fitted_weights_come_before_the_method_of_the_default_run(fitted: Path) -> None:
+    def chosen(*overrides: str, preset: str | None = str(fitted)) -> MethodSettings:
+        experiment = load_experiment("default", clips=("one",), overrides=overrides, preset=preset)
+        return experiment.configurations[0].attend.attention
+
+    weights = read_fitted(fitted).attention.weights
+    for found in (chosen(), smoothed := chosen("attention.smoothing=both")):
+        assert isinstance(found, LogitSettings)
+        assert found.weights == weights
+    assert isinstance(smoothed, LogitSettings)
+    assert smoothed.smoothing == "both"
+    assert chosen("attention.method=cones").method == "cones"
+    assert chosen(preset=None).method == chosen(preset="realtime").method == "bayes"
+
+
+def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+    add_clip(measured_tables(tmp_path / "data" / "one"), name="one")
+    capsys.readouterr()
+    code, said, err = vfoa(monkeypatch, capsys, "run", "one", "--workers", "1", "--recording", "none")
+    assert code == 0, err
+    expected = BayesSettings(method="bayes").elsewhere
+    assert said.splitlines().count(f"one has no labels. {expected} First: vfoa annotate one") == 1
+    cones = ("run", "one", "--workers", "1", "--recording", "none", "--out", "cones", "--set", "attention.method=cones")
+    assert "calibration error" not in vfoa(monkeypatch, capsys, *cones)[1]
 
 
 def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path) -> None:

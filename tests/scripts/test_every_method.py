@@ -1,0 +1,49 @@
+"""The table that decides the default of a clip of one's own, and what the program quotes of it."""
+
+from __future__ import annotations
+
+import re
+
+from harness.run.experiment import load_experiment
+from scripts.every_method import LEFT_OUT
+from scripts.quoted_figures import ROOT, tables
+from vfoa.bayes import BayesSettings
+
+METHODS = {"posterior": "bayes", "logit": "logit", "two cones": "cones"}
+
+
+def test_the_default_is_the_method_with_the_least_log_loss_in_settings_that_nobody_labelled() -> None:
+    (table,) = (
+        each
+        for each in tables(ROOT / "reports" / "methods.md")
+        if each.title == "Methods in settings that nobody labelled"
+    )
+    losses = {row[0]: row[table.header.index("Mean log loss")] for row in table.rows}
+    best = min((name for name, loss in losses.items() if loss != "–"), key=lambda name: float(losses[name]))
+    (default,) = load_experiment("default", clips=("studio_table",)).configurations
+    assert default.attend.attention.method == METHODS[best]
+
+
+def test_the_posterior_quotes_the_calibration_errors_of_the_reports() -> None:
+    rows = [
+        dict(zip(table.header, row, strict=True))
+        for report, names in LEFT_OUT["posterior"].items()
+        for table in tables(ROOT / "reports" / report)
+        if table.header[0] == "Configuration" and "ECE" in table.header
+        for row in table.rows
+        if row[0] in names
+    ]
+    errors = [float(row["ECE"]) for row in rows]
+    fits = [
+        {row[0]: row[each.header.index("ECE")] for row in each.rows}
+        for report in ("fit_people_20s.md", "fit_conversation.md")
+        for each in tables(ROOT / "reports" / report)[:1]
+    ]
+    (people, conversation) = fits
+    expected = [
+        *(min(errors), max(errors), float(people["fitted, forward"])),
+        *(float(people["gaze_11-posterior"]), float(conversation["forward"])),
+    ]
+    assert float(people["fitted, forward"]) - float(conversation["fitted, forward"]) < 0.01
+    quoted = re.findall(r"0\.\d\d", BayesSettings(method="bayes").elsewhere)
+    assert quoted == [f"{error:.2f}" for error in expected]
