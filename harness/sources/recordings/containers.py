@@ -12,7 +12,7 @@ from typing import Protocol
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from harness.sources.recordings.messages import IMAGES, MessageType, picture, stamp_ns
+from harness.sources.recordings.messages import IMAGES, MessageType, layout_of, picture, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
@@ -145,14 +145,15 @@ class TopicIndex:
         self.topics: list[Topic] = []
         """All topics, once :meth:`sorted` has been called."""
         self.losses: list[str] = []
-        self._topics: dict[tuple[str, str, str], Topic] = {}
+        self._topics: dict[tuple[str, str, str, str], Topic] = {}
 
     def meet(self, name: str, kind: MessageType) -> Topic:
         """Return the topic of this name and type of messages; a new one if it is not known yet.
 
-        The schemas of a type may differ, as those of two recorders do in comments: the first one counts.
+        The definitions of a type may differ in comments, as those of two recorders do: the first one counts. With other
+        fields, it is another type.
         """
-        return self._topics.setdefault((name, kind.message_encoding, kind.name), Topic(name, kind))
+        return self._topics.setdefault((name, kind.message_encoding, kind.name, layout_of(kind)), Topic(name, kind))
 
     def add(self, topic: Topic, log_time_ns: int, data: bytes, address: tuple[int, int, int]) -> None:
         """Index one message; ``address`` is its file's index and the two numbers by which its container finds it.
@@ -186,7 +187,8 @@ class TopicIndex:
     def sorted(self) -> TopicIndex:
         """The same, with the places of each topic in the order of their stamps.
 
-        Of several types of images (or calibrations) under one name, the one with the most counts; of equal ones, raw.
+        Of several types of images (or calibrations) under one name, the one with the most messages counts; of equal
+        ones, raw.
         """
         alike = defaultdict[tuple[str, str | None], list[Topic]](list)
         for topic in self._topics.values():
@@ -200,7 +202,7 @@ class TopicIndex:
             self.topics.append(kept)
             self.losses += [
                 f"{name}: {len(topic.places)} messages of {topic.type.name} are left out, {len(kept.places)} of "
-                f"{kept.type.name} are read"
+                f"{kept.type.name}{' with other fields' * (topic.type.name == kept.type.name)} are read"
                 for topic in topics
                 if topic is not kept and topic.places
             ]

@@ -171,13 +171,7 @@ def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
 
 
 def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
-    definitions: Typesdict = {}
-    text = kind.schema.decode()
-    if kind.schema_encoding != BY_NAME:
-        is_idl = kind.schema_encoding == "ros2idl"
-        definitions = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
-    store = get_typestore(Stores.EMPTY)
-    _complete(definitions, kind)
+    definitions, store = _definitions_of(kind), get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in definitions.items() if name not in store.types})
     deserialize = store.deserialize_ros1 if kind.message_encoding == "ros1" else store.deserialize_cdr
 
@@ -187,17 +181,38 @@ def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
     return decode
 
 
-def _complete(definitions: Typesdict, kind: MessageType) -> None:
-    """Add ROS's standard definitions of the types that a type needs and a recording does not define."""
+@lru_cache(maxsize=256)
+def layout_of(kind: MessageType) -> str:
+    """Text that two definitions of a type share if they lay out its messages alike, whatever their comments and blanks.
+
+    Empty for messages that are not read, and for protobuf, whose fields have numbers; the definition itself if it
+    cannot be parsed, which :func:`reading` reports.
+    """
+    if kind.kind is None or not kind.is_ros:
+        return ""
+    try:
+        definitions = _definitions_of(kind)
+    except Exception:  # of the parser, which has errors of its own
+        return kind.schema.decode(errors="replace")
+    return repr([(name, fields) for name, (_, fields) in definitions.items()])
+
+
+def _definitions_of(kind: MessageType) -> Typesdict:
+    """The definitions of a type of ROS and of those that it needs: the recording's own, else the standard ones."""
+    text, own = kind.schema.decode(), Typesdict()
+    if kind.schema_encoding != BY_NAME:
+        is_idl = kind.schema_encoding == "ros2idl"
+        own = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
     standard = get_typestore(_STANDARD[kind.message_encoding]).fielddefs
-    waiting = [kind.name]
+    needed, waiting = Typesdict(), [kind.name]
     for name in waiting:
-        if name not in definitions:
-            if name not in standard:
-                raise ValueError(f"the recording has no definition of {name}; expected it in the schema of the topic")
-            definitions[name] = standard[name]
-        _, fields = definitions[name]
+        definition = own.get(name) or standard.get(name)
+        if definition is None:
+            raise ValueError(f"the recording has no definition of {name}; expected it in the schema of the topic")
+        needed[name] = definition
+        fields = definition[1]
         waiting += [other for _, description in fields for other in _named_types(description) if other not in waiting]
+    return needed
 
 
 def _named_types(description: Any) -> Iterator[str]:

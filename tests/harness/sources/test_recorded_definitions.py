@@ -14,6 +14,7 @@ import pytest
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from harness.sources.foreign import refuse_foreign
 from harness.sources.recordings import containers
@@ -73,6 +74,56 @@ DEFINITIONS: dict[str, Definition] = {
 @pytest.mark.parametrize("definition", DEFINITIONS)
 def test_the_standard_definitions_complete_those_of_a_recording(tmp_path: Path, definition: str) -> None:
     _check_whole(open_clip(_rewritten(tmp_path, DEFINITIONS[definition])))
+
+
+EDITS: dict[str, Callable[[str], str]] = {
+    "a field at the end": lambda text: text.replace("uint8[] data", "uint8[] data\nfloat32 exposure_ms"),
+    "a field before the others": lambda text: text.replace("uint32 height", "uint64 serial\nuint32 height"),
+    "a wider field": lambda text: text.replace("uint32 step", "uint64 step"),
+}
+
+
+def _joined(folder: Path, edit: Callable[[str], str], ours: frozenset[int]) -> Path:
+    """A recording of five pairs; the left images of all but ``ours`` are of a definition with other fields."""
+    whole, path = write_pairs(folder / "whole" / "a.mcap", pairs()), folder / "a.mcap"
+    seen = dict[str, int]()
+    with whole.open("rb") as source, path.open("wb") as file:
+        writer, channels = Writer(file), dict[tuple[str, bool], int]()
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            assert schema is not None
+            number = seen[channel.topic] = seen.get(channel.topic, 0) + 1
+            other = channel.topic == "/stereo/left/image_raw" and number not in ours
+            text = edit(schema.data.decode()) if other else schema.data.decode()
+            data = message.data
+            if other:
+                standard, store = get_typestore(Stores.LATEST), get_typestore(Stores.EMPTY)
+                store.register(get_types_from_msg(text, schema.name))
+                image = standard.deserialize_cdr(data, schema.name)
+                added = {"exposure_ms": 2.5, "serial": 77}
+                names = [name for name, _ in store.fielddefs[schema.name][1]]
+                values = {name: added[name] if name in added else getattr(image, name) for name in names}
+                data = bytes(store.serialize_cdr(store.types[schema.name](**values), schema.name))
+            if (channel.topic, other) not in channels:
+                number = writer.register_schema(schema.name, "ros2msg", text.encode())
+                channels[channel.topic, other] = writer.register_channel(channel.topic, "cdr", number)
+            writer.add_message(channels[channel.topic, other], message.log_time, data, message.publish_time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("edit", EDITS)
+@pytest.mark.parametrize("ours", [frozenset({1}), frozenset({1, 2, 4, 5})])
+def test_two_definitions_of_a_type_with_other_fields_are_not_mixed(
+    edit: str, ours: frozenset[int], tmp_path: Path
+) -> None:
+    clip = open_clip(_joined(tmp_path, EDITS[edit], ours))
+    kept = ours if len(ours) > 2 else frozenset(range(1, 6)) - ours
+    for number, source in zip(clip.frames, sorted(kept), strict=True):
+        np.testing.assert_array_equal(clip.frame(number).left, pixels(source))
+    of = "sensor_msgs/msg/Image"
+    left_out = f"{5 - len(kept)} messages of {of} are left out, {len(kept)} of {of} with other fields are read"
+    assert [note.endswith(f"/stereo/left/image_raw: {left_out}") for note in clip.notes].count(True) == 1
 
 
 def test_the_standard_definition_of_ros_1_has_a_sequence_number() -> None:
