@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -318,6 +319,104 @@ def test_annotations_that_refer_to_each_other_are_refused(tmp_path: Path) -> Non
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
+
+
+GENUINE = """<?xml version="1.0" encoding="UTF-8"?>
+<ANNOTATION_DOCUMENT AUTHOR="" DATE="2014-10-28T10:14:04+01:00" FORMAT="2.8" VERSION="2.8"
+  xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
+  xsi:noNamespaceSchemaLocation="http://www.mpi.nl/tools/elan/EAFv2.8.xsd">
+  <LICENSE LICENSE_URL="http://www.mpi.nl/license.txt">Terms of use</LICENSE>
+  <HEADER MEDIA_FILE="" TIME_UNITS="milliseconds">
+    <MEDIA_DESCRIPTOR MEDIA_URL="file:///Users/Shared/MPI/DemoMaterial/yele/r03_v20_s5.wav" MIME_TYPE="audio/x-wav"
+      RELATIVE_MEDIA_URL="../../DemoMaterial/yele/r03_v20_s5.wav"/>
+    <PROPERTY NAME="URN">urn:nl-mpi-tools-elan-eaf:5ed4d207-dd3b-4852-84a2-4bddb9e0102b</PROPERTY>
+    <PROPERTY NAME="lastUsedAnnotationId">8778</PROPERTY>
+  </HEADER>
+  <TIME_ORDER>
+    <TIME_SLOT TIME_SLOT_ID="ts35" TIME_VALUE="7800"/><TIME_SLOT TIME_SLOT_ID="ts38" TIME_VALUE="8000"/>
+    <TIME_SLOT TIME_SLOT_ID="ts39"/><TIME_SLOT TIME_SLOT_ID="ts40"/><TIME_SLOT TIME_SLOT_ID="ts41"/>
+    <TIME_SLOT TIME_SLOT_ID="ts42"/><TIME_SLOT TIME_SLOT_ID="ts44" TIME_VALUE="8400"/>
+    <TIME_SLOT TIME_SLOT_ID="ts46" TIME_VALUE="9000"/><TIME_SLOT TIME_SLOT_ID="ts48" TIME_VALUE="9600"/>
+    <TIME_SLOT TIME_SLOT_ID="ts55" TIME_VALUE="11000"/>
+  </TIME_ORDER>
+  <TIER LANG_REF="eng" LINGUISTIC_TYPE_REF="text" TIER_ID="text">
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a3" TIME_SLOT_REF1="ts38" TIME_SLOT_REF2="ts55"
+      ><ANNOTATION_VALUE>The quick brown fox 003</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+  </TIER>
+  <TIER LANG_REF="eng" LINGUISTIC_TYPE_REF="words_timesub" PARENT_REF="text" TIER_ID="words-timesub">
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a410" TIME_SLOT_REF1="ts38" TIME_SLOT_REF2="ts39"
+      ><ANNOTATION_VALUE>The</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a411" TIME_SLOT_REF1="ts39" TIME_SLOT_REF2="ts40"
+      ><ANNOTATION_VALUE>quick</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a412" TIME_SLOT_REF1="ts40" TIME_SLOT_REF2="ts41"
+      ><ANNOTATION_VALUE>brown</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a413" TIME_SLOT_REF1="ts41" TIME_SLOT_REF2="ts42"
+      ><ANNOTATION_VALUE>fox</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a414" TIME_SLOT_REF1="ts42" TIME_SLOT_REF2="ts55"
+      ><ANNOTATION_VALUE>003</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+  </TIER>
+  <TIER DEFAULT_LOCALE="en" LANG_REF="eng" LINGUISTIC_TYPE_REF="words_symsub" PARENT_REF="text" TIER_ID="words-symsub">
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a2405" ANNOTATION_REF="a3"
+      ><ANNOTATION_VALUE>The</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a2406" ANNOTATION_REF="a3" PREVIOUS_ANNOTATION="a2405"
+      ><ANNOTATION_VALUE>quick</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a2407" ANNOTATION_REF="a3" PREVIOUS_ANNOTATION="a2406"
+      ><ANNOTATION_VALUE>brown</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a2408" ANNOTATION_REF="a3" PREVIOUS_ANNOTATION="a2407"
+      ><ANNOTATION_VALUE>fox</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a2409" ANNOTATION_REF="a3" PREVIOUS_ANNOTATION="a2408"
+      ><ANNOTATION_VALUE>003</ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+  </TIER>
+  <TIER LINGUISTIC_TYPE_REF="gesture" TIER_ID="gestures">
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a4396" CVE_REF="cveid1" TIME_SLOT_REF1="ts35" TIME_SLOT_REF2="ts44"
+      ><ANNOTATION_VALUE>hold</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+    <ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a4397" CVE_REF="cveid2" TIME_SLOT_REF1="ts46" TIME_SLOT_REF2="ts48"
+      ><ANNOTATION_VALUE>stroke</ANNOTATION_VALUE></ALIGNABLE_ANNOTATION></ANNOTATION>
+  </TIER>
+  <TIER LANG_REF="eng" LINGUISTIC_TYPE_REF="pos" PARENT_REF="words-symsub" TIER_ID="words-pos">
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a6794" ANNOTATION_REF="a2405"
+      ><ANNOTATION_VALUE></ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+    <ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a6795" ANNOTATION_REF="a2406"
+      ><ANNOTATION_VALUE></ANNOTATION_VALUE></REF_ANNOTATION></ANNOTATION>
+  </TIER>
+  <LINGUISTIC_TYPE GRAPHIC_REFERENCES="false" LINGUISTIC_TYPE_ID="text" TIME_ALIGNABLE="true"/>
+  <LINGUISTIC_TYPE CONSTRAINTS="Time_Subdivision" LINGUISTIC_TYPE_ID="words_timesub" TIME_ALIGNABLE="true"/>
+  <LINGUISTIC_TYPE CONSTRAINTS="Symbolic_Subdivision" LINGUISTIC_TYPE_ID="words_symsub" TIME_ALIGNABLE="false"/>
+  <LINGUISTIC_TYPE CONSTRAINTS="Symbolic_Association" LINGUISTIC_TYPE_ID="pos" TIME_ALIGNABLE="false"/>
+  <LINGUISTIC_TYPE CONTROLLED_VOCABULARY_REF="Gesture" LINGUISTIC_TYPE_ID="gesture" TIME_ALIGNABLE="true"/>
+</ANNOTATION_DOCUMENT>
+"""
+"""A phrase (18 of 8,778 annotations) of ``test/sample_2.8.eaf`` of pympi-ling 1.71 (MIT licence), which ELAN saved."""
+WORDS = {"The": "bird", "quick": "cup", "brown": "none", "fox": "bird", "003": "boy", "hold": "cup", "stroke": "none"}
+
+
+@pytest.mark.parametrize(
+    ("tier", "frames", "targets"),
+    [
+        ("words-timesub", (1, 16, 31, 46, 61, 76), ("bird", "cup", "none", "bird", "boy")),  # slots without a time
+        ("words-symsub", (1, 16, 31, 46, 61, 76), ("bird", "cup", "none", "bird", "boy")),  # parts of the phrase
+        ("gestures", (1, 11, 26, 41), ("cup", "ignore", "none")),
+    ],
+)
+def test_a_document_that_elan_saved_is_read(
+    tier: str, frames: tuple[int, ...], targets: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = write_text(tmp_path / "a.eaf", GENUINE)
+    clip = PlainClip(frames=range(1, 76))  # of 3 s at 25 Hz: the phrase lasts from 8 to 11 s, the gestures from 7.8 s
+    imported = Elan().read(path, exchange(clip, offset=8.0, renamed={tier: "girl", **WORDS}))
+    rows = [(row.first_frame, row.last_frame, row.label.target) for row in imported.labels.ranges]
+    assert rows == [(first, end - 1, target) for (first, end), target in zip(pairwise(frames), targets, strict=True)]
+    unread = {"text", "words-timesub", "words-symsub", "gestures", "words-pos"} - {tier}
+    assert {note for note in imported.notes if "belongs to no subject" in note} == {
+        f"{path}: tier {other!r} belongs to no subject and is left out." for other in unread
+    }
+
+
+def test_annotations_without_a_value_that_elan_saved_are_counted(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.eaf", GENUINE)
+    imported = Elan().read(path, exchange(offset=8.0, renamed={"words-pos": "girl"}))
+    assert imported.labels.ranges == ()
+    assert f"{path}: tier 'words-pos': 2 annotations without a value are left out." in imported.notes
 
 
 TEXT_ROWS = (("girl", 30, 130, "bird"), ("camera", 0, 240, "pan"), ("girl", 130, 200, "none"), ("boy", 0, 40, "girl"))
