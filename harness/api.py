@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,12 +19,13 @@ from harness.report.formats import to_csv
 from harness.report.write import rescore
 from harness.run.directory import MOST, RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
-from harness.run.tables import TABLES, read_table
+from harness.run.tables import TABLES, make_table, read_table
 from harness.score.compared_runs import compare_runs as _compare_runs
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
 if TYPE_CHECKING:
+    import pyarrow as pa  # type: ignore[import-untyped]
     from rerun.notebook import Viewer
 
     from harness.record.composed import Composed
@@ -123,6 +124,34 @@ class RunResults:
         """
         return {name: self._parquet(name) for name in TABLES if name not in ("answers", "clouds")}
 
+    def attend(self, changes: Mapping[str, Any], configurations: Collection[str] = ()) -> pd.DataFrame:
+        """Return the answers under other settings, from what the run has perceived: no image is read.
+
+        ``run.attend({"attention.cones_cm": [10.0]})`` has the columns of :attr:`answers`. The run is not changed.
+
+        Parameters
+        ----------
+        changes
+            Settings of the tables ``attention`` and ``gaze_filter`` by dotted key. Another ``attention.method`` has the
+            defaults of its other settings.
+        configurations
+            Names of those to change; default: all.
+
+        Raises
+        ------
+        VfoaError
+            If a setting is wrong or decides what is perceived, the run has no clouds of the number of points that the
+            method asks for, or a table is missing or damaged.
+        """
+        import pyarrow as pa
+
+        from harness.run.attend import attend_again
+
+        parts = [
+            make_table("answers", keys, rows) for keys, rows in attend_again(self.directory, changes, configurations)
+        ]
+        return _frame_of(pa.concat_tables(parts))
+
     @property
     def failures(self) -> pd.DataFrame:
         """The wrong frames: clip, configuration, frame, time_s, subject, truth, predicted, error_type."""
@@ -186,11 +215,16 @@ class RunResults:
         return _read(path, *words)
 
     def _parquet(self, name: str) -> pd.DataFrame:
-        import pyarrow as pa  # type: ignore[import-untyped]
+        return _frame_of(read_table(self.directory, name))
 
-        nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype()}
-        table: pd.DataFrame = read_table(self.directory, name).to_pandas(types_mapper=nullable.get)
-        return table
+
+def _frame_of(table: pa.Table) -> pd.DataFrame:
+    """A table as a DataFrame with nullable integers."""
+    import pyarrow as pa
+
+    nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype()}
+    frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
+    return frame
 
 
 def load_run(path: str | Path) -> RunResults:

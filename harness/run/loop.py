@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import Names
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
@@ -181,7 +180,6 @@ class _Companion(NamedTuple):
 
     frame: StereoFrame | None
     percepts: Percepts | None
-    names: Names
     timings: Timings
 
 
@@ -266,7 +264,7 @@ class ConfigurationRunner:
         try:
             with timed(timings, "attention"):
                 ready = guarded("attention", self._attending.step, scene, tracked, names.subjects)
-            self._companions.append(_Companion(shared.frame, percepts, names, timings))
+            self._companions.append(_Companion(shared.frame, percepts, timings))
             self._hand_over(ready)
         except VfoaError as error:
             if isinstance(error, StageError):
@@ -279,9 +277,9 @@ class ConfigurationRunner:
         The time of the sinks counts as ``recording``, except that of the last one.
         """
         for result in ready:
-            frame, percepts, names, timings = self._companions.popleft()
+            frame, percepts, timings = self._companions.popleft()
             fx_px = None if percepts is None else percepts.rig.fx_px
-            record = to_record(self._context.manifest.name, self._configuration.name, result, names, fx_px)
+            record = to_record(self._context.manifest.name, self._configuration.name, result, fx_px)
             finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "recording"):

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
-from harness.clips.naming import Names
 from harness.pipeline.frame_measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Person, Target
 
@@ -126,27 +125,18 @@ def renamed(record: FrameRecord, names: Mapping[str, str]) -> FrameRecord:
     return replace(record, targets=targets)
 
 
-def to_record(
-    clip: str,
-    configuration: str,
-    result: FrameResult,
-    names: Names,
-    fx_px: float | None = None,
-) -> FrameRecord:
+def to_record(clip: str, configuration: str, result: FrameResult, fx_px: float | None = None) -> FrameRecord:
     """The record of one frame without its measures, every number exactly as computed.
 
-    ``fx_px`` is the focal length; None without images.
+    The scene has the names of targets, and each subject its own. ``fx_px`` is the focal length; None without images.
     """
     return FrameRecord(
         clip=clip,
         configuration=configuration,
         frame=result.scene.index,
         time_ns=result.scene.time_ns,
-        targets=tuple(_target(target, names.targets[target.instance.id]) for target in result.scene.targets),
-        subjects=tuple(
-            _subject(attention, names.subjects.get(attention.subject.track_id), fx_px)
-            for attention in result.attentions
-        ),
+        targets=tuple(_target(target, result.scene.names[target.instance.id]) for target in result.scene.targets),
+        subjects=tuple(_subject(attention, fx_px) for attention in result.attentions),
         masks_from=result.scene.masks_from,
         masks_age_s=result.scene.masks_age_s,
     )
@@ -173,13 +163,13 @@ def _box(box: Box3D) -> BoxRecord:
     )
 
 
-def _subject(attention: Attention, name: str | None, fx_px: float | None) -> SubjectRecord:
+def _subject(attention: Attention, fx_px: float | None) -> SubjectRecord:
     subject = attention.subject
     origin, gaze, head = subject.person.eye_origin_left, subject.direction("gaze"), subject.direction("head")
     box_px = None if subject.person.head is None else _box_px(subject.person.head.box_px)
     return SubjectRecord(
         track_id=subject.track_id,
-        name=name,
+        name=subject.name,
         instance_id=subject.person.instance_id,
         head_box_px=box_px,
         eye_origin_m=None if origin is None else _vector(origin),

@@ -65,7 +65,7 @@ class TableReader:
     @cached_property
     def blocks(self) -> list[Block]:
         """All blocks, by clip, configuration and frame as the experiment has them. No record is read for them."""
-        groups, digest = cache(_frames_of), cache(file_digest)
+        groups, digest = cache(frames_of), cache(file_digest)
         found = []
         for pair, paths in self._paths.items():
             files = [digest(path) for path in paths.values()]
@@ -80,7 +80,7 @@ class TableReader:
         paths = self._paths[pair]
         seen = self._scene(paths["frames"].parent, group)
         looks = self._directions(paths["directions"].parent, group, block.frames)
-        answers = _by_frame(paths["answers"], "answers", group, block.frames)
+        answers = rows_by_frame(paths["answers"], "answers", group, block.frames)
         for parts in zip(seen, looks, answers, strict=True):
             try:
                 yield _record(pair, *parts, self._filtered[pair[1]])
@@ -112,7 +112,7 @@ def _most_people(path: Path) -> int:
     return max(counts.values(), default=0)
 
 
-def _frames_of(path: Path) -> list[tuple[int, ...]]:
+def frames_of(path: Path) -> list[tuple[int, ...]]:
     """The frames of each row group of ``frames.parquet``."""
     groups = read_numbers(path, "frames")
     for before, frame in pairwise(number for frames in groups for number in frames):
@@ -143,7 +143,7 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
     rows = list(zip(*read_columns(path, "frames", group), strict=True))
     frames = tuple(row[0] for row in rows)
     instances, objects, people = (
-        _by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "objects", "people")
+        rows_by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "objects", "people")
     )
     return [
         _SeenFrame(
@@ -163,7 +163,7 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
 
 def _read_directions(folder: Path, group: int, frames: tuple[int, ...]) -> list[_Looks]:
     looks, people = (
-        _by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("directions", "true_people")
+        rows_by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("directions", "true_people")
     )
     return [
         (directions, tuple(PersonMeasure(**dict(zip(_OF_PERSON, row, strict=True))) for row in measured))
@@ -171,7 +171,7 @@ def _read_directions(folder: Path, group: int, frames: tuple[int, ...]) -> list[
     ]
 
 
-def _by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> list[list[Row]]:
+def rows_by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> list[list[Row]]:
     """The rows of a table in a row group by frame, without the frame's number."""
     found: dict[int, list[Row]] = {frame: [] for frame in frames}
     numbers, *columns = read_columns(path, table, group)

@@ -230,7 +230,7 @@ class TableWriter:
 
     def _write(self) -> None:
         for table, rows in self._rows.items():
-            self._writers[table].write_table(_table(table, self._keys, rows))
+            self._writers[table].write_table(make_table(table, self._keys, rows))
             rows.clear()
         self._frames = 0
 
@@ -260,7 +260,8 @@ def write_again(path: Path, table: str, keys: Mapping[str, str]) -> None:
     draft.replace(path)
 
 
-def _table(table: str, keys: Mapping[str, str], rows: Sequence[Row]) -> pa.Table:
+def make_table(table: str, keys: Mapping[str, str], rows: Sequence[Row]) -> pa.Table:
+    """Make a table of rows without the columns that name it; a ``ValueError`` says that a number is not finite."""
     import pyarrow as pa
 
     schema = _schema(table)

@@ -81,11 +81,14 @@ def test_the_frames_of_a_run_are_read_back_from_their_tables(run: harness.RunRes
     assert run.scenes["objects"]["mask_iou"].tolist() == [1.0] * len(run.scenes["instances"])
 
 
-BLOCKS = re.findall(
-    r"^```python\n(.*?)^```",
-    (REPOSITORY / "docs/tutorials/python.md").read_text(encoding="utf-8").partition("## A table of your own")[2],
-    re.DOTALL | re.MULTILINE,
-)
+def _blocks(heading: str) -> list[str]:
+    """The code below a heading of the tutorial."""
+    text = (REPOSITORY / "docs/tutorials/python.md").read_text(encoding="utf-8")
+    (section,) = re.findall(rf"^## {heading}$(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
+    return re.findall(r"^```python\n(.*?)^```", section, re.DOTALL | re.MULTILINE)
+
+
+BLOCKS = _blocks("A table of your own")
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"import (\w+)", block)[0])
@@ -217,3 +220,16 @@ def test_type_checkers_know_every_public_name() -> None:
     assert {a.asname for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names} == {
         *harness.__all__
     }
+
+
+def test_other_settings_of_attention_are_tried_as_documented(run: harness.RunResults) -> None:
+    (block,) = _blocks("Other settings of attention")
+    names: dict[str, Any] = {"run": run}
+    exec(block, names)
+    wide, nearest = names["wide"], names["nearest"]
+    expected = run.answers[run.answers["configuration"] == "two"]["total"].astype(str).tolist()
+    assert [wide[wide["configuration"] == name]["total"].astype(str).tolist() for name in ("one", "two")] == [
+        expected
+    ] * 2
+    assert set(nearest["configuration"]) == {"one"}
+    assert set(nearest["total"].map(max)) == {1.0}

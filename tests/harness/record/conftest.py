@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.clips.naming import Names
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
@@ -84,12 +83,12 @@ def show(
     )
     targets = tuple(_target(instance, instance.id - turn, rng) for instance in instances)
     people = tuple(Person(view=view, instance_id=1 + turn, eye_origin_left=EYES) for view in views)
-    scene = Scene(index=index, time_ns=frame.time_ns, targets=targets, people=people)
+    names = {thing + turn: NAMES[thing] for thing in things}
+    scene = Scene(index=index, time_ns=frame.time_ns, targets=targets, people=people, names=names)
     settings = AttentionSettings(cones_cm=(10, 25))
-    subjects = [Subject(track_id=7, person=p, gaze=p.view.gaze, head_pose=p.view.head_pose) for p in people]
+    subjects = [Subject(track_id=7, person=p, gaze=p.view.gaze, head_pose=p.view.head_pose, name=ANN) for p in people]
     result = FrameResult(scene=scene, attentions=tuple(pay_attention(s, targets, settings) for s in subjects))
-    names = Names(subjects={7: ANN}, targets={thing + turn: NAMES[thing] for thing in things})
-    record = to_record("clip", "two cones", result, names)
+    record = to_record("clip", "two cones", result)
     return FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings={})
 
 

@@ -21,6 +21,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.sources import Truth
 from harness.studio import StudioClip
+from tests.attended import assert_scenes_give_the_same
 from tests.disk import write_text
 from tests.records import tables_of
 from tests.repository import REPOSITORY
@@ -93,6 +94,12 @@ def test_four_key_frames_are_enough_for_a_clip_without_masks(drawn_clip: Path, m
     assert min(rate for _, rate in rates.values()) > 0.9
     manifest = json.loads(directory.manifest.read_text())
     assert manifest["notes"] == [f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."]
+
+
+def test_answers_from_scenes_are_those_of_the_loop(drawn_clip: Path) -> None:
+    plan = prepare(load_experiment("exp.toml"), limit=5)
+    directory = run_plan(plan, Path("run"), workers=1, progress=lambda clip: None)
+    assert_scenes_give_the_same(directory, *plan.clips, plan.experiment.configurations)
 
 
 def test_results_are_the_same_with_workers(drawn_clip: Path) -> None:

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 
-from harness.clips.naming import Names
 from harness.run.records import to_record
 from vfoa.types import (
     Attention,
@@ -40,19 +39,19 @@ def _result() -> FrameResult:
     unseen = Person(view=view, instance_id=None, eye_origin_left=None)
     gaze = Gaze(direction=np.array([0.0, 0, 2]), sigma_rad=0.2)
     looking = Attention(
-        subject=Subject(track_id=1, person=seen, gaze=gaze, head_pose=None),
+        subject=Subject(track_id=1, person=seen, gaze=gaze, head_pose=None, name="girl"),
         values=(TargetAttention(instance_id=4, gaze=0.9, head=float("nan"), total=0.9),),
         focus=4,
     )
     lost = Attention(
         subject=Subject(track_id=2, person=unseen, gaze=None, head_pose=None), missing=NoAttention.NO_EYES_3D
     )
-    scene = Scene(index=7, time_ns=70, targets=(cup,), people=(seen, unseen))
+    scene = Scene(index=7, time_ns=70, targets=(cup,), people=(seen, unseen), names={4: "cup"})
     return FrameResult(scene=scene, attentions=(looking, lost))
 
 
 def test_a_record_holds_the_frame_in_plain_exact_values() -> None:
-    record = to_record("clip", "best", _result(), Names(subjects={1: "girl"}, targets={4: "cup"}))
+    record = to_record("clip", "best", _result())
     assert (record.clip, record.configuration, record.frame, record.time_ns) == ("clip", "best", 7, 70)
     target = record.target(4)
     assert (target.name, target.label, target.points, target.box_px) == ("cup", "cup", 7, (1.0, 2.0, 3.0, 4.0))
@@ -66,21 +65,19 @@ def test_a_record_holds_the_frame_in_plain_exact_values() -> None:
 
 
 def test_a_record_is_json_without_nan() -> None:
-    record = to_record("clip", "best", _result(), Names(subjects={}, targets={4: "cup#4"}))
-    assert json.loads(json.dumps(dataclasses.asdict(record), allow_nan=False))["targets"][0]["name"] == "cup#4"
+    record = to_record("clip", "best", _result())
+    assert json.loads(json.dumps(dataclasses.asdict(record), allow_nan=False))["targets"][0]["name"] == "cup"
 
 
 def test_a_target_without_a_box_has_none() -> None:
     result = _result()
     (cup,) = result.scene.targets
     flat = dataclasses.replace(result.scene, targets=(dataclasses.replace(cup, box=None),))
-    names = Names(subjects={}, targets={4: "cup"})
-    record = to_record("clip", "best", dataclasses.replace(result, scene=flat), names)
+    record = to_record("clip", "best", dataclasses.replace(result, scene=flat))
     assert record.target(4).box is None
 
 
 def test_the_width_of_a_head_is_that_of_its_box_at_the_depth_of_the_eyes() -> None:
-    names = Names(subjects={}, targets={4: "cup"})
-    widths = [subject.head_width_m for subject in to_record("clip", "best", _result(), names, fx_px=100.0).subjects]
+    widths = [subject.head_width_m for subject in to_record("clip", "best", _result(), fx_px=100.0).subjects]
     assert widths == [pytest.approx(2 / 100 / 3), None]
-    assert [subject.head_width_m for subject in to_record("clip", "best", _result(), names).subjects] == [None, None]
+    assert [subject.head_width_m for subject in to_record("clip", "best", _result()).subjects] == [None, None]

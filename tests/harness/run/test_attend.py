@@ -1,0 +1,210 @@
+"""Answers from a run's scenes are those of its loop over frames, to the last bit."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+import harness
+from harness.clips.add import add_clip
+from harness.clips.manifest import ClipManifest
+from harness.run.attend import attend_scenes, read_scenes
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.plan import Plan
+from harness.run.runner import prepare, run_plan
+from harness.run.tables import find_tables, read_table
+from harness.sources import Clip
+from tests import graphs
+from tests.attended import assert_scenes_give_the_same, values_of
+from tests.disk import write_text
+from tests.measured import measured_tables
+from vfoa.errors import VfoaError
+
+EXPERIMENT = """
+clips = ["studio_talk"]
+defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "simulated"
+defaults.gaze.model = "simulated"
+
+[[configuration]]
+name = "cones"
+[[configuration]]
+name = "wide"
+attention.cones_cm = [10, 25]
+[[configuration]]
+name = "filtered"
+gaze_filter.cues = "both"
+[[configuration]]
+name = "oriented"
+reconstruction.boxes = "oriented"
+gaze_filter.cues = "both"
+[[configuration]]
+name = "keys"
+gaze_filter.cues = "gaze"
+segmentation.every = 3
+[[configuration]]
+name = "nearest"
+attention.method = "nearest"
+[[configuration]]
+name = "off"
+attention = {{ method = "bayes", smoothing = "off", error = "told" }}
+[[configuration]]
+name = "forward"
+attention = {{ method = "bayes", directions = 40 }}
+[[configuration]]
+name = "both"
+attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.2 }}
+[[configuration]]
+name = "boxes"
+attention = {{ method = "bayes", surface = "box", faces = false }}
+[[configuration]]
+name = "logit"
+attention = {{ method = "logit", smoothing = "both", look_ahead_s = 0.1 }}
+[[configuration]]
+name = "logit-forward"
+attention.method = "logit"
+[[configuration]]
+name = "window"
+gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
+head_pose.model = "none"
+attention.method = "bayes"
+"""
+POSES = """
+clips = ["talk"]
+preset = "measured"
+[[configuration]]
+name = "cones"
+gaze_filter.cues = "both"
+[[configuration]]
+name = "bayes"
+attention.method = "bayes"
+[[configuration]]
+name = "logit"
+attention.method = "logit"
+"""
+SHARING = ("off", "both")
+FRAMES = 14
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run with its plan."""
+
+    directory: RunDirectory
+    plan: Plan
+
+    @property
+    def run(self) -> harness.RunResults:
+        """The run as scripts have it."""
+        return harness.load_run(self.directory.path)
+
+
+def _run(file: Path, limit: int | None = None) -> Finished:
+    plan = prepare(load_experiment(str(file)), limit=limit)
+    return Finished(run_plan(plan, file.parent / "run", workers=1, progress=lambda clip: None), plan)
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """A run on a clip with images."""
+    folder = tmp_path_factory.mktemp("images")
+    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
+    return _run(write_text(folder / "all.toml", EXPERIMENT.format(weights=weights)), FRAMES)
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Finished]:
+    """A run on a clip of recorded poses, in the working directory."""
+    folder = tmp_path_factory.mktemp("poses")
+    measured_tables(folder / "data" / "talk")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        add_clip(folder / "data" / "talk")
+        yield _run(write_text(folder / "poses.toml", POSES))
+
+
+def test_answers_from_scenes_are_those_of_the_loop(images: Finished) -> None:
+    assert_scenes_give_the_same(images.directory, *images.plan.clips, images.plan.experiment.configurations)
+
+
+def test_answers_from_scenes_of_poses_are_those_of_the_loop(poses: Finished) -> None:
+    assert_scenes_give_the_same(poses.directory, *poses.plan.clips, poses.plan.experiment.configurations)
+
+
+def test_methods_that_share_a_scene_give_what_each_gives_alone(images: Finished) -> None:
+    paths = dict(find_tables(images.directory))["studio_talk", "off"]
+    settings = {each.name: each.attend for each in images.plan.experiment.configurations if each.name in SHARING}
+    together = defaultdict[str, list[Any]](list)
+    for name, result in attend_scenes(paths, settings):
+        together[name].append(values_of(result))
+    alone = {name: [values_of(each) for _, each in attend_scenes(paths, {name: settings[name]})] for name in SHARING}
+    assert together == alone
+    assert alone["off"] != alone["both"]
+
+
+COLUMNS = ["frame", "track_id", "focus", "targets", "total"]
+
+
+def _of(answers: pd.DataFrame, *configurations: str) -> pd.DataFrame:
+    """The answers of these configurations as text, which can be compared."""
+    return answers[answers["configuration"].isin(configurations)].reset_index(drop=True).astype(str)
+
+
+def test_a_script_gets_answers_under_other_settings(images: Finished, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ClipManifest, "open", _opens_no_clip)
+    answers = images.run.answers
+    same = images.run.attend({})
+    assert same.columns.tolist() == answers.columns.tolist()
+    assert same.astype(str).equals(answers.astype(str))
+    wide = images.run.attend({"attention.cones_cm": [10.0, 25.0]}, ["cones"]).astype(str)
+    assert wide[COLUMNS].equals(_of(answers, "wide")[COLUMNS])
+    assert not wide["total"].equals(_of(answers, "cones")["total"])
+    nearest = images.run.attend({"attention.method": "nearest"}, ["cones", "wide"]).astype(str)
+    for name in ("cones", "wide"):
+        assert _of(nearest, name)[COLUMNS].equals(_of(answers, "nearest")[COLUMNS])
+    unfiltered = images.run.attend({"gaze_filter.cues": "off"}, ["filtered"])
+    assert unfiltered[["gaze_filtered", "head_filtered"]].isna().all(axis=None)
+    assert _of(unfiltered, "filtered")[COLUMNS].equals(_of(answers, "cones")[COLUMNS])
+
+
+def _opens_no_clip(*_: object) -> Clip:
+    raise AssertionError("a clip is opened")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stereo.matcher": "bm"}, "attend: stereo.matcher: expected settings of attention and gaze_filter, which"),
+        ({"attention.cones": [1]}, "attend: cones: unknown key 'attention.cones'; did you mean 'cones_cm'?"),
+        ({"attention.method": "answers"}, 'attend: cones: attention.method = "answers" reads the clip; run the'),
+        ({"attention.method": "bayes", "attention.directions": 17}, "clouds.parquet: found no clouds of 17 points"),
+    ],
+)
+def test_what_scenes_do_not_have_is_one_line(images: Finished, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(VfoaError) as caught:
+        images.run.attend(changes, ["cones"])
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_configuration_is_one_line(images: Finished) -> None:
+    with pytest.raises(VfoaError, match="no configuration 'cone'; did you mean 'cones'"):
+        images.run.attend({}, ["cone"])
+
+
+def test_scenes_are_read_with_and_without_their_clouds(images: Finished) -> None:
+    paths = dict(find_tables(images.directory))["studio_talk", "forward"]
+    with_clouds, without = (list(read_scenes(paths, count)) for count in (40, 0))
+    assert {len(target.points_left) for frame in with_clouds for target in frame.scene.targets} == {40}
+    assert {len(target.points_left) for frame in without for target in frame.scene.targets} == {0}
+    assert set(read_table(images.directory, "clouds")["points"].to_pylist()) == {40, 128}
+    assert [frame.scene.index for frame in with_clouds] == list(range(1, FRAMES + 1))
