@@ -123,7 +123,10 @@ def _choose_observation(project: Mapping[str, Any], wanted: str | None, path: Pa
     """Return the wanted observation, or the only one, and its place for messages."""
     observations = project.get("observations")
     if not isinstance(observations, dict) or not observations:
-        raise VfoaError(f"{path}: no observations; expected a BORIS project")
+        raise VfoaError(
+            f"{path}: no observations with events; expected a BORIS project, or an export of events of the whole "
+            "observation"
+        )
     if wanted is not None:
         check_known(wanted, observations, f"{path}: --observation: no")
     elif len(observations) > 1:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from harness.labels.formats.boris import Boris
-from harness.labels.labels import Labels
+from harness.labels.labels import LabelRange, Labels
 from tests.disk import write_bytes, write_text
 from tests.exchanges import PlainClip, exchange, row
 from vfoa.errors import VfoaError
@@ -344,6 +344,71 @@ def test_exported_tables_are_read_as_the_project(name: str, encoding: str, tmp_p
     imported = Boris().read(path, exchange(films={"front.mp4": 0.0}))
     assert imported.labels.ranges == ROWS
     assert f"{path}: 1 point events have no length and are left out." in imported.notes
+
+
+BORIS_8_TABULAR = """\
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 girl cup . START 0.000 talk.mp4 0 NA .
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 boy cup . START 0.030 talk.mp4 0 NA .
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 girl bird . START 0.080 talk.mp4 2 NA eyes_shut
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 girl cup . STOP 0.080 talk.mp4 2 NA .
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 girl nod . POINT 0.100 talk.mp4 2 NA .
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 boy cup . STOP 0.120 talk.mp4 3 NA .
+talk 0.160 Media_file(s) #talk.mp4 0.0 2.000 25.000 girl bird . STOP 0.160 talk.mp4 4 NA .
+later 0.200 Media_file(s) #talk.mp4 100.0 2.000 25.000 girl cup . START 100.000 Not_found 0 NA .
+later 0.200 Media_file(s) #talk.mp4 100.0 2.000 25.000 girl cup . STOP 100.200 Not_found 0 NA .
+queue 0.200 Media_file(s) #first.mp4;talk.mp4 0.0 2.000;2.000 25.000;25.000 girl cup . START 2.000 talk.mp4 0 NA .
+queue 0.200 Media_file(s) #first.mp4;talk.mp4 0.0 2.000;2.000 25.000;25.000 girl cup . STOP 2.200 talk.mp4 0 NA .
+"""
+BORIS_8_AGGREGATED = """\
+looks Media_file #talk.mp4 0.0 0.200 2.000 25.000 girl 0.2 look Not_defined bird STATE 0.000 0.080 0.080 talk.mp4 0 0
+looks Media_file #talk.mp4 0.0 0.200 2.000 25.000 girl 0.2 look Not_defined cup STATE 0.080 0.200 0.120 talk.mp4 0 0
+"""
+"""What the code of BORIS 8.27.4 wrote of a project of the test's; of each row, date and description are left out here,
+a blank is ``_``, ``player #1:`` is ``#``, and a cell without text is ``.``."""
+
+
+def _of_boris_8(names: str, rows: str, separator: str) -> str:
+    cells = [
+        ["" if cell == "." else cell.replace("_", " ").replace("#", "player #1:") for cell in row.split(" ")]
+        for row in rows.splitlines()
+    ]
+    whole = [[row[0], "2024-09-01 10:00:00.000", "d", *row[1:]] for row in cells]
+    columns = names.split(",")
+    lines = [columns, *([*row, *[""] * (len(columns) - len(row))] for row in whole)]
+    return "".join(separator.join(line) + "\r\n" for line in lines)
+
+
+@pytest.mark.parametrize("separator", ["\t", ","])
+@pytest.mark.parametrize(
+    ("observation", "ranges", "note"),
+    [
+        ("talk", ROWS, "1 point events have no length and are left out."),
+        ("later", (row(1, 5, "cup"),), "an offset of -100 s is added to its times."),
+        ("queue", (row(1, 5, "cup"),), "an offset of -2 s is added to its times."),
+    ],
+)
+def test_events_that_boris_8_exported_are_read(
+    observation: str, ranges: tuple[LabelRange, ...], note: str, separator: str, tmp_path: Path
+) -> None:
+    columns = TABULAR.replace("Modifier #1,", "")
+    path = write_text(tmp_path / "a.tsv", _of_boris_8(columns, BORIS_8_TABULAR, separator))
+    imported = Boris().read(path, exchange(observation=observation, films={"talk.mp4": 0.0}))
+    assert (imported.labels.ranges, imported.notes) == (ranges, (f"{path}: {note}",))
+
+
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_states_that_boris_8_aggregated_are_read(separator: str, tmp_path: Path) -> None:
+    columns = AGGREGATED.replace("Modifier #2,", "")
+    path = write_text(tmp_path / "a.tsv", _of_boris_8(columns, BORIS_8_AGGREGATED, separator))
+    imported = Boris().read(path, exchange(modifier="1", films={"talk.mp4": 0.0}))
+    assert (imported.labels.ranges, imported.notes) == ((row(1, 2, "bird"), row(3, 5, "cup")), ())
+
+
+def test_an_export_without_an_event_says_so(tmp_path: Path) -> None:
+    """BORIS leaves out events beyond the film, all of them if the observation has a time offset."""
+    path = write_text(tmp_path / "a.tsv", _of_boris_8(TABULAR, "", "\t"))
+    with pytest.raises(VfoaError, match=r"a\.tsv: no observations with events; expected .* of the whole observation"):
+        Boris().read(path, exchange())
 
 
 def test_modifiers_of_an_export_are_chosen_by_number(tmp_path: Path) -> None:
