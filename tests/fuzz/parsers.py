@@ -17,7 +17,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
-from harness.pipeline.outputs.answers import read_answers
+from harness.pipeline.outputs.answer_tables import read_answers
 from harness.pipeline.outputs.heads import read_heads, read_table
 from harness.run.experiment import load_experiment, read_fitted
 from harness.sources.calibration_files.one_camera import read_one_camera

@@ -1,0 +1,269 @@
+"""Tables of another system's answers: who looks at what, by names.
+
+frame,subject,target[,instance_id][,p_NAME...]
+time_s,subject,target[,instance_id][,p_NAME...]
+frame,subject,u_px,v_px[,in_image]
+
+CSV in any dialect, or Parquet. A row is one person in one frame. ``target`` is a name of the manifest (a target or a
+subject), ``none`` for "looks at nothing", or blank for no answer; a frame without a row has none either.
+``instance_id`` says which one it is where things share a name; default: the first. ``p_NAME`` are probabilities of
+targets, ``p_none`` that of nothing, which without a column has the rest up to 1; a blank cell is 0. With
+probabilities a blank target is the likeliest one. A thing that the manifest does not name is ``label#id``, as vfoa's
+own tables call it.
+
+``u_px, v_px`` is the point of the left image that the person looks at, as gaze-following networks say it.
+``in_image`` 0 is ``none``; a row without a point is no answer.
+
+The file of Idiap's tracker holds the answers of its own model (:mod:`harness.sources.measured.idiap`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.clips.naming import is_automatic
+from harness.files.parquet import read_parquet_columns
+from harness.files.tables import TableColumns, read_columns
+from harness.labels.labels import NOWHERE
+from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
+from vfoa.errors import VfoaError, did_you_mean
+
+KEYS = ("frame", "time_s")
+"""Columns that say which frame a row is of; a table has one of them."""
+NAMED = ("target", "instance_id")
+POINT = ("u_px", "v_px")
+CHANCE = "p_"
+"""How the name of a column of probabilities begins."""
+
+_IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
+"""Cells of ``in_image``, and whether they say that the point is outside."""
+_TOLERANCE = 1e-3
+"""By how much the probabilities of a row may differ from 1, for tables with few digits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One person's answer in a frame: a name or :data:`NOWHERE`; ``instance_id`` is which one of that name.
+
+    ``chances`` are the probabilities of names above 0; empty where the system gives none. ``point_px`` (u, v) is the
+    point looked at, in place of a name.
+    """
+
+    target: str = NOWHERE
+    instance_id: int | None = None
+    chances: Mapping[str, float] = field(default_factory=dict)
+    point_px: tuple[float, float] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all that it speaks of."""
+        return tuple(name for name in (self.target, *self.chances) if name != NOWHERE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """The answers of a table by frame and subject; whether it has probabilities, and whether it has points."""
+
+    probabilistic: bool
+    has_points: bool
+    by_frame: Mapping[int, Mapping[str, Answer]]
+
+
+def read_answers(
+    path: Path,
+    frames: Sequence[int],
+    times_ns: Sequence[int],
+    names: Sequence[str],
+    people: Sequence[str],
+    *,
+    frame_offset: int = 0,
+) -> Answers:
+    """Read the answers of a clip.
+
+    Parameters
+    ----------
+    frames, times_ns
+        The clip's frame numbers in ascending order, and their times in ns.
+    names, people
+        The manifest's names of all targets, and of the subjects, who are targets, too.
+    frame_offset
+        Added to the table's frame numbers.
+
+    Raises
+    ------
+    VfoaError
+        For the first mistake, with file and line: a column or a name that is unknown, a frame that the clip does not
+        have, two rows of one person in one frame, probabilities that do not add up.
+    """
+    columns = _read(path)
+    table = _Table(columns, tuple(names), tuple(people))
+    by_frame: dict[int, dict[str, Answer]] = {}
+    lines: dict[tuple[int, str], int] = {}
+    for row, frame in enumerate(_frames(table, frames, times_ns, frame_offset)):
+        subject = table.subject(row)
+        if (before := lines.setdefault((frame, subject), row)) != row:
+            raise VfoaError(
+                f"{columns.where(row)}: frame {frame}, subject {subject!r}: occurs twice, first at "
+                f"{columns.where(before)}"
+            )
+        if (answer := table.answer(row, subject)) is not None:
+            by_frame.setdefault(frame, {})[subject] = answer
+    return Answers(probabilistic=bool(table.chances), has_points=table.has_points, by_frame=by_frame)
+
+
+def _read(path: Path) -> TableColumns:
+    """The columns of a table in any of the formats."""
+    if path.suffix == ".parquet":
+        return read_parquet_columns(path)
+    return answers_of_idiap(path) if is_tracker_output(path) else read_columns(path, None, ("subject",))
+
+
+class _Table:
+    """A table of answers while it is checked."""
+
+    def __init__(self, columns: TableColumns, names: tuple[str, ...], people: tuple[str, ...]) -> None:
+        self.columns, self._names, self._people = columns, names, people
+        answers = (*names, NOWHERE)
+        expected = (*KEYS, "subject", *NAMED, *(CHANCE + name for name in answers), *POINT, "in_image")
+        unnamed = tuple(
+            column.removeprefix(CHANCE)
+            for column in columns.cells
+            if column.startswith(CHANCE) and is_automatic(column.removeprefix(CHANCE))
+        )
+        answers = (*answers, *unnamed)
+        for column in columns.cells:
+            if column not in expected and column.removeprefix(CHANCE) not in unnamed:
+                raise VfoaError(f"{columns.path}:1: no column {column!r} here; {did_you_mean(column, expected)}")
+        self.has_points = any(column in columns.cells for column in POINT)
+        named = [column for column in columns.cells if column in NAMED or column.startswith(CHANCE)]
+        if "subject" not in columns.cells or self.has_points == bool(named):
+            found = f"{named[0]} beside points" if named and self.has_points else ",".join(columns.cells)
+            raise VfoaError(
+                f"{columns.path}:1: found {found}; expected frame,subject,target,... or frame,subject,u_px,v_px,..."
+            )
+        self._points = columns.group(POINT) if self.has_points else None
+        self._out = self._are_out() if self.has_points else ()
+        self._check_points()
+        self._numbers = columns.numbers("instance_id")
+        given = {name: columns.numbers(CHANCE + name) for name in answers if CHANCE + name in columns.cells}
+        self.chances = {name: np.nan_to_num(column) for name, column in given.items()}
+        self._has_chances = np.zeros(len(columns.lines), np.bool_)
+        for numbers in given.values():
+            self._has_chances |= ~np.isnan(numbers)
+        self._sums = np.sum([*self.chances.values()], axis=0) if self.chances else None
+        self._check_chances()
+
+    def subject(self, row: int) -> str:
+        """The person of a row."""
+        subject = self.columns.cells["subject"][row]
+        if subject not in self._people:
+            raise VfoaError(f"{self.columns.where(row)}: subject {subject!r}: {did_you_mean(subject, self._people)}")
+        return subject
+
+    def answer(self, row: int, subject: str) -> Answer | None:
+        """The answer in a row; None for no answer."""
+        if self._points is not None:
+            u, v = self._points[row].tolist()
+            if self._out[row]:
+                return Answer()
+            return None if math.isnan(u) else Answer(point_px=(u, v))
+        target, where = self.columns.cells["target"][row], self.columns.where(row)
+        chances = {name: float(column[row]) for name, column in self.chances.items() if column[row] > 0}
+        if self._has_chances[row] and NOWHERE not in self.chances and (rest := 1 - sum(chances.values())) > 0:
+            chances[NOWHERE] = rest
+        if self.chances and not chances:
+            if target:
+                raise VfoaError(f"{where}: target {target!r}: found no probability; expected those of this row, too")
+            return None
+        if not target and not chances:
+            return None
+        target = target or max(chances, key=lambda name: chances[name])
+        if target not in (*self._names, NOWHERE) and not is_automatic(target):
+            raise VfoaError(f"{where}: target {target!r}: {did_you_mean(target, (*self._names, NOWHERE))}")
+        if subject in (target, *chances):
+            raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target")
+        number = self._numbers[row]
+        return Answer(target=target, instance_id=None if math.isnan(number) else int(number), chances=chances)
+
+    def _are_out(self) -> tuple[bool, ...]:
+        """Which rows say that the point is not in the image."""
+        cells = self.columns.cells.get("in_image", ("",) * len(self.columns.lines))
+        for row, cell in enumerate(cells):
+            if cell.lower() not in _IN_IMAGE:
+                where = self.columns.where(row)
+                raise VfoaError(f"{where}: in_image: found {cell!r}; expected 1, 0 or nothing")
+        return tuple(_IN_IMAGE[cell.lower()] for cell in cells)
+
+    def _check_points(self) -> None:
+        """Reject points in shares of the image's size, which are no pixels."""
+        points = np.zeros((0, 2)) if self._points is None else self._points[~np.isnan(self._points[:, 0])]
+        if len(points) > 1 and (points >= 0).all() and (points <= 1).all():
+            raise VfoaError(
+                f"{self.columns.path}: u_px, v_px: all are from 0 to 1; expected pixels of the left image: multiply by "
+                "its width and height"
+            )
+
+    def _check_chances(self) -> None:
+        for name, column in self.chances.items():
+            for row in np.flatnonzero((column < 0) | (column > 1))[:1].tolist():
+                where = self.columns.where(row)
+                raise VfoaError(f"{where}: {CHANCE}{name}: expected a probability from 0 to 1, found {column[row]:g}")
+        if self._sums is None:
+            return
+        least = 1.0 if NOWHERE in self.chances else 0.0
+        wrong = (self._sums > 1 + _TOLERANCE) | ((self._sums < least - _TOLERANCE) & self._has_chances)
+        for row in np.flatnonzero(wrong)[:1].tolist():
+            names = ", ".join(CHANCE + name for name in self.chances)
+            limit = "1" if least else f"at most 1 (the rest is that of {NOWHERE})"
+            where, total = self.columns.where(row), self._sums[row]
+            raise VfoaError(f"{where}: {names}: the probabilities add up to {total:.4g}; expected {limit}")
+
+
+def _frames(table: _Table, frames: Sequence[int], times_ns: Sequence[int], offset: int) -> Iterator[int]:
+    """The frame of each row."""
+    columns = table.columns
+    given = [key for key in KEYS if key in columns.cells]
+    if len(given) != 1:
+        found = " and ".join(given) or "neither"
+        raise VfoaError(f"{columns.path}:1: found {found} of the columns {' and '.join(KEYS)}; expected one of them")
+    numbers = _by_time(columns, frames, times_ns) if given == ["time_s"] else columns.integers("frame") + offset
+    outside = np.flatnonzero(~np.isin(numbers, np.array([*frames], np.int64)))
+    if len(outside):
+        row, first, last = int(outside[0]), frames[0], frames[-1]
+        raise VfoaError(
+            f"{columns.where(row)}: frame {numbers[row] - offset}: not in the clip, whose frames are {first} to {last}"
+            f"{_shift_hint(numbers, first, last, offset)}"
+        )
+    yield from numbers.tolist()
+
+
+def _shift_hint(numbers: NDArray[np.int64], first: int, last: int, offset: int) -> str:
+    """What to set where all frames of a table are in the clip when they are counted from one more, or one less."""
+    for shift in (1, -1):
+        if first <= numbers.min() + shift and numbers.max() + shift <= last:
+            return f"; if the table counts from {first - shift}, set attention.frame_offset = {offset + shift}"
+    return ""
+
+
+def _by_time(columns: TableColumns, frames: Sequence[int], times_ns: Sequence[int]) -> NDArray[np.int64]:
+    """The nearest frame to each time, in seconds from the clip's first frame, within half a frame."""
+    times_s = (np.array(times_ns, np.int64) - times_ns[0]) / 1e9
+    wanted = columns.numbers("time_s")
+    if len(times_s) < 2 or times_s[-1] <= 0:
+        raise VfoaError(f"{columns.path}:1: time_s: the clip's frames have no times; expected the column frame")
+    right = np.clip(np.searchsorted(times_s, wanted), 1, len(times_s) - 1)
+    nearest = np.where(wanted - times_s[right - 1] <= times_s[right] - wanted, right - 1, right)
+    half_s = float(np.median(np.diff(times_s))) / 2
+    far = np.isnan(wanted) | (np.abs(wanted - times_s[nearest]) > half_s * (1 + _TOLERANCE))
+    for row in np.flatnonzero(far)[:1].tolist():
+        raise VfoaError(
+            f"{columns.where(row)}: time_s: found {columns.cells['time_s'][row]!r}, no time of a frame; expected "
+            f"seconds from the clip's first frame, 0 to {times_s[-1]:.3f}, within {half_s:.3f}"
+        )
+    return np.array(frames, np.int64)[nearest]
