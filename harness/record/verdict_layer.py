@@ -24,7 +24,7 @@ from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory, clip_names
 from harness.run.records import renamed
-from harness.run.results import answers_of
+from harness.run.results import AnswerTraits, answer_traits
 from harness.run.table_records import Block, TableReader
 from harness.score import verdicts as scored
 from harness.score.verdicts import ERROR_TYPES, judge
@@ -84,8 +84,8 @@ def write_verdict_layers(
         if attention.is_file():
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.get("run_id"), clip))
             names = (names_now or {}).get(clip, {})
-            answers = answers_of(manifest, configuration, directory.manifest)
-            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names, answers.probabilistic)
+            traits = answer_traits(manifest, configuration, directory.manifest)
+            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names, traits)
             layer.write(its_blocks)
 
 
@@ -118,10 +118,10 @@ class _Layer:
         names: tuple[tuple[str, ...], tuple[str, ...]],
         labels: Labels | None,
         names_now: Mapping[str, str],
-        has_probabilities: bool,
+        traits: AnswerTraits,
     ) -> None:
         self._reader, self._configuration, self._labels = reader, configuration, labels
-        self._subjects, self._names_now, self._has_probabilities = names[0], names_now, has_probabilities
+        self._subjects, self._names_now, self._traits = names[0], names_now, traits
         self._targets = tuple(names_now.get(name, name) for name in names[1])
         self._files, self._path = files, files.verdicts(configuration)
 
@@ -158,7 +158,7 @@ class _Layer:
             for row in (self._labels.ranges if self._labels else ())
             if row.first_frame <= last and row.last_frame >= first
         ]
-        names = self._subjects, self._targets, self._labels is None, self._has_probabilities
+        names = self._subjects, self._targets, self._labels is None, self._traits
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
@@ -168,12 +168,7 @@ class _Layer:
         for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
             labels = self._labels
             verdicts = [
-                judge(
-                    record,
-                    name,
-                    labels.at(record.frame, name) if labels else None,
-                    has_probabilities=self._has_probabilities,
-                )
+                judge(record, name, labels.at(record.frame, name) if labels else None, self._traits)
                 for name in self._subjects
             ]
             outcomes.update(verdict.outcome for verdict in verdicts)

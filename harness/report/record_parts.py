@@ -34,6 +34,7 @@ from harness.run.table_records import Block, TableReader
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import JudgedPart, Reference
 from harness.score.score import Scores, score_parts
+from harness.score.verdicts import PLAIN
 
 
 @dataclass(slots=True)
@@ -49,8 +50,8 @@ class Part:
         """Add a record."""
         self.judged.take(record, reference)
         self.measured.take(record)
-        has_probabilities = record.configuration in reference.probabilistic
-        self.frames.extend(frame_lines(record, has_probabilities=has_probabilities))
+        traits = reference.traits.get(record.configuration, PLAIN)
+        self.frames.extend(frame_lines(record, has_probabilities=traits.probabilistic))
         self.attention.take(record)
 
 
@@ -114,8 +115,7 @@ class KeptParts:
         of = (
             *(block.digest, self._labelled(block), sorted(self._reference.names_now.get(block.clip, {}).items())),
             sorted(self._reference.phases.get(block.clip, {}).items()),
-            *(name in self._reference.says_nowhere, name in self._reference.probabilistic),
-            *(name in self._reference.from_file, _code_digest()),
+            *(self._reference.traits.get(name, PLAIN), _code_digest()),
         )
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()
 

@@ -30,18 +30,18 @@ class ClipRecords:
     says_nowhere: bool
 
 
-class Answers(NamedTuple):
+class AnswerTraits(NamedTuple):
     """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
 
     Those ``from_file`` are another system's, which needs nothing of what the stages found.
     """
 
-    probabilistic: bool
-    says_nowhere: bool
+    probabilistic: bool = False
+    says_nowhere: bool = False
     from_file: bool = False
 
 
-def answers_of(manifest: Mapping[str, Any], configuration: str, path: Path) -> Answers:
+def answer_traits(manifest: Mapping[str, Any], configuration: str, path: Path) -> AnswerTraits:
     """Return what the answers of a configuration are, by its run's manifest, a file at ``path``.
 
     Raises
@@ -51,12 +51,12 @@ def answers_of(manifest: Mapping[str, Any], configuration: str, path: Path) -> A
     """
     of_method = manifest.get("methods", {}).get(configuration)
     if of_method is not None:
-        return Answers(of_method["probabilistic"], of_method["says_nowhere"], of_method.get("from_file", False))
+        return AnswerTraits(of_method["probabilistic"], of_method["says_nowhere"], of_method.get("from_file", False))
     if "method" in manifest.get("configurations", {}).get(configuration, {}).get("attention", {}):
         raise VfoaError(
             f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
         )
-    return Answers(probabilistic=False, says_nowhere=False)
+    return AnswerTraits()
 
 
 def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
@@ -88,13 +88,13 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     names = list(dict.fromkeys(record.configuration for record in records))
     chosen = choose(names, configuration, run)
     by_frame = {record.frame: record for record in records if record.configuration == chosen}
-    answers = answers_of(manifest, chosen, directory.manifest)
+    traits = answer_traits(manifest, chosen, directory.manifest)
     return ClipRecords(
         configuration=chosen,
         by_frame=by_frame,
         all=records,
-        has_probabilities=answers.probabilistic,
-        says_nowhere=answers.says_nowhere,
+        has_probabilities=traits.probabilistic,
+        says_nowhere=traits.says_nowhere,
     )
 
 

@@ -18,7 +18,7 @@ from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import answers_of, has_images
+from harness.run.results import answer_traits, has_images
 from harness.run.table_records import Block, TableReader, most_people
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
@@ -126,7 +126,7 @@ class FinishedRun:
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
-        answers = {name: answers_of(run, name, self.directory.manifest) for name in run["configurations"]}
+        traits = {name: answer_traits(run, name, self.directory.manifest) for name in run["configurations"]}
         annotator = annotator or run.get("annotator")
         manifests = self._manifests(annotator)
         read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
@@ -163,9 +163,7 @@ class FinishedRun:
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self._names_now(manifests),
-            says_nowhere=frozenset(name for name, of_method in answers.items() if of_method.says_nowhere),
-            probabilistic=dict.fromkeys(name for name, of_method in answers.items() if of_method.probabilistic),
-            from_file=frozenset(name for name, of_method in answers.items() if of_method.from_file),
+            traits=traits,
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
             settings=run["configurations"],

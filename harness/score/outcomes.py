@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -13,17 +13,18 @@ from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.directory import Pair, Published
 from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, Choices, best_limit_rad, choose, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import (
     NO_HIT,
     NO_PROBABILITIES,
+    PLAIN,
     UNKNOWN_WORTH,
     Verdict,
     Worth,
     answer,
-    by_name,
     find_subject,
     judge,
     judge_absent,
@@ -46,10 +47,9 @@ class Reference:
     A clip without labels is not scored. ``frames`` are those that were to be run, if they are fewer than the labels
     cover (a clip whose numbers have gaps, a run with a limit): a labelled frame without a record counts as wrong.
     ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
-    ``says_nowhere`` are the configurations whose method can answer "looks at nothing", ``probabilistic`` those whose
-    attention is a probability, ``from_file`` those whose answers another system gave. ``unknown_names`` are names in
-    the results of a clip that its manifest does not know: they can only be wrong. ``names_now`` are the present names
-    of renamed targets by clip and name in the results.
+    ``traits`` say what the answers of each configuration are, :data:`PLAIN` of one that is not there.
+    ``unknown_names`` are names in the results of a clip that its manifest does not know: they can only be wrong.
+    ``names_now`` are the present names of renamed targets by clip and name in the results.
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
     ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
     each clip that has some, by the number of things beside people in a frame.
@@ -59,9 +59,7 @@ class Reference:
     frames: Mapping[str, Iterable[int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     published: Published | None = None
-    says_nowhere: frozenset[str] = frozenset()
-    probabilistic: Collection[str] = frozenset()
-    from_file: frozenset[str] = frozenset()
+    traits: Mapping[str, AnswerTraits] = field(default_factory=dict)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -161,15 +159,11 @@ class JudgedPart:
         if is_compared:
             self.head_widths_m += [subject.head_width_m for subject in record.subjects if subject.head_width_m]
         of_clip = reference.labels.get(record.clip)
+        traits = reference.traits.get(record.configuration, PLAIN)
         labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
         for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
             label = labels.get(subject)
-            has_probabilities = record.configuration in reference.probabilistic
-            verdict = judge(record, subject, label, has_probabilities=has_probabilities)
-            if record.configuration in reference.says_nowhere:
-                verdict = _as_said(verdict)
-            if record.configuration in reference.from_file:
-                verdict = by_name(verdict)
+            verdict = judge(record, subject, label, traits)
             judgement = Judgement(verdict, label is not None and label.is_blocked)
             if label and verdict.outcome != "unscored":
                 person = find_subject(record, subject)
@@ -177,7 +171,7 @@ class JudgedPart:
                 hits = choices.hits(right)
                 if is_compared:
                     self.aims += _aim(record, person, right)
-                worth = worth_of(record, person, label, has_probabilities=has_probabilities)
+                worth = worth_of(record, person, label, traits)
                 judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
             self.by_subject.setdefault(subject, {})[record.frame] = judgement
 
@@ -231,13 +225,12 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: 
         labels = reference.labels.get(name)
         wanted_labels = list(labels.labelled(wanted)) if labels else []
         for configuration, part in parts.items():
-            worth = NO_PROBABILITIES if configuration in reference.probabilistic else UNKNOWN_WORTH
+            traits = reference.traits.get(configuration, PLAIN)
+            worth = NO_PROBABILITIES if traits.probabilistic else UNKNOWN_WORTH
             for frame, subject, label in wanted_labels:
                 of_subject = part.by_subject.setdefault(subject, {})
                 if frame not in of_subject:
-                    verdict = judge_absent(name, configuration, frame, subject, label)
-                    if configuration in reference.from_file:
-                        verdict = by_name(verdict)
+                    verdict = judge_absent(name, configuration, frame, subject, label, traits)
                     of_subject[frame] = Judgement(verdict, label.is_blocked, worth=worth)
             for subject, judgements in sorted(part.by_subject.items()):
                 in_phase = {k: each for k, each in judgements.items() if phase in (None, part.phases.get(k))}
@@ -270,14 +263,6 @@ def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
         replace(outcome, looks=number_looks(outcome.truth, outcome.positions, outcome.rate_hz, least_s))
         for outcome in outcomes
     ]
-
-
-def _as_said(verdict: Verdict) -> Verdict:
-    """For a method that can say "looks at nothing", count no attention as that answer; for cones it is no answer."""
-    if verdict.predicted != NO_HIT:
-        return verdict
-    error_type = "missed" if verdict.error_type == "no_hit" else verdict.error_type
-    return replace(verdict, predicted=NOWHERE, error_type=error_type)
 
 
 def _outcomes(

@@ -196,7 +196,7 @@ def score_parts(
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
     says_nowhere = {
-        *map(base_of, reference.says_nowhere),
+        *(base_of(name) for name, traits in reference.traits.items() if traits.says_nowhere),
         *(base_of(outcome.configuration) for outcome in outcomes if outcome.says_nowhere.any()),
     }
     phases = dict.fromkeys(phase for of_clip in reference.phases.values() for phase in of_clip.values())
@@ -216,7 +216,7 @@ def score_parts(
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
         settings=reference.settings,
-        has_answers_of_file=bool(reference.from_file),
+        has_answers_of_file=any(traits.from_file for traits in reference.traits.values()),
         phases={phase: _phase_scores(to_outcomes(judged, reference, phase), metrics) for phase in phases},
     )
 

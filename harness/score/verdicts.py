@@ -29,13 +29,14 @@ A *set* holds the fewest answers, nowhere among them, that have :data:`SET_LEVEL
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE, Label
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.results import AnswerTraits
 
 Outcome = Literal["correct", "wrong", "unscored"]
 
@@ -73,10 +74,10 @@ class Verdict:
     """The prediction for a subject in a frame, and whether it is right.
 
     ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None if there is no label,
-    ``predicted`` None if no prediction was made, :data:`NO_HIT` if nothing got any attention: that is right if the
-    label is ``none``, as in the paper, and an error type of its own otherwise. ``error_type`` is one of
-    :data:`ERROR_TYPES` for a wrong frame, None for every other. ``confidence`` is the probability of the prediction;
-    None without a prediction, or if attention is no probability.
+    ``predicted`` None if no prediction was made, :data:`NO_HIT` if nothing got any attention of a method that cannot
+    say "nowhere": that is right if the label is ``none``, as in the paper, and an error type of its own otherwise.
+    ``error_type`` is one of :data:`ERROR_TYPES` for a wrong frame, None for every other. ``confidence`` is the
+    probability of the prediction; None without a prediction, or if attention is no probability.
     """
 
     clip: str
@@ -90,11 +91,14 @@ class Verdict:
     confidence: float | None = None
 
 
-def judge(record: FrameRecord, subject: str, label: Label | None, *, has_probabilities: bool = False) -> Verdict:
-    """Judge a frame's record for a subject. No label, or ``ignore``: unscored.
+OF_SCENE = {"no_subject": "no_answer", "target_not_segmented": "missed", "target_without_box": "missed"}
+"""Error types of what the stages found, and what they are for answers by name, which need nothing of it."""
+PLAIN = AnswerTraits()
+"""Of cones: no probabilities, and no answer where no ray hit anything."""
 
-    ``has_probabilities`` says whether attention is a probability.
-    """
+
+def judge(record: FrameRecord, subject: str, label: Label | None, traits: AnswerTraits = PLAIN) -> Verdict:
+    """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
     person = find_subject(record, subject)
     predicted = _predicted(record, person)
     outcome: Outcome = "unscored"
@@ -102,6 +106,10 @@ def judge(record: FrameRecord, subject: str, label: Label | None, *, has_probabi
     if label is not None and label.target != IGNORED:
         error_type = _error_type(record, subject, person, label, predicted)
         outcome = "wrong" if error_type else "correct"
+    if traits.says_nowhere and predicted == NO_HIT:
+        predicted, error_type = NOWHERE, "missed" if error_type == "no_hit" else error_type
+    if traits.from_file and error_type is not None:
+        error_type = OF_SCENE.get(error_type, error_type)
     return Verdict(
         clip=record.clip,
         configuration=record.configuration,
@@ -111,23 +119,16 @@ def judge(record: FrameRecord, subject: str, label: Label | None, *, has_probabi
         predicted=predicted,
         outcome=outcome,
         error_type=error_type,
-        confidence=_confidence(person) if has_probabilities and predicted is not None and person else None,
+        confidence=_confidence(person) if traits.probabilistic and predicted is not None and person else None,
     )
 
 
-def judge_absent(clip: str, configuration: str, frame: int, subject: str, label: Label) -> Verdict:
+def judge_absent(
+    clip: str, configuration: str, frame: int, subject: str, label: Label, traits: AnswerTraits = PLAIN
+) -> Verdict:
     """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
     empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
-    return judge(empty, subject, label)
-
-
-OF_SCENE = {"no_subject": "no_answer", "target_not_segmented": "missed", "target_without_box": "missed"}
-"""Error types of what the stages found, and what they are for answers by name, which need nothing of it."""
-
-
-def by_name(verdict: Verdict) -> Verdict:
-    """The verdict on an answer that another system gave by name."""
-    return replace(verdict, error_type=OF_SCENE.get(verdict.error_type or "", verdict.error_type))
+    return judge(empty, subject, label, traits)
 
 
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
@@ -250,13 +251,13 @@ NO_PROBABILITIES = Worth(on_truth=0.0, brier=1.0)
 """A frame without an answer of a method that gives probabilities: it has none anywhere."""
 
 
-def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, *, has_probabilities: bool) -> Worth:
+def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, traits: AnswerTraits) -> Worth:
     """What a subject's probabilities are worth. A true target that the frame does not have has probability 0."""
-    worth = NO_PROBABILITIES if has_probabilities else UNKNOWN_WORTH
+    worth = NO_PROBABILITIES if traits.probabilistic else UNKNOWN_WORTH
     if subject is None:
         return worth
     right = right_answers(record, label)
-    if has_probabilities and subject.missing is None:
+    if traits.probabilistic and subject.missing is None:
         chances = probabilities(subject)
         on_truth = sum(chances.get(key, 0.0) for key in right)
         brier = (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in right)

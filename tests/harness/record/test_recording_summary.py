@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from harness.record.appearance import Colours, attention_by_name, subject_names
 from harness.record.verdicts import summary
+from harness.run.results import AnswerTraits
 from harness.score.verdicts import judge
 from tests.harness.record.conftest import LABEL
 from tests.harness.record.conftest import verdict as judged
@@ -28,7 +29,7 @@ def test_the_summary_says_how_probable_a_prediction_is(frames):
     values = tuple(replace(value, total=0.1) for value in subject.attention)
     unsure = replace(record, subjects=(replace(subject, attention=values, focus=None),))
     chance = round(100 * (1 - 0.1 * len(values)))
-    page = summary(unsure, [judge(unsure, subject.name, LABEL, has_probabilities=True)])
+    page = summary(unsure, [judge(unsure, subject.name, LABEL, AnswerTraits(probabilistic=True))])
     assert f"| none ({chance} %) |" in page
     assert "90 % set: none, " in page
     plain = summary(unsure, [judge(unsure, subject.name, LABEL)])

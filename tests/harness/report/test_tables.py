@@ -19,6 +19,7 @@ from harness.report.page.render import NO_THUMBNAILS
 from harness.report.record_parts import RecordParts
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
 from harness.run.records import FrameRecord
+from harness.run.results import AnswerTraits
 from harness.run.table_records import read_records
 from harness.score.outcomes import Reference
 from harness.score.score import score
@@ -219,7 +220,9 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
         for name in ("sure", "cones")
         for frame, subject in enumerate(subjects, start=1)
     ]
-    run = RecordParts(Reference(labels={"clip": labels("cup")}, probabilistic=("sure",)), records)
+    run = RecordParts(
+        Reference(labels={"clip": labels("cup")}, traits={"sure": AnswerTraits(probabilistic=True)}), records
+    )
     rows = _csv(frames_csv(run.of("frames"), run.scores().verdicts))
     shown = [(row["configuration"], row["frame"], row["target"], row["set_90"], row["confidence"]) for row in rows]
     assert shown[:5] == [

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from harness.cli import app as program
@@ -290,6 +291,12 @@ name = "near"
 attention.method = "nearest"
 attention.limit_deg = 5
 """
+NEAR = """
+[[configuration]]
+name = "near"
+attention.method = "nearest"
+attention.limit_deg = 1
+"""
 READ = """
 [[configuration]]
 name = "{name}_read"
@@ -318,6 +325,44 @@ def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None
             for column in ("correct", "predicted", "says_nowhere", "confidence", "on_truth", "brier"):
                 np.testing.assert_array_equal(getattr(a, column), getattr(b, column), err_msg=f"{name} {column}")
     assert not all(outcome.correct.all() for outcome in scores.outcomes)
+
+
+def test_recordings_say_what_the_tables_say(talk: Path) -> None:
+    """Of a rule that can say "nowhere", and of answers by name, some of them missing and one of nobody found."""
+    people = talk / "data" / "talk" / "people.csv"
+    lines = people.read_text(encoding="utf-8").splitlines()
+    write_text(people, "\n".join(line for line in lines if ",ben," not in line or line.startswith("1,")) + "\n")
+    objects = talk / "data" / "talk" / "objects.csv"
+    _, placed = (text := objects.read_text(encoding="utf-8")).split(",robot,robot,")
+    x = placed.partition(",")[0]
+    write_text(objects, text.replace(f",robot,robot,{x},", f",robot,robot,{float(x) + 0.5},"))
+    write_text(talk / "talk.toml", PAIR + NEAR)
+    _answer(f"{frame},{subject},cup" for frame, subject, _ in _labels(talk)[::2])
+    directory, scores = _run(talk)
+    told = {(verdict.configuration, verdict.error_type) for of in scores.outcomes for verdict in of.verdicts}
+    assert {("theirs", "no_answer"), ("theirs", "missed"), ("near", "no_subject"), ("near", "missed")} <= told
+    for name in ("near", "theirs"):
+        (clip,) = find_clips(directory.path, "talk", name)
+        recorded = _recorded(clip.files.verdicts(name))
+        for outcome in (each for each in scores.outcomes if each.configuration == name):
+            for verdict in outcome.verdicts:
+                states = recorded[name, verdict.subject, verdict.frame]
+                assert states.get("error_type") == verdict.error_type
+                assert states["predicted"] == (verdict.predicted or "no prediction")
+
+
+def _recorded(layer: Path) -> dict[tuple[str, str, int], dict[str, str]]:
+    """What a layer of verdicts says of a configuration's subjects by frame: states, and the error type."""
+    found: dict[tuple[str, str, int], dict[str, str]] = {}
+    for chunk in RrdReader(layer).stream():
+        batch, (*_, configuration, subject, what) = chunk.to_record_batch(), ["", *chunk.entity_path.split("/")]
+        values = {"error_type": "TextDocument:text"}.get(what, "StateChange:state")
+        if not chunk.is_static and values in batch.schema.names:
+            frames, texts = batch.column("frame").to_pylist(), batch.column(values).to_pylist()
+            for frame, text in zip(frames, texts, strict=True):
+                if text:
+                    found.setdefault((configuration, subject, frame), {})[what] = text[0]
+    return found
 
 
 def test_an_export_overwrites_nothing_unasked(talk: Path) -> None:

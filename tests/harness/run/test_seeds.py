@@ -13,7 +13,7 @@ from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
-from harness.run.results import pooled_measures
+from harness.run.results import AnswerTraits, pooled_measures
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
@@ -88,7 +88,9 @@ def test_rows_are_means_over_seeds_and_looks_are_counted_once() -> None:
 
 def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None:
     seeds = ("bayes.seed1", "bayes.seed2")
-    reference = Reference(labels={"clip": labels("cup", "cup", "can")}, probabilistic=seeds)
+    reference = Reference(
+        labels={"clip": labels("cup", "cup", "can")}, traits=dict.fromkeys(seeds, AnswerTraits(probabilistic=True))
+    )
     said = zip(seeds, (["cup", "can", "can"], ["cup", "cup", "can"]), strict=True)
     records = [record for configuration, words in said for record in answers(words, configuration=configuration)]
     scores = score(map(fitted_and_measured, records), reference)

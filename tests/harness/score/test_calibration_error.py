@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.results import AnswerTraits
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
@@ -27,7 +28,9 @@ def frame(number, totals, focus, configuration="bayes", missing=None):
 
 
 def scored(records, truth, *probabilistic) -> Scores:
-    return score(records, Reference(labels=truth, probabilistic=probabilistic))
+    return score(
+        records, Reference(labels=truth, traits=dict.fromkeys(probabilistic, AnswerTraits(probabilistic=True)))
+    )
 
 
 def labels(*targets):

@@ -10,6 +10,7 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
+from harness.run.results import AnswerTraits
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
 from tests.records import answers, write_run
@@ -88,5 +89,4 @@ def test_a_run_that_does_not_say_what_the_answers_of_a_method_are_is_refused(tmp
         FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest).reference()
     methods = {"one": {"probabilistic": True, "says_nowhere": False}}
     run = FinishedRun(directory=RunDirectory(tmp_path), manifest={**manifest, "methods": methods})
-    assert set(run.reference().probabilistic) == {"one"}
-    assert run.reference().says_nowhere == set()
+    assert run.reference().traits == {"one": AnswerTraits(probabilistic=True)}

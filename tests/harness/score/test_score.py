@@ -10,6 +10,7 @@ from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import phases_table
 from harness.run.records import FrameRecord
+from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
@@ -258,7 +259,7 @@ def test_a_method_that_says_nothing_is_looked_at_is_scored_on_it() -> None:
 
 
 def test_a_method_that_says_so_by_giving_no_attention_has_answered() -> None:
-    reference = Reference(labels={"clip": labels("cup", "none")}, says_nowhere=frozenset({"one"}))
+    reference = Reference(labels={"clip": labels("cup", "none")}, traits={"one": AnswerTraits(says_nowhere=True)})
     row = _row(score(answers(["none", "none"]), reference))
     assert row.nowhere is not None
     assert (row.nowhere.predicted, row.nowhere.matched, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
@@ -389,7 +390,7 @@ def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
 
 def test_always_none_has_the_frr_of_nowhere_and_half_the_balanced_one() -> None:
     truth = labels("none", "none", "none", "bird")
-    reference = Reference(labels={"clip": truth}, says_nowhere=frozenset(["one"]))
+    reference = Reference(labels={"clip": truth}, traits={"one": AnswerTraits(says_nowhere=True)})
     row = score(answers(["none"] * 4), reference).by_clip()[0]
     assert (row.frr, row.metrics["balanced_frr"]) == (0.75, 0.5)
     assert (row.metrics["recall_targets"], row.metrics["recall_nowhere"]) == (0.0, 1.0)
@@ -409,7 +410,9 @@ def test_losses_are_those_of_scikit_learn_and_no_answer_is_the_worst() -> None:
         for frame, totals in enumerate(shown, start=1)
     ]
     truth = labels("bird", "none", "cup", "bird")
-    row = score(records, Reference(labels={"clip": truth}, probabilistic=frozenset(["one"]))).by_clip()[0]
+    row = score(records, Reference(labels={"clip": truth}, traits={"one": AnswerTraits(probabilistic=True)})).by_clip()[
+        0
+    ]
     of_first_two = 2 * log_loss([0, 2], [[0.5, 0.3, 0.2], [0.0, 0.25, 0.75]], labels=[0, 1, 2])
     assert row.metrics["log_loss"] == pytest.approx((of_first_two - 2 * math.log(LEAST_PROBABILITY)) / 4)
     assert row.metrics["brier"] == pytest.approx((0.25 + 0.09 + 0.04 + 0.0625 + 0.0625 + 1 + 1 + 0.0625 + 0.5625) / 4)
