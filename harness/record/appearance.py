@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -76,12 +76,14 @@ def subject_names(record: FrameRecord) -> dict[int, str]:
 
 
 def target_names(record: FrameRecord) -> dict[int, str]:
-    """The name of each target of a frame by instance id, each used once: ``cup``, ``cup (4)`` if there are two cups."""
-    uses = Counter(target.name for target in record.targets)
-    return {
-        target.instance_id: target.name if uses[target.name] == 1 else f"{target.name} ({target.instance_id})"
-        for target in record.targets
-    }
+    """The name of each target of a frame by instance id, each used once."""
+    return distinct_names({target.instance_id: target.name for target in record.targets})
+
+
+def distinct_names(names: Mapping[int, str]) -> dict[int, str]:
+    """Names by instance id, each used once: ``cup``, ``cup (4)`` if there are two cups."""
+    uses = Counter(names.values())
+    return {number: name if uses[name] == 1 else f"{name} ({number})" for number, name in names.items()}
 
 
 def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, AttentionRecord]:

@@ -15,6 +15,7 @@ from harness.record.appearance import (
     Colours,
     attention_by_name,
     cone_wires,
+    distinct_names,
     reach_m,
     subject_names,
     target_names,
@@ -213,15 +214,14 @@ def log_disparity(log: FrameLog, name: str, disparity: Disparity) -> None:
     )
 
 
-def log_targets(log: FrameLog, name: str, scene: Scene, record: FrameRecord, colours: Colours) -> None:
+def log_targets(log: FrameLog, name: str, scene: Scene, colours: Colours) -> None:
     """Log the cloud and the box of every target, in its colour and with its name."""
-    names = target_names(record)
-    base = {target.instance_id: target.name for target in record.targets}
+    names = distinct_names(scene.names)
     for target in scene.targets:
         number, points = target.instance.id, target.points_left
         if len(points) > CLOUD_POINTS:
             points = points[np.linspace(0, len(points) - 1, CLOUD_POINTS).astype(np.intp)]
-        class_ids = [colours.class_of(base[number])]
+        class_ids = [colours.class_of(scene.names[number])]
         if len(points):
             path = entities.points(name, number)
             log.row(path, rr.Points3D, style=_CLOUD, positions=points, class_ids=class_ids)

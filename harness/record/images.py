@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from harness.record import entities
 from harness.record.appearance import Colour, Colours
 from harness.record.frame_log import FrameLog
-from harness.run.records import FrameRecord
 from vfoa.types import Image, Percepts, StereoFrame, StereoRig
 
 if TYPE_CHECKING:
@@ -100,13 +99,12 @@ class ImageLog:
             self._log.event(path, rr.VideoStream, at=self._times.pop((path, position)), sample=[packet])
 
 
-def log_masks(log: FrameLog, segmentation: str, percepts: Percepts, record: FrameRecord, colours: Colours) -> None:
+def log_masks(log: FrameLog, segmentation: str, percepts: Percepts, names: Mapping[int, str], colours: Colours) -> None:
     """Log the masks in one colour per name, as a picture in steps of two pixels.
 
     A name keeps its colour when the ids of instances change. Stuff that is no target (a wall, a table) is transparent,
     since it would tint the whole image.
     """
-    names = {target.instance_id: target.name for target in record.targets}
     instances = percepts.instances
     class_of_id = np.zeros(max((instance.id for instance in instances.instances), default=0) + 1, dtype=np.uint16)
     for instance in instances.instances:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from harness.pipeline.configuration import Configuration
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.run.directory import Pair, RunDirectory
-from harness.run.frame_sink import SinkContext, SinkFactory
+from harness.run.frame_sink import ClipContext, SinkContext, SinkFactory
 
 if TYPE_CHECKING:
-    from harness.record.recorder import Recorder
-    from harness.report.thumbnails.writer import ThumbnailWriter
+    from harness.record.recorder import Recorder, SharedRecorder
+    from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,18 +35,29 @@ class RecordingSinks:
         """The kind of its recordings is written into a run's manifest."""
         return {"recording": "jpeg" if self.jpeg else "light"}
 
+    def open_scenes(self, context: ClipContext) -> SharedRecorder:
+        """Open the recordings that the configurations of a clip share."""
+        from harness.record.recorder import SharedRecorder
+
+        return SharedRecorder(
+            _files(context),
+            {name: self.layers[name] for name in context.configurations},
+            rate_hz=context.rate_hz,
+            names=_names(context),
+            jpeg=self.jpeg,
+        )
+
     def open(self, context: SinkContext) -> Recorder:
         """Open the recording of one configuration on one clip."""
-        from harness.record.recorder import Recorder
+        from harness.record.recorder import Recorder, SharedRecorder
 
-        manifest = context.manifest
+        files = _files(context)
         return Recorder(
-            ClipFiles(run=context.directory.path, clip=manifest.name, ids=recording_ids(context.run_id, manifest.name)),
+            files,
             self.layers[context.configuration],
+            SharedRecorder.colours_of(files),
             rate_hz=context.rate_hz,
-            subjects=tuple(manifest.subjects),
-            targets=tuple(manifest.targets),
-            jpeg=self.jpeg,
+            names=_names(context),
         )
 
     def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
@@ -54,6 +65,15 @@ class RecordingSinks:
         clip, configuration = pair
         files, layers = ClipFiles(run=directory.path, clip=clip), self.layers[configuration]
         return files.images, files.reconstruction(layers.reconstruction), files.attention(configuration)
+
+
+def _files(context: ClipContext) -> ClipFiles:
+    clip = context.manifest.name
+    return ClipFiles(run=context.directory.path, clip=clip, ids=recording_ids(context.run_id, clip))
+
+
+def _names(context: ClipContext) -> tuple[str, ...]:
+    return (*context.manifest.targets, *context.manifest.subjects)
 
 
 def recordings(configurations: Iterable[Configuration], *, jpeg: bool = False) -> RecordingSinks:
@@ -70,8 +90,14 @@ class ThumbnailSinks:
         """They are no setting of a run."""
         return {}
 
+    def open_scenes(self, context: ClipContext) -> PictureWriter:
+        """Open the pictures of one clip."""
+        from harness.report.thumbnails.writer import PictureWriter
+
+        return PictureWriter(context.directory.path, context.manifest.name)
+
     def open(self, context: SinkContext) -> ThumbnailWriter:
-        """Open the thumbnails of one configuration on one clip."""
+        """Open what is drawn over them of one configuration on one clip."""
         from harness.report.thumbnails.writer import ThumbnailWriter
 
         return ThumbnailWriter(context.directory.path, context.manifest.name, context.configuration)

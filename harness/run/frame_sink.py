@@ -1,7 +1,8 @@
-"""Sinks that receive a run's finished frames, and the factories that open them.
+"""Sinks that receive a run's frames, and the factories that open them.
 
-A run writes its results itself. The caller adds other sinks: a recording, thumbnails, a count of right answers. A job
-travels to its worker by pickle, so it carries factories, not open files.
+A run writes its results itself. The caller adds other sinks: a recording, thumbnails, a count of right answers. There
+are two kinds: one sink of a clip gets what is perceived, with images, for all configurations at once; one sink of each
+(clip, configuration) gets the answers. A job travels to its worker by pickle, so it carries factories, not open files.
 """
 
 from __future__ import annotations
@@ -15,21 +16,37 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from vfoa.types import FrameResult, Percepts, StereoFrame
+from vfoa.types import FrameResult, StereoFrame, StereoRig
 
 if TYPE_CHECKING:
+    from harness.pipeline.perception import SharedFrame
     from harness.pipeline.stage_runner import Timings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FinishedFrame:
-    """One frame under one configuration: images, percepts, result, the record with names, and seconds by stage.
+class Camera:
+    """The camera of a frame, and the images that it has besides the left one."""
 
-    A clip of recorded 3D poses has no images and no percepts.
+    rig: StereoRig
+    has_right: bool
+    has_depth: bool
+
+    @classmethod
+    def of(cls, frame: StereoFrame | None) -> Camera | None:
+        """The camera of a frame with images; None without."""
+        if frame is None:
+            return None
+        return cls(rig=frame.rig, has_right=frame.right is not None, has_depth=frame.depth_m is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinishedFrame:
+    """One frame under one configuration: the camera, the result, the record with names, and seconds by stage.
+
+    A clip of recorded 3D poses has no camera.
     """
 
-    frame: StereoFrame | None
-    percepts: Percepts | None
+    camera: Camera | None
     result: FrameResult
     record: FrameRecord
     timings: Timings
@@ -53,15 +70,39 @@ class FrameSink(Protocol):
         ...
 
 
+class SceneSink(Protocol):
+    """Takes the frames of one clip as all configurations have perceived them, in order, and does not change them.
+
+    It is a context manager, as a :class:`FrameSink`.
+    """
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def write(self, frame: SharedFrame) -> None:
+        """Take one frame. A configuration that has failed so far has its error in place of what it perceived."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SinkContext:
-    """Context of a sink: one configuration on one clip. ``run_id`` is the run's, also on another computer."""
+class ClipContext:
+    """Context of a scene sink: some configurations on one clip. ``run_id`` is the run's, also on another computer."""
 
     manifest: ClipManifest
-    configuration: str
+    configurations: tuple[str, ...]
     rate_hz: float | None
     directory: RunDirectory
     run_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkContext(ClipContext):
+    """Context of a sink: one of the configurations."""
+
+    configuration: str
 
 
 class SinkFactory(Protocol):
@@ -73,6 +114,15 @@ class SinkFactory(Protocol):
 
     def open(self, context: SinkContext) -> FrameSink | None:
         """Open the sink of one configuration on one clip; None if it takes none of these frames."""
+        ...
+
+
+@runtime_checkable
+class SceneSinkFactory(SinkFactory, Protocol):
+    """Opens sinks of both kinds."""
+
+    def open_scenes(self, context: ClipContext) -> SceneSink:
+        """Open the sink of what is perceived of one clip. It is open while the sinks of its configurations are."""
         ...
 
 

@@ -7,11 +7,11 @@ continue.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
@@ -25,13 +25,22 @@ from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.answers import AnswerWriter, filtered_cues
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Progress
-from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext, SinkFactory
+from harness.run.frame_sink import (
+    Camera,
+    ClipContext,
+    FinishedFrame,
+    FrameSink,
+    SceneSink,
+    SceneSinkFactory,
+    SinkContext,
+    SinkFactory,
+)
 from harness.run.records import to_record
 from harness.run.scenes import Identity, SceneWriters, identities
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import StageError, VfoaError
 from vfoa.pipeline import Attending
-from vfoa.types import FrameResult, Percepts, StereoFrame
+from vfoa.types import FrameResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +100,22 @@ class ClipJob:
             )
             for each in self.configurations
         }
+
+    def context_of(self, clip: Clip | MeasuredClip) -> dict[str, Any]:
+        """The fields of a :class:`ClipContext` of the job."""
+        return {
+            "manifest": self.manifest,
+            "configurations": tuple(configuration.name for configuration in self.configurations),
+            "rate_hz": clip.rate_hz,
+            "directory": self.directory,
+            "run_id": self.run_id,
+        }
+
+    def open_scene_sinks(self, clip: Clip | MeasuredClip) -> Iterator[SceneSink]:
+        """Yield the sinks of what is perceived, in their order, each to be opened before the next."""
+        for factory in self.sinks:
+            if isinstance(factory, SceneSinkFactory):
+                yield factory.open_scenes(ClipContext(**self.context_of(clip)))
 
     def outcome(self, errors: Iterable[VfoaError | None], tallies: tuple[Tally, ...] = ()) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""
@@ -156,30 +181,46 @@ def attend_to(
         ConfigurationRunner(job, configuration, clip, scenes.keys(configuration.name))
         for configuration in job.configurations
     ]
-    with closing(frames), ExitStack() as sinks:
-        for runner in runners:
-            sinks.enter_context(runner)
-        try:
-            while (live := [each for each in runners if each.error is None]) and (frame := next(frames, None)):
-                scenes.write(frame, [runner.name for runner in live])
-                for runner in live:
+    try:
+        with closing(_readable(frames, job.manifest.name)) as readable, ExitStack() as sinks:
+            shared = [sinks.enter_context(sink) for sink in job.open_scene_sinks(clip)]
+            for runner in runners:
+                sinks.enter_context(runner)
+            for frame in readable:
+                perceived = [each for each in frame.by_configuration.values() if not isinstance(each, VfoaError)]
+                scenes.write(frame)
+                for sink in shared if perceived else ():
+                    with timed(perceived[0].timings, "recording"):
+                        sink.write(frame)
+                for runner in runners:
                     runner.attend(frame)
                 progress(job.manifest.name)
-        except VfoaError as error:  # a frame that cannot be read
-            more = f"vfoa clips check {job.manifest.name} --every-frame counts and names all that cannot be read"
-            reason = error if isinstance(error, ChangedError) else VfoaError(f"{error}; {more}")
-            for runner in runners:
-                runner.fail(reason)
+                if not perceived:
+                    break
+    except VfoaError as error:
+        for runner in runners:
+            runner.fail(error)
     for runner in (each for each in runners if each.error is None):
         runner.finish(scenes.finish(runner.name))
     return runners
 
 
+def _readable(frames: Generator[SharedFrame], clip: str) -> Generator[SharedFrame]:
+    """Yield the frames. The error of one that cannot be read says how to find all such frames."""
+    try:
+        with closing(frames):
+            yield from frames
+    except ChangedError:
+        raise
+    except VfoaError as error:
+        more = f"vfoa clips check {clip} --every-frame counts and names all that cannot be read"
+        raise VfoaError(f"{error}; {more}") from None
+
+
 class _Companion(NamedTuple):
     """The data that goes to the sinks with a frame's result, which may come later."""
 
-    frame: StereoFrame | None
-    percepts: Percepts | None
+    camera: Camera | None
     timings: Timings
 
 
@@ -200,13 +241,7 @@ class ConfigurationRunner:
         self.error: VfoaError | None = None
         self.name = configuration.name
         self._job, self._configuration = job, configuration
-        self._context = SinkContext(
-            manifest=job.manifest,
-            configuration=configuration.name,
-            rate_hz=clip.rate_hz,
-            directory=job.directory,
-            run_id=job.run_id,
-        )
+        self._context = SinkContext(**job.context_of(clip), configuration=configuration.name)
         self._clip = clip
         self._attending: Attending
         self._companions: deque[_Companion] = deque()
@@ -256,15 +291,17 @@ class ConfigurationRunner:
 
     def attend(self, shared: SharedFrame) -> None:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
+        if self.error is not None:
+            return
         perceived = shared.by_configuration[self._configuration.name]
         if isinstance(perceived, VfoaError):
             self.fail(perceived)
             return
-        percepts, scene, tracked, names, timings = perceived
+        _, scene, tracked, names, timings = perceived
         try:
             with timed(timings, "attention"):
                 ready = guarded("attention", self._attending.step, scene, tracked, names.subjects)
-            self._companions.append(_Companion(shared.frame, percepts, timings))
+            self._companions.append(_Companion(Camera.of(shared.frame), timings))
             self._hand_over(ready)
         except VfoaError as error:
             if isinstance(error, StageError):
@@ -277,10 +314,10 @@ class ConfigurationRunner:
         The time of the sinks counts as ``recording``, except that of the last one.
         """
         for result in ready:
-            frame, percepts, timings = self._companions.popleft()
-            fx_px = None if percepts is None else percepts.rig.fx_px
+            camera, timings = self._companions.popleft()
+            fx_px = camera.rig.fx_px if camera else None
             record = to_record(self._context.manifest.name, self._configuration.name, result, fx_px)
-            finished = FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
+            finished = FinishedFrame(camera=camera, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "recording"):
                     sink.write(finished)

@@ -242,14 +242,13 @@ class SceneWriters:
         for folder in self._folders.values():
             folder.discard()
 
-    def write(self, shared: SharedFrame, names: Iterable[str]) -> None:
-        """Write the next frame as the configurations of these names have perceived it.
+    def write(self, shared: SharedFrame) -> None:
+        """Write the next frame as the configurations have perceived it.
 
         A scene that none of them has perceived lacks the frame, and is not to be finished.
         """
         written = set[str]()
-        for name in names:
-            followed = shared.by_configuration[name]
+        for name, followed in shared.by_configuration.items():
             keys = [key for key in self._keys[name] if key not in written]
             if isinstance(followed, VfoaError) or not keys:
                 continue

@@ -23,7 +23,7 @@ from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings
 from harness.pipeline.outputs.heads import read_heads
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
-from harness.report.thumbnails.writer import ThumbnailWriter
+from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -43,7 +43,7 @@ from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
-from tests.harness.record.conftest import ANN, show
+from tests.harness.record.conftest import ANN, shared, show
 from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured, openface_file
 from tests.openvino import affine
 from tests.records import labels
@@ -157,9 +157,10 @@ def read_run(path: Path) -> Any:
 
 
 def write_thumbnails(path: Path) -> None:
-    with ThumbnailWriter(path.parent, "clip", "one") as writer:
+    with PictureWriter(path.parent, "clip") as pictures, ThumbnailWriter(path.parent, "clip", "one") as writer:
         for each in _shown():
-            writer.write(each)
+            pictures.write(shared({"one": each}))
+            writer.write(each.finished)
     path.write_bytes(lines_path(path.parent, "clip", "one").read_bytes())
 
 

@@ -1,4 +1,4 @@
-"""The sink that writes a thumbnail of every frame."""
+"""The sinks that write thumbnails: the picture of every frame, and what each configuration draws over it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.files.io import replacing
+from harness.pipeline.perception import SharedFrame
 from harness.record.appearance import cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.frame_sink import FinishedFrame
@@ -32,18 +33,42 @@ NEAR_M = 0.05
 RIM = 16
 
 
+class PictureWriter:
+    """Writes a picture of every frame of a clip with images."""
+
+    def __init__(self, run: Path, clip: str) -> None:
+        self._run, self._clip = run, clip
+
+    def __enter__(self) -> Self:
+        picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Every picture is whole already."""
+
+    def write(self, frame: SharedFrame) -> None:
+        """Write one picture, unless it is there."""
+        if frame.frame is None:
+            return
+        path = picture_path(self._run, self._clip, frame.index)
+        if not path.exists():  # an earlier run has written it
+            with replacing(path) as draft:  # another process may be writing it
+                draft.write_bytes(picture(frame.frame.left))
+
+
 class ThumbnailWriter:
-    """Writes the thumbnails of one clip and configuration; older ones are replaced when it ends."""
+    """Writes what one configuration draws over the pictures of a clip; older lines are replaced when it ends."""
 
     def __init__(self, run: Path, clip: str, configuration: str) -> None:
-        self._run, self._clip = run, clip
         self._path = lines_path(run, clip, configuration)
         self._partial = self._path.with_name(self._path.name + ".partial")
         self._encoder = msgspec.json.Encoder()
         self._file: BinaryIO
 
     def __enter__(self) -> Self:
-        picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self._partial.open("wb")
         return self
 
@@ -56,14 +81,9 @@ class ThumbnailWriter:
 
     def write(self, frame: FinishedFrame) -> None:
         """Write one frame."""
-        images = frame.frame
-        if images is None:
-            return
-        path = picture_path(self._run, self._clip, images.index)
-        if not path.exists():  # another configuration has written it
-            with replacing(path) as draft:  # another process may be writing it
-                draft.write_bytes(picture(images.left))
-        self._file.write(self._encoder.encode(thumbnail(images.rig, frame.result, frame.record)) + b"\n")
+        if frame.camera is not None:
+            drawn = thumbnail(frame.camera.rig, frame.result, frame.record)
+            self._file.write(self._encoder.encode(drawn) + b"\n")
 
 
 def picture(left: Image) -> bytes:

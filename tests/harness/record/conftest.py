@@ -12,18 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.clips.naming import Names
 from harness.labels.labels import Label, LabelRange, Labels
+from harness.pipeline.perception import Followed, SharedFrame
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
-from harness.record.recorder import Recorder
+from harness.record.recorder import Recorder, SharedRecorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
-from harness.run.frame_sink import FinishedFrame
-from harness.run.records import to_record
+from harness.run.frame_sink import Camera, FinishedFrame
+from harness.run.records import FrameRecord, to_record
 from harness.score.verdicts import Verdict, judge
 from tests.record_tables import write_tables
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.geometry import fov_from_radius
+from vfoa.tracking import Tracked
 from vfoa.types import (
     Box3D,
     Disparity,
@@ -51,9 +54,37 @@ EYES = np.array([0.0, -0.1, 1.5])
 CENTRES = {1: (0.0, 0.1, 1.5), 2: (-0.4, 0.1, 1.0), 3: (-0.4, 0.1, 1.6), 4: (0.4, 0.1, 1.0)}
 
 
-def show(
-    index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int | None = None, turn: int = 0
-) -> FinishedFrame:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """One frame with all that a recording shows of it: images, percepts, result and record."""
+
+    frame: StereoFrame
+    percepts: Percepts
+    result: FrameResult
+    record: FrameRecord
+
+    @property
+    def finished(self) -> FinishedFrame:
+        """The frame as the sink of a configuration gets it."""
+        return FinishedFrame(camera=Camera.of(self.frame), result=self.result, record=self.record, timings={})
+
+    @property
+    def followed(self) -> Followed:
+        """What a configuration has perceived."""
+        scene, attentions = self.result.scene, self.result.attentions
+        tracks = frozenset(attention.subject.track_id for attention in attentions)
+        tracked = Tracked(ids=tuple(tracks), open=tracks)
+        return Followed(self.percepts, scene, tracked, Names(subjects={}, targets=scene.names), {})
+
+
+def shared(frames: Mapping[str, Shown]) -> SharedFrame:
+    """The same frame under these configurations, as the sink of a clip gets it."""
+    frame = next(iter(frames.values())).frame
+    by_configuration = {name: each.followed for name, each in frames.items()}
+    return SharedFrame(index=frame.index, frame=frame, by_configuration=by_configuration)
+
+
+def show(index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int | None = None, turn: int = 0) -> Shown:
     """One frame: the instances in ``things``, Ann where ``head``, her gaze at one of them, her head at the book.
 
     ``turn`` is added to every instance's id: a segmenter that numbers anew.
@@ -89,14 +120,14 @@ def show(
     subjects = [Subject(track_id=7, person=p, gaze=p.view.gaze, head_pose=p.view.head_pose, name=ANN) for p in people]
     result = FrameResult(scene=scene, attentions=tuple(pay_attention(s, targets, settings) for s in subjects))
     record = to_record("clip", "two cones", result)
-    return FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings={})
+    return Shown(frame=frame, percepts=percepts, result=result, record=record)
 
 
 LABEL = Label(target="red cup")
 LABELS = Labels([LabelRange(first_frame=0, last_frame=1000, subject=ANN, label=LABEL)])
 
 
-def verdict(frame: FinishedFrame) -> Verdict:
+def verdict(frame: Shown) -> Verdict:
     """The verdict on Ann."""
     return judge(frame.record, ANN, LABEL)
 
@@ -118,11 +149,11 @@ def _target(instance: Instance, thing: int, rng: np.random.Generator) -> Target:
 
 
 @pytest.fixture
-def frames() -> list[FinishedFrame]:
+def frames() -> list[Shown]:
     return four_frames()
 
 
-def four_frames() -> list[FinishedFrame]:
+def four_frames() -> list[Shown]:
     """Gaze at the cup; the gaze lost and the cups gone; nobody there; all back, numbered anew."""
     return [
         show(10, things=(1, 2, 3, 4), gaze_at=2),
@@ -152,12 +183,12 @@ class Recorded:
         return find_clips(self.run, None, None)[0].compose().files
 
 
-def under(frame: FinishedFrame, configuration: str) -> FinishedFrame:
+def under(frame: Shown, configuration: str) -> Shown:
     """The same frame under another configuration."""
     return replace(frame, record=replace(frame.record, configuration=configuration))
 
 
-def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: Any) -> Recorded:
+def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> Recorded:
     """A run's manifest, results, recordings and verdicts, from the frames of each configuration.
 
     All configurations share the masks; the first and the second have a reconstruction each.
@@ -170,14 +201,17 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
     clip = {"name": "clip", "frames": numbers, "rate_hz": 25, "names": names}
     directory.write_manifest({"clips": [clip], "configurations": tables, "finished": "now"})
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
-    options = {"rate_hz": 25, "subjects": [ANN], "targets": ["red cup"], **options}
-    with ExitStack() as stack:
-        recorders = {name: stack.enter_context(Recorder(files, layers[name], **options)) for name in frames}
+    options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
+    of_each = {key: options[key] for key in ("rate_hz", "names")}
+    with SharedRecorder(files, layers, **options) as recorder, ExitStack() as stack:
+        recorders = {
+            name: stack.enter_context(Recorder(files, layers[name], recorder.colours, **of_each)) for name in frames
+        }
         for number in numbers:
-            for name, found in frames.items():
-                for frame in found:
-                    if frame.record.frame == number:
-                        recorders[name].write(under(frame, name))
+            seen = {name: each for name, found in frames.items() for each in found if each.record.frame == number}
+            recorder.write(shared(seen))
+            for name, frame in seen.items():
+                recorders[name].write(under(frame, name).finished)
     records = {("clip", name): [under(frame, name).record for frame in found] for name, found in frames.items()}
     write_tables(directory, records)
     write_verdict_layers(directory, {"clip": LABELS})
@@ -188,7 +222,7 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
 def record_run(tmp_path: Path) -> Callable[..., Recorded]:
     """Record frames under one configuration, in a run called ``run``."""
 
-    def write(frames: list[FinishedFrame], **options: Any) -> Recorded:
+    def write(frames: list[Shown], **options: Any) -> Recorded:
         return write_run(tmp_path / "run", {CONFIGURATION: frames}, **options)
 
     return write

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
@@ -11,11 +12,12 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.reading import ids_of
-from harness.record.recorder import Recorder
+from harness.record.recorder import Recorder, SharedRecorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.table_records import TableReader, read_records
-from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
+from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, under, write_run
+from tests.harness.record.conftest import shared as seen_by
 from tests.record_tables import write_tables
 from vfoa.errors import VfoaError
 
@@ -72,21 +74,42 @@ def test_each_configuration_alone_holds_what_it_holds_among_others(shared, frame
 def test_a_configuration_that_fails_leaves_the_others_whole(frames, tmp_path, read_back):
     files = ClipFiles(run=tmp_path, clip="clip")
     names = layer_names({"one": {"attention": 1}, "two": {"attention": 2}})
-    broken, whole = Recorder(files, names["one"], rate_hz=25), Recorder(files, names["two"], rate_hz=25)
-    broken.__enter__()
-    whole.__enter__()
-    broken.write(under(frames[0], "one"))
-    whole.write(under(frames[0], "two"))
-    error = VfoaError("broken")
-    broken.__exit__(VfoaError, error, None)
-    for frame in frames[1:]:
-        whole.write(under(frame, "two"))
-    whole.__exit__(None, None, None)
+    with SharedRecorder(files, names, rate_hz=25) as recorder:
+        broken, whole = (Recorder(files, names[name], recorder.colours, rate_hz=25) for name in ("one", "two"))
+        with whole, suppress(VfoaError), broken:
+            for frame in frames:
+                recorder.write(seen_by({"one": frame, "two": frame}))
+                whole.write(under(frame, "two").finished)
+            broken.write(under(frames[0], "one").finished)
+            raise VfoaError("broken")
     assert not files.attention("one").exists()
+    assert files.attention("two").is_file()
     boxes = read_back(files.reconstruction("one")).at(entities.box("one", 4), "Boxes3D:centers")
     # in the last frame the box has another number
     assert [frame for frame, centres in boxes.items() if centres] == [10, 11, 13]
     assert len(read_back(files.images).at(entities.IMAGE, "VideoStream:sample")) == len(frames)
+
+
+def test_a_configuration_that_is_not_perceived_to_the_end_has_no_reconstruction(frames, tmp_path, read_back):
+    files = ClipFiles(run=tmp_path, clip="clip")
+    names = layer_names({"one": {"stereo": 1, "segmentation": 1}, "two": {"stereo": 2, "segmentation": 1}})
+    with SharedRecorder(files, names, rate_hz=25) as recorder:
+        recorder.write(seen_by({"one": frames[0], "two": frames[0]}))
+        for frame in frames[1:]:
+            perceived = seen_by({"two": frame})
+            both = {"one": VfoaError("lost"), **perceived.by_configuration}
+            recorder.write(replace(perceived, by_configuration=both))
+    assert sorted(path.name for path in tmp_path.glob("*.rrd")) == ["clip.rrd", "clip__two.scene.rrd"]
+    masks = read_back(files.images).at(entities.masks("one"), "EncodedImage:blob")
+    assert list(masks) == [10, 11, 13, 14]
+
+
+def test_a_clip_that_cannot_be_read_to_the_end_has_no_recordings(frames, tmp_path):
+    files = ClipFiles(run=tmp_path, clip="clip")
+    with suppress(VfoaError), SharedRecorder(files, {"one": LAYERS}, rate_hz=25) as recorder:
+        recorder.write(seen_by({"one": frames[0]}))
+        raise VfoaError("unreadable")
+    assert list(tmp_path.glob("*.rrd")) == []
 
 
 def test_verdicts_follow_an_edited_label(shared, read_back):

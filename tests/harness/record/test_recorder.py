@@ -23,9 +23,9 @@ from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
 from harness.record.layers import ClipFiles, recording_ids
 from harness.record.program import viewer_binary
-from harness.record.recorder import Recorder
+from harness.record.recorder import Recorder, SharedRecorder
 from harness.run.directory import new_run_id
-from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
+from tests.harness.record.conftest import CONFIGURATION, LAYERS, shared, verdict
 from vfoa.errors import VfoaError
 
 ANN = "Ann Müller/left"
@@ -61,7 +61,7 @@ def test_curves_equal_the_record(frames, record_run, read_back):
 
 
 def test_the_curves_of_a_manifests_names_are_one_entity(frames, record_run, read_back):
-    columns = read_back(record_run(frames, targets=["red cup", "book#4"]))
+    columns = read_back(record_run(frames, names=["red cup", "book#4", ANN]))
     for what in ("gaze", "head", "total"):
         path = entities.curves(CONFIGURATION, ANN, what)
         assert columns.static(path, "SeriesLines:names") == ["red cup", "book#4"]
@@ -251,17 +251,25 @@ def test_an_error_leaves_no_recording_that_looks_finished(frames, tmp_path):
 
 
 def _break(files, frames):
-    with Recorder(files, LAYERS, rate_hz=None) as recorder:
-        recorder.write(frames[0])
+    with (
+        SharedRecorder(files, {CONFIGURATION: LAYERS}, rate_hz=None) as recorder,
+        Recorder(files, LAYERS, recorder.colours, rate_hz=None) as of_one,
+    ):
+        recorder.write(shared({CONFIGURATION: frames[0]}))
+        of_one.write(frames[0].finished)
         raise RuntimeError("the run broke")
 
 
 def test_a_clip_without_frames_or_names_is_a_recording_too(tmp_path, frames):
     for clip, written in (("empty", []), ("nameless", frames[2:3])):
         files = ClipFiles(run=tmp_path, clip=clip)
-        with Recorder(files, LAYERS, rate_hz=None) as recorder:
+        with (
+            SharedRecorder(files, {CONFIGURATION: LAYERS}, rate_hz=None) as recorder,
+            Recorder(files, LAYERS, recorder.colours, rate_hz=None) as of_one,
+        ):
             for frame in written:
-                recorder.write(frame)
+                recorder.write(shared({CONFIGURATION: frame}))
+                of_one.write(frame.finished)
         assert files.images.is_file()
         assert files.attention(CONFIGURATION).is_file()
 

@@ -125,7 +125,7 @@ PAIR = ("clip", "conf")
 def _frame(number: int, **seconds: float) -> FinishedFrame:
     things = [target_record(1, "cup")], [subject_record("girl", totals={1: 0.5}, focus=1)]
     record = frame_record(*things, frame=number, clip=PAIR[0], configuration=PAIR[1])
-    return FinishedFrame(frame=None, percepts=None, result=cast("Any", None), record=record, timings=seconds)
+    return FinishedFrame(camera=None, result=cast("Any", None), record=record, timings=seconds)
 
 
 def test_times_are_on_disk_as_soon_as_a_frame_is_done_and_all_is_written_anew_after_a_kill(tmp_path: Path) -> None:

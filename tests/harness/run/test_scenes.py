@@ -68,9 +68,9 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, li
     frames: list[SharedFrame] = []
     write = SceneWriters.write
 
-    def noted(self: SceneWriters, shared: SharedFrame, names: list[str]) -> None:
+    def noted(self: SceneWriters, shared: SharedFrame) -> None:
         frames.append(shared)
-        write(self, shared, names)
+        write(self, shared)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SceneWriters, "write", noted)

@@ -11,12 +11,11 @@ import pytest
 from PIL import Image
 
 from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
-from harness.report.thumbnails.writer import ThumbnailWriter, picture, thumbnail
-from harness.run.frame_sink import FinishedFrame
+from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter, picture, thumbnail
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import Verdict
-from tests.harness.record.conftest import ANN, EYES, show
+from tests.harness.record.conftest import ANN, EYES, Shown, shared, show
 from tests.records import labels
 from vfoa.errors import VfoaError
 from vfoa.geometry import project
@@ -25,25 +24,26 @@ ALL = (1, 2, 3, 4)
 
 
 @pytest.fixture
-def shown() -> list[FinishedFrame]:
+def shown() -> list[Shown]:
     return [show(frame, things=ALL, gaze_at=4) for frame in range(1, 7)]
 
 
 @pytest.fixture
-def run(tmp_path: Path, shown: list[FinishedFrame]) -> Path:
+def run(tmp_path: Path, shown: list[Shown]) -> Path:
     """A run whose thumbnails two configurations have written."""
     for configuration in ("one", "two cones"):
         _write(tmp_path, shown, configuration)
     return tmp_path
 
 
-def _write(run: Path, shown: Iterable[FinishedFrame], configuration: str) -> None:
-    with ThumbnailWriter(run, "clip", configuration) as writer:
+def _write(run: Path, shown: Iterable[Shown], configuration: str) -> None:
+    with PictureWriter(run, "clip") as pictures, ThumbnailWriter(run, "clip", configuration) as writer:
         for each in shown:
-            writer.write(each)
+            pictures.write(shared({configuration: each}))
+            writer.write(each.finished)
 
 
-def _verdicts(shown: list[FinishedFrame], *truth: str) -> list[Verdict]:
+def _verdicts(shown: list[Shown], *truth: str) -> list[Verdict]:
     return score((each.record for each in shown), Reference(labels={"clip": labels(*truth, subject=ANN)})).verdicts
 
 
@@ -51,7 +51,7 @@ def _of(thumbnails: Thumbnails) -> list[int]:
     return [frame for _, frame in thumbnails.pictures]
 
 
-def test_what_is_drawn_lies_where_the_image_has_it(shown: list[FinishedFrame]) -> None:
+def test_what_is_drawn_lies_where_the_image_has_it(shown: list[Shown]) -> None:
     rig = shown[0].frame.rig
     seen = thumbnail(rig, shown[0].result, shown[0].record)
     assert seen.size == (rig.width_px, rig.height_px)
@@ -65,7 +65,7 @@ def test_what_is_drawn_lies_where_the_image_has_it(shown: list[FinishedFrame]) -
         assert eyes in np.reshape(line, (-1, 2)).tolist()
 
 
-def test_a_wide_image_and_all_that_is_drawn_over_it_are_made_small_alike(shown: list[FinishedFrame]) -> None:
+def test_a_wide_image_and_all_that_is_drawn_over_it_are_made_small_alike(shown: list[Shown]) -> None:
     rig = replace(shown[0].frame.rig, width_px=1440, height_px=810)
     seen = thumbnail(rig, shown[0].result, shown[0].record)
     small = Image.open(io.BytesIO(picture(np.zeros((810, 1440, 3), dtype=np.uint8))))
@@ -73,7 +73,7 @@ def test_a_wide_image_and_all_that_is_drawn_over_it_are_made_small_alike(shown: 
     assert seen.boxes[1][2] == (5, 5, 10, 10)
 
 
-def test_a_line_that_passes_the_camera_is_left_out(shown: list[FinishedFrame]) -> None:
+def test_a_line_that_passes_the_camera_is_left_out(shown: list[Shown]) -> None:
     near = shown[0].result.attentions[0]
     person = replace(near.subject.person, eye_origin_left=np.array([0.0, 0.0, 0.25]))
     towards = replace(person.view.head_pose, direction=np.array([0.0, 0.0, -1.0]))
@@ -83,7 +83,7 @@ def test_a_line_that_passes_the_camera_is_left_out(shown: list[FinishedFrame]) -
     assert [cue for cue, _ in ann.lines] == ["gaze"]
 
 
-def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: list[FinishedFrame]) -> None:
+def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: list[Shown]) -> None:
     # the answer is the book in every frame
     verdicts = _verdicts(shown, "red cup", "book#4", "red cup", "ignore", "none", "book#4")
     thumbnails = read_thumbnails(run, verdicts)
@@ -97,12 +97,12 @@ def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: lis
         assert np.corrcoef(drawn.ravel(), left.ravel())[0, 1] > 0.8
 
 
-def test_labels_that_are_edited_later_find_other_pictures(run: Path, shown: list[FinishedFrame]) -> None:
+def test_labels_that_are_edited_later_find_other_pictures(run: Path, shown: list[Shown]) -> None:
     assert _of(read_thumbnails(run, _verdicts(shown, *["book#4"] * 6))) == []
     assert _of(read_thumbnails(run, _verdicts(shown, "book#4", "red cup"))) == [2]
 
 
-def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[FinishedFrame]) -> None:
+def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[Shown]) -> None:
     verdicts = _verdicts(shown, *["red cup"] * 6)
     whole = read_thumbnails(run, verdicts)
     weight = sum(map(len, whole.pictures.values()))
@@ -111,7 +111,7 @@ def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[FinishedFrame])
     assert sum(map(len, some.pictures.values())) <= weight * 2 // 3
 
 
-def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[FinishedFrame]) -> None:
+def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[Shown]) -> None:
     found: list[dict[str, bytes]] = []
     for name in ("a", "b"):
         _write(tmp_path / name, shown, "one")
@@ -121,8 +121,8 @@ def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[FinishedFr
     assert len(found[0]) == 7
 
 
-def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path, shown: list[FinishedFrame]) -> None:
-    def broken() -> Iterator[FinishedFrame]:
+def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path, shown: list[Shown]) -> None:
+    def broken() -> Iterator[Shown]:
         yield shown[0]
         raise RuntimeError
 
@@ -131,19 +131,19 @@ def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path
     assert not lines_path(tmp_path, "clip", "one").exists()
 
 
-def test_a_run_without_stills_has_none(tmp_path: Path, shown: list[FinishedFrame]) -> None:
+def test_a_run_without_stills_has_none(tmp_path: Path, shown: list[Shown]) -> None:
     assert read_thumbnails(tmp_path, _verdicts(shown, "red cup")) == Thumbnails()
 
 
 @pytest.mark.parametrize("line", [b"{}\n", b'{"frame":"1"}\n', b"not JSON\n", b'{"frame":1}\n'])
-def test_a_damaged_file_is_named(run: Path, shown: list[FinishedFrame], line: Any) -> None:
+def test_a_damaged_file_is_named(run: Path, shown: list[Shown], line: Any) -> None:
     lines_path(run, "clip", "two cones").write_bytes(line)
     with pytest.raises(VfoaError, match=r"clip__two cones\.jsonl: not the thumbnails"):
         read_thumbnails(run, _verdicts(shown, "red cup"))
 
 
 def test_a_picture_that_cannot_be_written_leaves_no_draft(
-    tmp_path: Path, shown: list[FinishedFrame], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, shown: list[Shown], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise OSError("disk full")
