@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 def run(
+    context: typer.Context,
     what: Annotated[
         list[str] | None,
         typer.Argument(
@@ -93,19 +94,9 @@ def run(
     """
     from harness.pipeline.cache_store import open_store
     from harness.run.directory import out_folder
-    from vfoa.errors import VfoaError
 
     if what == ["benchmark"]:
-        others = {
-            "--preset": preset,
-            "--clip": clips,
-            "--scheduler": scheduler,
-            "--oracle": oracle,
-            "--annotator": annotator,
-            "--retry-failed": retry_failed,
-        }
-        if unused := [option for option, value in others.items() if value]:
-            raise VfoaError(f"run benchmark: found {', '.join(unused)}; expected none of them")
+        _refuse_options(context, "benchmark", _OF_BENCHMARK)
         _run_benchmark(
             out_folder(out or Path("runs") / "benchmark"),
             overrides or [],
@@ -117,23 +108,8 @@ def run(
         )
         return
     if what == ["paper_cases"]:
-        given = {
-            "--set": overrides,
-            "--preset": preset,
-            "--clip": clips,
-            "--workers": workers,
-            "--threads": threads,
-            "--scheduler": scheduler,
-            "--limit": limit,
-            "--recording": recording,
-            "--oracle": oracle,
-            "--cache": cache,
-            "--no-cache": no_cache,
-            "--annotator": annotator,
-            "--retry-failed": retry_failed,
-            "--verbose": verbose,
-        }
-        _run_paper_cases(out, [option for option, value in given.items() if value])
+        _refuse_options(context, "paper_cases", ("out",))
+        _run_paper_cases(out)
         return
     from harness.cli.terminal import frames_bar, print_scores
     from harness.report.experiment_run import run_whole
@@ -173,13 +149,37 @@ def run(
     _report_failures(directory)
 
 
+_OF_BENCHMARK = ("overrides", "out", "workers", "threads", "limit", "recording", "cache", "no_cache", "verbose")
+"""Parameters of ``vfoa run`` that the benchmark uses."""
+
+
+def _refuse_options(context: typer.Context, what: str, used: Collection[str]) -> None:
+    """Refuse every option of the command line but those of these parameters."""
+    from vfoa.errors import VfoaError
+
+    options = {param.name: param.opts[0] for param in context.command.params if param.name not in (None, "what")}
+    given = [
+        option
+        for name, option in options.items()
+        if name not in used and (source := context.get_parameter_source(name)) and source.name == "COMMANDLINE"
+    ]
+    if given:
+        expected = ", ".join(options[name] for name in used)
+        raise VfoaError(f"run {what}: found {', '.join(given)}; expected no option but {expected}")
+
+
 def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     """Run the materials of the benchmark that are here, print the table and write it; exit with 1 if none is here."""
     from harness.cli.terminal import frames_bar, print_reports
-    from harness.files.io import atomic_write
-    from harness.report.benchmark import MATERIALS, benchmark_table, changed_methods, material_experiment
+    from harness.report.benchmark import (
+        MATERIALS,
+        benchmark_lines,
+        benchmark_table,
+        changed_methods,
+        material_experiment,
+        write_benchmark,
+    )
     from harness.report.experiment_run import run_whole
-    from harness.report.formats import to_csv, to_markdown
     from harness.report.write import rescore
     from vfoa.errors import VfoaError
 
@@ -201,22 +201,19 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     print_reports([table])
     if not scores:
         raise typer.Exit(1)
-    atomic_write(out / "benchmark.md", to_markdown(table))
-    atomic_write(out / "benchmark.csv", to_csv(table))
-    say(f"Table: {out / 'benchmark.md'}; the report of each material: {out}/MATERIAL/report.html")
+    for line in benchmark_lines(scores):
+        say(line)
+    say(f"Page: {write_benchmark(out, scores, table)} (table: benchmark.md, benchmark.csv)")
 
 
-def _run_paper_cases(out: str | None, unused: list[str]) -> None:
+def _run_paper_cases(out: str | None) -> None:
     """Print the paper's simulated cases; with ``out``, write them as paper_cases.md there."""
     from harness.cli.terminal import print_reports
     from harness.files.io import atomic_write
     from harness.report.formats import to_markdown
     from harness.report.paper_cases import paper_cases
     from harness.run.directory import out_folder
-    from vfoa.errors import VfoaError
 
-    if unused:
-        raise VfoaError(f"run paper_cases: found {', '.join(unused)}; expected no option but --out FOLDER")
     table = paper_cases()
     if out is not None:
         atomic_write(out_folder(out) / "paper_cases.md", to_markdown(table))
@@ -297,10 +294,11 @@ def _only_experiment() -> str:
 
 
 def demo(
+    context: typer.Context,
     out: Out = None,
     workers: Workers = 0,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     verbose: Verbose = False,
 ) -> None:
     """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""
-    run(["demo"], out=out, workers=workers, limit=limit, verbose=verbose)
+    run(context, ["demo"], out=out, workers=workers, limit=limit, verbose=verbose)

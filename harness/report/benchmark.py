@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import load_manifest
+from harness.files.io import atomic_write
 from harness.files.parsing import parse_assignment
 from harness.pipeline.configuration import METHODS as KNOWN
 from harness.pipeline.configuration import Configuration, merged, reads_clip
 from harness.remote import expand
-from harness.report.formats import UNKNOWN, Table, number, percent, percent_range
+from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
+from harness.report.page.render import render_tables
+from harness.report.verdict import verdict_lines
 from harness.run.directory import FITTED_ON_REPORTED
 from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
 from harness.score.calibration import reliabilities
@@ -180,6 +183,26 @@ def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str] = ()) 
         words=2,
         notes=(*_NOTES, *warnings, *left_out),
     )
+
+
+def benchmark_lines(scores: Mapping[str, Scores]) -> list[str]:
+    """The answer, a line for each material: its best method, and whether it beats the best simple rule."""
+    return [f"{MATERIALS[name].title}: {' '.join(verdict_lines(of)[:2])}" for name, of in scores.items()]
+
+
+def write_benchmark(folder: Path, scores: Mapping[str, Scores], table: Table) -> Path:
+    """Write the table as Markdown and CSV, and as a page that links the report of each material; return the page.
+
+    The runs of the materials are in ``folder``, by name.
+    """
+    atomic_write(folder / "benchmark.md", to_markdown(table))
+    atomic_write(folder / "benchmark.csv", to_csv(table))
+    methods = {row.configuration for of in scores.values() for row in of.overall()}
+    facts = [f"{len(scores)} of {len(MATERIALS)} materials", f"{len(methods)} methods"]
+    links = {MATERIALS[name].title: f"{name}/report.html" for name in scores}
+    page = folder / "benchmark.html"
+    atomic_write(page, render_tables("Every method on every material", facts, benchmark_lines(scores), [table], links))
+    return page
 
 
 def _rows(title: str, scores: Scores) -> Iterator[tuple[object, ...]]:

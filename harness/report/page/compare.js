@@ -1,4 +1,4 @@
-// The page of `vfoa compare`: its tables.
+// A page of tables: of `vfoa compare` and of `vfoa run benchmark`.
 
 import { fillTables } from "./tables.js";
 

@@ -34,6 +34,7 @@ _GROUPS = {
     "calibration": ("calibration", "calibration by subject", "sets", "directions"),
 }
 _MORE = ("subjects", "agreement", "baselines", "stages", "objects")
+NO_LINKS: Mapping[str, str] = {}
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 
 
@@ -134,10 +135,23 @@ def render_comparison(compared: ComparedRuns) -> str:
         changes_table(changes, shared_folder(compared.places)),
     ]
     pairs = _counted(len(compared.comparisons), "pair")
+    facts = [_counted(len(compared.scores), "run"), _counted(len(compared.places), "configuration"), pairs]
+    return render_tables("Comparison of runs", facts, compared_lines(compared), tables)
+
+
+def render_tables(
+    title: str,
+    facts: Sequence[str],
+    answer: Sequence[str],
+    tables: Sequence[Table],
+    links: Mapping[str, str] = NO_LINKS,
+) -> str:
+    """Return a page of tables; ``answer`` are sentences before them, ``links`` addresses by their text."""
     return template("compare.html.jinja").render(
-        title="Comparison of runs",
-        facts=[_counted(len(compared.scores), "run"), _counted(len(compared.places), "configuration"), pairs],
-        verdict=compared_lines(compared),
+        title=title,
+        facts=facts,
+        verdict=answer,
+        links=links,
         tables=[table.title for table in tables],
         packs={"tables": pack_json([plain_table(table) for table in tables])},
         script=script("compare"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,11 @@ def test_the_table_has_every_method_on_what_is_here(talk: Path) -> None:
     assert methods["second"][1:] == [*METHODS, "wide"]
     assert {row["n"] for row in rows} == {"24"}
     assert "third: not run" in " ".join(output.split())
+    page = (talk / "runs" / "benchmark" / "benchmark.html").read_text(encoding="utf-8")
+    links = {
+        address: (talk / "runs" / "benchmark" / address).is_file() for address in re.findall(r'href="([a-z].*?)"', page)
+    }
+    assert links == {"first/report.html": True, "second/report.html": True, "data:,": False}
     assert "fourth: not run" in " ".join(output.split())
 
 
@@ -91,6 +97,7 @@ def test_without_any_material_there_is_no_table(talk: Path, monkeypatch: pytest.
 def test_options_that_it_has_not_are_refused(talk: Path, options: tuple[str, ...]) -> None:
     error = CliRunner().invoke(app, ["run", "benchmark", *options]).exception
     assert isinstance(error, VfoaError)
+    assert options[0] in str(error)
     assert not (talk / "runs").exists()
 
 
