@@ -36,7 +36,7 @@ PAGES = sorted(
     for path in REPOSITORY.glob(pattern)
 )
 PLACEHOLDERS = re.compile(
-    r"^(my_\w+|kitchen(_p\d+)?|dragon|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$"
+    r"^(my_\w+|kitchen(_p\d+)?|dragon|desk|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$"
 )
 """Names that stand for a reader's own clip or experiment."""
 

@@ -26,8 +26,8 @@ from tests.disk import write_text
 from tests.pages import parts, shape, steps
 from tests.repository import REPOSITORY
 
-OWN_TEST = ("label-fit-run", "real-person")
-"""Pages that need genuine data: tests/harness/score/test_fit_logit.py and tests/test_real_person.py."""
+OWN_TEST = ("label-fit-run", "own-recording", "real-person")
+"""Pages that need genuine data: tests/harness/score/test_fit_logit.py, test_own_recording.py, test_real_person.py."""
 PAGES = sorted(page for page in (REPOSITORY / "docs" / "tutorials").glob("*.md") if page.stem not in OWN_TEST)
 SHORT = ("--limit", "3", "--workers", "1")
 CLIPS = 'clips = ["demo_crowd", "demo_1"]'

@@ -208,6 +208,8 @@ def _print(added: Added) -> None:
 
 def _next_steps(added: Added) -> Iterator[str]:
     """What is missing for a table, and the commands that add it, in the order in which they must run."""
+    from harness.labels.formats import FORMATS
+
     if not added.subjects:
         yield "missing for a table: people who look, things looked at, labels of who looks at what"
         yield "next: the same command with names: people from left to right, things by the segmenter's category"
@@ -217,7 +219,9 @@ def _next_steps(added: Added) -> Iterator[str]:
     yield f"missing for a table: {objects}labels of who looks at what"
     yield f"next: vfoa clips check {added.name}"
     if added.rig is None:  # there is nothing to see on the labelling page
-        yield f"next: write {added.annotations} (annotations/README.md), or vfoa labels import FILE --clip {added.name}"
+        own = added.adapter if added.adapter in FORMATS else "FORMAT"  # of the program that measured the heads
+        command = f"vfoa labels import FILE --clip {added.name} --format {own}"
+        yield f"next: write {added.annotations} (annotations/README.md), or {command}"
     else:
         yield f"next: vfoa annotate {added.name}"
     options, fetch = _run_options(added)

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from harness.pipeline import weights
-from harness.pipeline.weights import CatalogueEntry, catalogue
-from tests import graphs
+from harness.pipeline.weights import catalogue
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.harness.clips.adding import NUMBERS, images
+from tests.homes import MOBILEGAZE, NEEDED, serve_models
 from tests.measured import measured_tables
 from tests.web import Site, serve
 
 Run = Callable[..., tuple[int, str, str]]
-NEEDED = ("yunet", "3ddfa-v2", "adas-0002", "adas-head-pose", "rf-detr-seg-medium")
-MOBILEGAZE = "mobilegaze-mobileone-s0"
-OTHER_FILES = ("rf-detr-seg-medium", MOBILEGAZE)
-"""Models whose files are not at hand as their homes have them: graphs in their place."""
 
 
 @pytest.fixture
@@ -50,45 +44,9 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return lambda *words: vfoa(monkeypatch, capsys, *words)
 
 
-def served(site: Site, name: str, entry: CatalogueEntry, files: dict[str, Path]) -> CatalogueEntry:
-    """A model whose home is this site, if its files are here."""
-
-    def address(file: str) -> str:
-        site.files[f"/{file}"] = files[file].read_bytes()
-        return site.url(f"/{file}")
-
-    if entry.openvino is not None:
-        stem = Path(entry.file).stem
-        parts = {
-            suffix: getattr(entry.openvino, suffix).model_copy(update={"address": address(f"{stem}.{suffix}")})
-            for suffix in ("xml", "bin")
-        }
-        return entry.model_copy(update={"openvino": entry.openvino.model_copy(update=parts)})
-    if entry.checkpoint is not None:
-        checkpoint = entry.checkpoint.model_copy(update={"address": address(f"{Path(entry.file).stem}.pth")})
-        return entry.model_copy(update={"checkpoint": checkpoint})
-    if name in OTHER_FILES:
-        sha256 = hashlib.sha256(files[entry.file].read_bytes()).hexdigest()
-        return entry.model_copy(update={"address": address(entry.file), "sha256": sha256})
-    return entry.model_copy(update={"address": address(entry.file)})
-
-
 @pytest.fixture
 def _homes(site: Site, shared_models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Serve the genuine files of the networks that a default run needs; all others keep their addresses."""
-    if not (shared_models / "openvino_ir").is_dir():
-        pytest.skip(f"needs the networks in OpenVINO's format: no folder {shared_models / 'openvino_ir'}")
-    entries = dict(catalogue())
-    others = []
-    for entry in (entries[name] for name in OTHER_FILES):
-        shapes = {key: [1 if length == "batch" else length for length in shape] for key, shape in entry.outputs.items()}
-        nothing = {key: np.full(shape, -9.0) for key, shape in shapes.items()}
-        others.append(Path(graphs.constant(tmp_path / entry.file, entry.inputs, nothing)))
-    genuine = (path for kinds in ("*.onnx", "openvino_ir/*", "3ddfa_v2/*.pth") for path in shared_models.glob(kinds))
-    files = {path.name: path for path in (*genuine, *others)}
-    for name in (*NEEDED, MOBILEGAZE):
-        entries[name] = served(site, name, entries[name], files)
-    monkeypatch.setattr(weights, "catalogue", lambda: entries)
+    serve_models(site, shared_models, tmp_path, monkeypatch)
 
 
 def add(run: Run, source: Path) -> list[str]:
