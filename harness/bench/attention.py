@@ -56,7 +56,7 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
 
 
 METHODS: dict[str, MethodSettings] = {
-    "cones, one (default)": AttentionSettings(cones_cm=(10.0,)),
+    "cones, one": AttentionSettings(cones_cm=(10.0,)),
     "cones, two": AttentionSettings(cones_cm=(10.0, 25.0)),
     "nearest": NearestSettings(method="nearest"),
     "logit, forward": LogitSettings(method="logit"),
