@@ -57,7 +57,7 @@ def _scene_rows(record: FrameRecord) -> dict[str, Iterable[Row]]:
             for each in record.targets
         ],
         "objects": [(frame, *astuple(each)) for each in (measures.targets if measures else ())],
-        "people": [(frame, s.track_id, s.name, s.instance_id, s.head_box_px, None) for s in record.subjects],
+        "people": [(frame, s.track_id, s.name, s.instance_id, s.head_box_px, None, None) for s in record.subjects],
     }
 
 

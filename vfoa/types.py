@@ -412,7 +412,8 @@ class Scene:
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the
     seconds between; None if they were found in it. ``names`` are the targets' by instance id, in their order; empty
-    where nobody names them. ``ids`` (H, W) are those of :class:`Instances`; None where there are no masks.
+    where nobody names them. ``looked_at`` has, by the name of a person, the instance at the point of the image that
+    another system says the person looks at; 0: none.
     """
 
     index: int
@@ -422,7 +423,7 @@ class Scene:
     masks_from: int | None = None
     masks_age_s: float | None = None
     names: Mapping[int, str] = field(default_factory=dict)
-    ids: NDArray[np.uint16] | None = field(default=None, repr=False, compare=False)
+    looked_at: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

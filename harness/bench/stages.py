@@ -31,6 +31,7 @@ STAGES = (
     "attention",
     "measures",
     "recording",
+    "answers",
 )
 
 

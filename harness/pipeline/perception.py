@@ -35,7 +35,7 @@ from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
-from vfoa.types import Gaze, Instances, Percepts, Person, Scene, StereoFrame
+from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
 
 
 class Followed(NamedTuple):
@@ -231,9 +231,9 @@ class Perception:
                     named[namer] = _name(scene, tracked, namer)
                 names, seconds = named[namer]
                 memo.charge("tracking", seconds)
-                scene = memo.call("tracking", _with_names, scene, names, percepts.instances)
+                scene = replace(scene, names=names.targets)
                 if answers := self._answers.get(name):
-                    scene, tracked, names = answers.complete(scene, tracked, names)
+                    scene, tracked, names = answers.complete(scene, tracked, names, percepts.instances.ids)
                 results[name] = Followed(percepts, scene, tracked, names, memo.timings)
         return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **results})
 
@@ -320,10 +320,6 @@ def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[Names, float]:
     return names, seconds["tracking"]
 
 
-def _with_names(scene: Scene, names: Names, instances: Instances | None = None) -> Scene:
-    return replace(scene, names=names.targets, ids=None if instances is None else instances.ids)
-
-
 def _answers(
     configurations: Iterable[Configuration], manifest: ClipManifest, clip: Clip | MeasuredClip
 ) -> dict[str, FileAnswers]:
@@ -375,7 +371,7 @@ def pose_frames(
         for configuration in configurations:
             name = configuration.name
             tracked, names, timings = tracks[configuration.attend.tracking]
-            seen = _with_names(scenes[tuple(stages[name])], names)
+            seen = replace(scenes[tuple(stages[name])], names=names.targets)
             if name in answers:
                 seen, tracked, names = answers[name].complete(seen, tracked, names)
             results[name] = Followed(None, seen, tracked, names, {**timings})

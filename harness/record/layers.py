@@ -97,6 +97,11 @@ class ClipFiles:
         """Ground truth and verdicts of a configuration."""
         return self.run / f"{self.clip}__{configuration}.verdicts.rrd"
 
+    @property
+    def noted(self) -> Path:
+        """While a run is not finished: what images and reconstructions were made with."""
+        return self.run / "partial" / f"{self.clip}.recorded.noted"
+
     def of(self, layers: LayerNames) -> tuple[Path, ...]:
         """Every existing file that shows a configuration."""
         files = (

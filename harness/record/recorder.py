@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import NamedTuple, Self
 
+from harness.files.folders import read_value, write_value
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.record import entities
 from harness.record.appearance import Colours
@@ -38,8 +39,6 @@ class SharedRecorder:
         Whether images are JPEG pictures, not AV1 video.
     """
 
-    _colours: ClassVar[dict[ClipFiles, Colours]] = {}
-
     def __init__(
         self,
         files: ClipFiles,
@@ -53,13 +52,7 @@ class SharedRecorder:
         self.colours = Colours(names)
         self._failed: set[str] = set()
 
-    @classmethod
-    def colours_of(cls, files: ClipFiles) -> Colours:
-        """The colours of a clip that this process records."""
-        return cls._colours[files]
-
     def __enter__(self) -> Self:
-        self._colours[self._files] = self.colours
         self._images = LayerFile(self._files.images, self._files)
         self._image_log = ImageLog(self._images.part("images"), self._rate_hz, jpeg=self._jpeg)
         names = dict.fromkeys(each.reconstruction for each in self._layers.values())
@@ -69,13 +62,15 @@ class SharedRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        del self._colours[self._files]
         whole = [layers for name, layers in self._layers.items() if kind is None and name not in self._failed]
         if whole:
             self._image_log.close()
         self._images.close(complete=bool(whole))
         for name, layer in self._reconstructions.items():
             layer.close(complete=any(layers.reconstruction == name for layers in whole))
+        if whole:
+            configurations = tuple(each.configuration for each in whole)
+            write_value(self._files.noted, _Noted(configurations, tuple(self.colours.known)))
 
     def write(self, frame: SharedFrame) -> None:
         """Log the data of a frame that is not logged already."""
@@ -106,6 +101,19 @@ class SharedRecorder:
             layer.end_frame()
 
 
+class _Noted(NamedTuple):
+    """What a clip's recordings were made with: configurations, and the names in the order of their colours."""
+
+    configurations: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+def noted_colours(files: ClipFiles, configurations: Iterable[str]) -> Colours | None:
+    """The colours of a clip's recordings, if they were made for these configurations; None: make them again."""
+    noted = read_value(files.noted, _Noted)
+    return Colours(noted.names) if noted and {*configurations} <= {*noted.configurations} else None
+
+
 @dataclass
 class Recorder:
     """Records one clip under one configuration, as a context manager (:mod:`harness.record.layers` lists the files).
@@ -115,7 +123,7 @@ class Recorder:
     files, layers
         The files of the clip, and the layers of the configuration.
     colours
-        Those of the clip's :class:`SharedRecorder`.
+        Those of the clip's other recordings: :func:`noted_colours`.
     rate_hz
         Frames per second at which the viewer plays; None if the source does not know it.
     names

@@ -14,6 +14,7 @@ from harness.pipeline.configuration import Configuration
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import ClipContext, SinkContext, SinkFactory
+from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from harness.record.recorder import Recorder, SharedRecorder
@@ -47,15 +48,26 @@ class RecordingSinks:
             jpeg=self.jpeg,
         )
 
+    def is_whole(self, context: ClipContext) -> bool:
+        """Whether the files are there, and were made together."""
+        from harness.record.recorder import noted_colours
+
+        files, layers = _files(context), [self.layers[name] for name in context.configurations]
+        shared = {files.images, *(files.reconstruction(each.reconstruction) for each in layers)}
+        return all(map(Path.is_file, shared)) and noted_colours(files, context.configurations) is not None
+
     def open(self, context: SinkContext) -> Recorder:
         """Open the recording of one configuration on one clip."""
-        from harness.record.recorder import Recorder, SharedRecorder
+        from harness.record.recorder import Recorder, noted_colours
 
         files = _files(context)
+        colours = noted_colours(files, [context.configuration])
+        if colours is None:
+            raise VfoaError(f"{files.noted}: expected what {files.images.name} was made with; run again")
         return Recorder(
             files,
             self.layers[context.configuration],
-            SharedRecorder.colours_of(files),
+            colours,
             rate_hz=context.rate_hz,
             names=_names(context),
         )
@@ -95,6 +107,10 @@ class ThumbnailSinks:
         from harness.report.thumbnails.writer import PictureWriter
 
         return PictureWriter(context.directory.path, context.manifest.name)
+
+    def is_whole(self, context: ClipContext) -> bool:
+        """Pictures are there as long as the run is."""
+        return True
 
     def open(self, context: SinkContext) -> ThumbnailWriter:
         """Open what is drawn over them of one configuration on one clip."""

@@ -1,8 +1,8 @@
-"""The answers of a configuration on a clip: written as they are made, with the times of the stages.
+"""The answers of a configuration on a clip: written as they are made, with the time that they took.
 
 The answers are a table (:mod:`harness.run.tables`), the times a CSV file. Both have draft names in ``partial/`` until
-the clip is finished. A run that was interrupted begins the clip anew: trackers and filters carry more than the answers
-hold, and what was perceived is in the stage cache.
+the configuration is finished. A run that was interrupted attends to the clip anew: methods and filters carry more than
+the answers hold.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from harness.files.io import take_lock
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
-from harness.run.tables import Row, TableWriter, write_again
+from harness.run.tables import Row, TableWriter
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue
 
@@ -36,7 +36,7 @@ class AnswerWriter:
     """Writes the answers and times of one (clip, configuration) anew, in a ``with`` block.
 
     It is the last sink of every configuration, so that it knows the times of all others. :meth:`finish` gives the files
-    their names, when all sinks of the clip are closed.
+    their names, when all of these sinks are closed.
 
     Parameters
     ----------
@@ -79,20 +79,22 @@ class AnswerWriter:
     def write(self, frame: FinishedFrame) -> None:
         """Write one frame: the rows of its answers, and its ms per stage."""
         record = frame.record
-        prefix = f"{record.clip},{record.configuration},{record.frame}"
-        rows = "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in frame.timings.items())
-        self._rows.write(rows.encode())
+        self._rows.write(time_rows((record.clip, record.configuration), record.frame, frame.timings))
         self._rows.flush()
         self._table.add({"answers": answer_rows(record, self._filtered)})
 
-    def finish(self, **keys: str) -> None:
-        """Mark the (clip, configuration) as finished. ``keys`` are the final ones of its scene and directions."""
+    def finish(self) -> None:
+        """Mark the (clip, configuration) as finished."""
         answers, times = self._drafts
-        if (final := {**self._keys, **keys}) != self._keys:
-            write_again(answers, "answers", final)
         self._answers.parent.mkdir(parents=True, exist_ok=True)
         answers.replace(self._answers)
         times.replace(self._times)  # it is the mark: it is last
+
+
+def time_rows(pair: Pair, frame: int, timings: Mapping[str, float]) -> bytes:
+    """The rows of a frame in ``timings.csv``, from seconds by stage."""
+    prefix = f"{pair[0]},{pair[1]},{frame}"
+    return "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in timings.items()).encode()
 
 
 def answer_rows(record: FrameRecord, filtered: tuple[Cue, ...]) -> Iterator[Row]:

@@ -1,26 +1,33 @@
-"""Attend again: the scenes and directions of a run become answers under other settings, without images and stages.
+"""Attend: the scenes and directions of a run become answers, without images and stages.
 
-Scenes are read once for all configurations that share them, and attended to frame by frame in their order, as in the
-loop (:mod:`harness.run.loop`), so that equal settings give equal answers.
+Scenes are read once for all configurations that share them, and attended to frame by frame in their order. A run
+attends to a clip when it is perceived (:mod:`harness.run.loop`), and a script to a finished run under other settings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import TracebackType
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from harness.pipeline.configuration import METHODS_OF_CLIP
-from harness.pipeline.stage_runner import guarded
-from harness.run.answers import answer_rows, filtered_cues
+from harness.pipeline.configuration import METHODS_OF_CLIP, Configuration, open_method
+from harness.pipeline.stage_runner import Timings, guarded, timed
+from harness.run.answers import AnswerWriter, answer_rows, filtered_cues
 from harness.run.directory import Pair, RunDirectory
+from harness.run.frame_sink import Camera, ClipContext, FinishedFrame, FrameSink, SinkContext, SinkFactory
 from harness.run.records import to_record
+from harness.run.scenes import Keys, paths_of
 from harness.run.table_records import frames_of, rows_by_frame
 from harness.run.tables import Row, find_tables, read_columns
+from harness.sources import Clip, MeasuredClip
 from vfoa.config import dotted_tables, read_steps
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import StageError, VfoaError, check_known
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.tracking import Tracked
 from vfoa.types import (
@@ -36,6 +43,7 @@ from vfoa.types import (
     NoGaze,
     Person,
     Scene,
+    StereoRig,
     Target,
 )
 
@@ -44,11 +52,17 @@ CHANGEABLE = ("attention", "gaze_filter")
 
 
 class SceneFrame(NamedTuple):
-    """A frame of a run's tables: the scene, the tracks of its people, and the names of people by track."""
+    """A frame of a run's tables: the scene, the tracks of its people, and the names of people by track.
+
+    ``camera`` is None for a clip without images. ``points`` are the numbers of 3D points by instance, of which the
+    scene has fewer.
+    """
 
     scene: Scene
     tracked: Tracked
     names: Mapping[int, str]
+    camera: Camera | None
+    points: Mapping[int, int]
 
 
 def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[SceneFrame]:
@@ -72,7 +86,7 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
         frames = rows_by_frame(paths["frames"], "frames", group, numbers)
         tables = ("instances", "people", "directions", *(("clouds",) if cloud_points else ()))
         parts = [rows_by_frame(paths[table], table, group, numbers) for table in tables]
-        for number, ((time_ns, masks_from, masks_age_s, *_),), instances, people, looks, *clouds in zip(
+        for number, ((time_ns, masks_from, masks_age_s, *more),), instances, people, looks, *clouds in zip(
             numbers, frames, *parts, strict=True
         ):
             points = {row[0]: row[2] for row in clouds[0] if row[1] == cloud_points} if clouds else None
@@ -90,10 +104,22 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
                     masks_from=masks_from,
                     masks_age_s=masks_age_s,
                     names=names,
+                    looked_at={row[1]: row[5] for row in people if row[5] is not None},
                 ),
                 tracked=Tracked(ids=ids, open=frozenset(track for track, end in last.items() if end >= number)),
                 names={row[0]: row[1] for row in people if row[1] is not None},
+                camera=_camera(*more[4:]),
+                points={row[0]: row[8] for row in instances},
             )
+
+
+def _camera(*values: Any) -> Camera | None:
+    """The camera from the last columns of ``frames``."""
+    *rig, has_right, has_depth = values
+    if rig[0] is None:
+        return None
+    of_rig = dict(zip((each.name for each in fields(StereoRig)), rig, strict=True))
+    return Camera(rig=StereoRig(**of_rig), has_right=has_right, has_depth=has_depth)
 
 
 def _last_frames(path: Path, groups: int) -> dict[int, int]:
@@ -129,7 +155,7 @@ def _target(row: Row, points: Mapping[int, Any] | None, path: Path, cloud_points
 
 
 def _person(person: Row, look: Row) -> Person:
-    _, _, instance_id, head_box_px, head_score = person
+    _, _, instance_id, head_box_px, head_score, _ = person
     _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, head_sigma_rad, _ = look
     cues: dict[str, Any] = {
         "head_pose": None if head is None else HeadPose(direction=np.array(head), sigma_rad=head_sigma_rad),
@@ -168,6 +194,136 @@ def attend_scenes(
     for name, each in attending.items():
         for result in guarded("attention", each.finish):
             yield name, result
+
+
+class Answering:
+    """Attends to the frames of a clip in order under one configuration, and hands the answers to sinks.
+
+    It is a context manager, which opens and closes the sinks, and marks the answers as finished. An error ends only
+    this configuration: ``error`` is None until then.
+    """
+
+    def __init__(
+        self,
+        clip: Clip | MeasuredClip,
+        context: ClipContext,
+        configuration: Configuration,
+        keys: Keys,
+        factories: Iterable[SinkFactory],
+    ) -> None:
+        self.error: VfoaError | None = None
+        self._clip, self._configuration, self._factories = clip, configuration, factories
+        of_clip = {each.name: getattr(context, each.name) for each in fields(ClipContext)}
+        self._context = SinkContext(**of_clip, configuration=configuration.name)
+        self._pair = context.manifest.name, configuration.name
+        self._answers = AnswerWriter(context.directory, self._pair, keys, filtered_cues(configuration.plain()))
+        self._waiting: deque[tuple[SceneFrame, Timings]] = deque()
+        self._attending: Attending
+        self._sinks: list[FrameSink] = []
+        self._open_sinks = ExitStack()
+
+    def __enter__(self) -> Self:
+        settings, manifest = self._configuration.attend, self._context.manifest
+        try:
+            method = guarded("attention", open_method, settings.attention, manifest, self._clip)
+            self._attending = Attending(settings, method)
+            for factory in self._factories:
+                if (sink := factory.open(self._context)) is not None:
+                    self._sinks.append(self._open_sinks.enter_context(sink))
+            self._sinks.append(self._open_sinks.enter_context(self._answers))
+        except VfoaError as error:
+            self.fail(error)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None and self.error is None:
+            try:
+                self._hand_over(guarded("attention", self._attending.finish))
+            except VfoaError as late:
+                self.fail(late)
+        try:
+            self._open_sinks.__exit__(kind, error, trace)
+        except VfoaError as late:
+            self.error = late
+        if kind is None and self.error is None:
+            self._answers.finish()
+
+    def fail(self, error: VfoaError) -> None:
+        """End this configuration. Its sinks are closed, and their files are not whole."""
+        if self.error is None:
+            self.error = error
+            self._open_sinks.__exit__(type(error), error, error.__traceback__)
+            self._open_sinks = ExitStack()
+
+    def attend(self, frame: SceneFrame) -> None:
+        """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
+        if self.error is not None:
+            return
+        timings: Timings = {}
+        try:
+            with timed(timings, "attention"):
+                ready = guarded("attention", self._attending.step, frame.scene, frame.tracked, frame.names)
+            self._waiting.append((frame, timings))
+            self._hand_over(ready)
+        except VfoaError as error:
+            if isinstance(error, StageError):
+                error.frame = frame.scene.index
+            self.fail(error)
+
+    def _hand_over(self, ready: Iterable[FrameResult]) -> None:
+        """Hand frames to every sink, with their records. The time of the sinks, but the last one, counts as writing."""
+        for result in ready:
+            frame, timings = self._waiting.popleft()
+            fx_px = frame.camera.rig.fx_px if frame.camera else None
+            record = to_record(*self._pair, result, fx_px, frame.points)
+            finished = FinishedFrame(camera=frame.camera, result=result, record=record, timings=timings)
+            for sink in self._sinks:
+                with timed(timings, "answers"):
+                    sink.write(finished)
+
+
+def attend_clip(
+    clip: Clip | MeasuredClip,
+    context: ClipContext,
+    configurations: Iterable[Configuration],
+    keys: Mapping[str, Keys],
+    sinks: Iterable[SinkFactory],
+    check: Callable[[], None],
+) -> dict[str, VfoaError]:
+    """Attend to the scenes of a clip under each configuration, and write the answers; return the errors by name.
+
+    Parameters
+    ----------
+    keys
+        Those of the scene and directions of each configuration, by name.
+    sinks
+        Open the receivers of the answers.
+    check
+        Called after each frame; an error of it ends all.
+    """
+    alike: dict[tuple[object, ...], list[Configuration]] = {}
+    for configuration in configurations:
+        of_scene = sorted(keys[configuration.name].items())
+        alike.setdefault((*of_scene, configuration.attend.attention.cloud_points), []).append(configuration)
+    errors: dict[str, VfoaError] = {}
+    for group in alike.values():
+        paths = paths_of(context.directory, context.manifest.name, keys[group[0].name])
+        answering = [Answering(clip, context, of, keys[of.name], sinks) for of in group]
+        with ExitStack() as opened:
+            for each in answering:
+                opened.enter_context(each)
+            try:
+                for frame in read_scenes(paths, group[0].attend.attention.cloud_points):
+                    for each in answering:
+                        each.attend(frame)
+                    check()
+            except VfoaError as error:  # a table that is damaged
+                for each in answering:
+                    each.fail(error)
+        errors |= {of.name: each.error for of, each in zip(group, answering, strict=True) if each.error}
+    return errors
 
 
 def attend_again(

@@ -1,7 +1,7 @@
 """The files of a run; none of them is ever half-written.
 
 ``scenes/`` and ``directions/`` get the tables of a clip when it is perceived (:mod:`harness.run.scenes`), ``answers/``
-those of a (clip, configuration) when it is finished; drafts are in ``partial/``. There, while a run is on, are also the
+that of a (clip, configuration) when it is finished; drafts are in ``partial/``. There, while a run is on, are also the
 times of the stages, from which ``timings.csv`` is made at the end, and the traceback of a faulty stage. Only one run at
 a time can use the directory.
 """
@@ -288,8 +288,9 @@ class RunDirectory:
         with open(draft, "wb") as joined:
             joined.write(b"clip,configuration,frame,stage,ms\n")
             for pair in pairs:
-                with open(self.partial(pair, "csv"), "rb") as source:
-                    shutil.copyfileobj(source, joined)
+                for suffix in ("scene.csv", "csv"):  # without the first, a scene of a finished run was attended again
+                    with suppress(FileNotFoundError), open(self.partial(pair, suffix), "rb") as source:
+                        shutil.copyfileobj(source, joined)
         draft.replace(self.timings)
 
     def discard(self, pair: Pair) -> None:
@@ -306,7 +307,7 @@ class RunDirectory:
         return not self.path.exists() or all(map(_is_left_over, self.path.iterdir()))
 
     def has_results(self) -> bool:
-        """Whether a frame is finished."""
+        """Whether a frame is perceived."""
         return any(path.stat().st_size for path in (self.path / "partial").glob("*.csv*"))
 
     def partial(self, pair: Pair, suffix: str) -> Path:

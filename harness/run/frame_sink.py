@@ -122,7 +122,11 @@ class SceneSinkFactory(SinkFactory, Protocol):
     """Opens sinks of both kinds."""
 
     def open_scenes(self, context: ClipContext) -> SceneSink:
-        """Open the sink of what is perceived of one clip. It is open while the sinks of its configurations are."""
+        """Open the sink of what is perceived of one clip. It is closed before the sinks of its configurations open."""
+        ...
+
+    def is_whole(self, context: ClipContext) -> bool:
+        """Whether all that this sink wrote of the clip is still there, for all of these configurations."""
         ...
 
 

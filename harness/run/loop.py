@@ -1,46 +1,32 @@
-"""The only loop over frames: read, perceive, reconstruct, attend for each configuration, hand to the sinks.
+"""The loop over the frames of a clip: read, perceive, follow, write scenes. What it wrote is attended to afterwards.
 
 Each frame is read once and each distinct stage runs once. A configuration that fails is dropped, and the others
-continue.
+continue. A clip whose scenes are whole is not perceived again.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
-from harness.pipeline.configuration import Configuration, open_method
+from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
-from harness.pipeline.stage_runner import Timings, guarded, timed
-from harness.run.answers import AnswerWriter, filtered_cues
+from harness.pipeline.stage_runner import timed
+from harness.run.attend import attend_clip
 from harness.run.directory import Pair, RunDirectory, new_run_id
-from harness.run.executors import Progress
-from harness.run.frame_sink import (
-    Camera,
-    ClipContext,
-    FinishedFrame,
-    FrameSink,
-    SceneSink,
-    SceneSinkFactory,
-    SinkContext,
-    SinkFactory,
-)
-from harness.run.records import to_record
-from harness.run.scenes import Identity, SceneWriters, identities
+from harness.run.executors import GOES_ON, Progress
+from harness.run.frame_sink import ClipContext, SceneSink, SceneSinkFactory, SinkFactory
+from harness.run.scenes import Identity, Keys, SceneTimes, SceneWriters, has_scene, identities, keys_of
 from harness.sources import Clip, MeasuredClip
-from vfoa.errors import StageError, VfoaError
-from vfoa.pipeline import Attending
-from vfoa.types import FrameResult
+from vfoa.errors import VfoaError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,25 +87,31 @@ class ClipJob:
             for each in self.configurations
         }
 
-    def context_of(self, clip: Clip | MeasuredClip) -> dict[str, Any]:
-        """The fields of a :class:`ClipContext` of the job."""
-        return {
-            "manifest": self.manifest,
-            "configurations": tuple(configuration.name for configuration in self.configurations),
-            "rate_hz": clip.rate_hz,
-            "directory": self.directory,
-            "run_id": self.run_id,
-        }
+    def context(self, clip: Clip | MeasuredClip) -> ClipContext:
+        """The context of the job's sinks."""
+        return ClipContext(
+            manifest=self.manifest,
+            configurations=tuple(configuration.name for configuration in self.configurations),
+            rate_hz=clip.rate_hz,
+            directory=self.directory,
+            run_id=self.run_id,
+        )
 
-    def open_scene_sinks(self, clip: Clip | MeasuredClip) -> Iterator[SceneSink]:
+    def is_perceived(self, decided: Mapping[str, tuple[Identity, Identity]], context: ClipContext) -> bool:
+        """Whether the scenes of all configurations are there, and all that the sinks of the clip have written."""
+        return all(has_scene(self.directory, self.manifest.name, keys) for keys in keys_of(decided).values()) and all(
+            factory.is_whole(context) for factory in self.sinks if isinstance(factory, SceneSinkFactory)
+        )
+
+    def open_scene_sinks(self, context: ClipContext) -> Iterator[SceneSink]:
         """Yield the sinks of what is perceived, in their order, each to be opened before the next."""
         for factory in self.sinks:
             if isinstance(factory, SceneSinkFactory):
-                yield factory.open_scenes(ClipContext(**self.context_of(clip)))
+                yield factory.open_scenes(context)
 
-    def outcome(self, errors: Iterable[VfoaError | None], tallies: tuple[Tally, ...] = ()) -> ClipOutcome:
-        """The outcome of the job, from each configuration's error in order (None: it is finished)."""
-        failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
+    def outcome(self, errors: Mapping[str, VfoaError], tallies: tuple[Tally, ...]) -> ClipOutcome:
+        """The outcome of the job, from the errors of configurations by name."""
+        failures = {pair: errors[pair[1]] for pair in self.pairs if pair[1] in errors}
         return ClipOutcome(failures=failures, tallies=tallies)
 
 
@@ -132,7 +124,7 @@ class ClipOutcome:
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
-    """Run one clip under all configurations of a job.
+    """Perceive one clip under all configurations of a job, and attend to it.
 
     ``progress`` is called with the name of the clip after each frame. ``numbers`` yields the frames of the job, each as
     soon as it may be read; default: the job's own frames.
@@ -143,181 +135,86 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         decided = job.identities(clip)
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
-    chosen = job.frames if numbers is None else numbers
-    if isinstance(clip, MeasuredClip):
-        frames = pose_frames(job.configurations, clip, chosen, job.manifest)
-        with SceneWriters(job.directory, job.manifest.name, decided) as scenes:
-            runners = attend_to(frames, job, clip, progress, scenes)
-        return job.outcome(runner.error for runner in runners)
-    images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
-    parallel = job.ahead > 0
-    with (
-        unchanged(),
-        Perception(
-            job.configurations, images, job.cache, manifest=job.manifest, drawn=job.drawn, parallel=parallel
-        ) as perception,
-        SceneWriters(job.directory, job.manifest.name, decided, Measurer(truth), job.clouds) as scenes,
-    ):
-        frames = prefetch(perception.frames(chosen, job.ahead), job.ahead)
-        runners = attend_to(frames, job, clip, progress, scenes)
-    if job.cache:
-        job.cache.store.trim()
-    return job.outcome((runner.error for runner in runners), perception.take_tallies())
+    context, tallies = job.context(clip), tuple[Tally, ...]()
+    if job.is_perceived(decided, context):
+        perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
+        for _ in job.frames:
+            progress(job.manifest.name)
+    else:
+        with unchanged(), _perception(job, clip, decided, numbers) as (frames, scenes, take_tallies):
+            perceived = _write_scenes(frames, job, context, progress, scenes)
+            tallies = take_tallies()
+        if job.cache:
+            job.cache.store.trim()
+    errors = {name: each for name, each in perceived.items() if isinstance(each, VfoaError)}
+    keys = {name: each for name, each in perceived.items() if not isinstance(each, VfoaError)}
+    answering = [configuration for configuration in job.configurations if configuration.name in keys]
+    errors |= attend_clip(clip, context, answering, keys, job.sinks, lambda: progress(GOES_ON))
+    return job.outcome(errors, tallies)
 
 
-def attend_to(
-    frames: Generator[SharedFrame],
+@contextmanager
+def _perception(
     job: ClipJob,
     clip: Clip | MeasuredClip,
-    progress: Progress,
-    scenes: SceneWriters,
-) -> list[ConfigurationRunner]:
-    """Write the scenes, attend to frames and hand them to the sinks, until they end or every configuration has failed.
+    decided: Mapping[str, tuple[Identity, Identity]],
+    numbers: Iterable[int] | None,
+) -> Iterator[tuple[Generator[SharedFrame], SceneWriters, Callable[[], tuple[Tally, ...]]]]:
+    """The frames of a clip as they are perceived, the writers of its scenes, and what says how the cache was used."""
+    chosen = job.frames if numbers is None else numbers
+    name = job.manifest.name
+    if isinstance(clip, MeasuredClip):
+        with SceneWriters(job.directory, name, decided) as scenes:
+            yield pose_frames(job.configurations, clip, chosen, job.manifest), scenes, tuple
+        return
+    images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
+    options: dict[str, Any] = {"manifest": job.manifest, "drawn": job.drawn, "parallel": job.ahead > 0}
+    with (
+        Perception(job.configurations, images, job.cache, **options) as perception,
+        SceneWriters(job.directory, name, decided, Measurer(truth), job.clouds) as scenes,
+    ):
+        yield prefetch(perception.frames(chosen, job.ahead), job.ahead), scenes, perception.take_tallies
 
-    Configurations are marked finished when the sinks of all are closed: the last one closes the files that they share.
-    Returns one runner per configuration of the job, in order, each finished, with its error.
+
+def _write_scenes(
+    frames: Generator[SharedFrame], job: ClipJob, context: ClipContext, progress: Progress, scenes: SceneWriters
+) -> dict[str, Keys | VfoaError]:
+    """Write frames as scenes, and hand them to the sinks of the clip, until they end or every configuration has failed.
+
+    Scenes get their names when all of these sinks are closed: so they are the mark that recordings are whole.
     """
-    runners = [
-        ConfigurationRunner(job, configuration, clip, scenes.keys(configuration.name))
-        for configuration in job.configurations
-    ]
+    errors: dict[str, VfoaError] = {}
     try:
-        with closing(_readable(frames, job.manifest.name)) as readable, ExitStack() as sinks:
-            shared = [sinks.enter_context(sink) for sink in job.open_scene_sinks(clip)]
-            for runner in runners:
-                sinks.enter_context(runner)
-            for frame in readable:
-                perceived = [each for each in frame.by_configuration.values() if not isinstance(each, VfoaError)]
+        with closing(frames), ExitStack() as opened:
+            sinks = [opened.enter_context(sink) for sink in job.open_scene_sinks(context)]
+            times = opened.enter_context(SceneTimes(job.directory, job.pairs))
+            while True:
+                with _unreadable_told(job.manifest.name):
+                    frame = next(frames, None)
+                if frame is None:
+                    break
                 scenes.write(frame)
-                for sink in shared if perceived else ():
+                errors = {name: each for name, each in frame.by_configuration.items() if isinstance(each, VfoaError)}
+                perceived = [each for each in frame.by_configuration.values() if not isinstance(each, VfoaError)]
+                for sink in sinks if perceived else ():
                     with timed(perceived[0].timings, "recording"):
                         sink.write(frame)
-                for runner in runners:
-                    runner.attend(frame)
+                times.write(frame)
                 progress(job.manifest.name)
                 if not perceived:
                     break
     except VfoaError as error:
-        for runner in runners:
-            runner.fail(error)
-    for runner in (each for each in runners if each.error is None):
-        runner.finish(scenes.finish(runner.name))
-    return runners
+        return {each.name: error for each in job.configurations}
+    return {each.name: errors.get(each.name) or scenes.finish(each.name) for each in job.configurations}
 
 
-def _readable(frames: Generator[SharedFrame], clip: str) -> Generator[SharedFrame]:
-    """Yield the frames. The error of one that cannot be read says how to find all such frames."""
+@contextmanager
+def _unreadable_told(clip: str) -> Iterator[None]:
+    """Let the error of a frame that cannot be read say how to find all such frames."""
     try:
-        with closing(frames):
-            yield from frames
+        yield
     except ChangedError:
         raise
     except VfoaError as error:
         more = f"vfoa clips check {clip} --every-frame counts and names all that cannot be read"
         raise VfoaError(f"{error}; {more}") from None
-
-
-class _Companion(NamedTuple):
-    """The data that goes to the sinks with a frame's result, which may come later."""
-
-    camera: Camera | None
-    timings: Timings
-
-
-class ConfigurationRunner:
-    """Attends to the frames of a clip in order under one configuration, and hands them to the sinks of its job.
-
-    It is a context manager, which opens and closes the sinks. An error ends only this configuration: ``error`` is None
-    until then.
-    """
-
-    def __init__(
-        self,
-        job: ClipJob,
-        configuration: Configuration,
-        clip: Clip | MeasuredClip,
-        keys: Mapping[str, str],
-    ) -> None:
-        self.error: VfoaError | None = None
-        self.name = configuration.name
-        self._job, self._configuration = job, configuration
-        self._context = SinkContext(**job.context_of(clip), configuration=configuration.name)
-        self._clip = clip
-        self._attending: Attending
-        self._companions: deque[_Companion] = deque()
-        filtered = filtered_cues(configuration.plain())
-        self._answers = AnswerWriter(job.directory, (job.manifest.name, configuration.name), keys, filtered)
-        self._sinks: list[FrameSink] = []
-        self._open_sinks = ExitStack()
-
-    def __enter__(self) -> Self:
-        attend, manifest = self._configuration.attend, self._job.manifest
-        try:
-            self._attending = Attending(attend, open_method(attend.attention, manifest, self._clip))
-            for factory in self._job.sinks:
-                if (sink := factory.open(self._context)) is not None:
-                    self._sinks.append(self._open_sinks.enter_context(sink))
-            self._sinks.append(self._open_sinks.enter_context(self._answers))
-        except VfoaError as error:
-            self.fail(error)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None and self.error is None:
-            try:
-                self._hand_over(guarded("attention", self._attending.finish))
-            except VfoaError as late:
-                self.fail(late)
-        try:
-            self._open_sinks.__exit__(kind, error, trace)
-        except VfoaError as late:
-            self.error = late
-
-    def fail(self, error: VfoaError) -> None:
-        """End this configuration. Its sinks are closed; their files stay, so that a later run can continue them."""
-        if self.error is None:
-            self.error = error
-            self._open_sinks.__exit__(type(error), error, error.__traceback__)
-            self._open_sinks = ExitStack()
-
-    def finish(self, keys: Mapping[str, str]) -> None:
-        """Mark the answers as finished, when the sinks of all configurations are closed.
-
-        ``keys`` are the final ones of the scene and of the directions.
-        """
-        self._answers.finish(**keys)
-
-    def attend(self, shared: SharedFrame) -> None:
-        """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
-        if self.error is not None:
-            return
-        perceived = shared.by_configuration[self._configuration.name]
-        if isinstance(perceived, VfoaError):
-            self.fail(perceived)
-            return
-        _, scene, tracked, names, timings = perceived
-        try:
-            with timed(timings, "attention"):
-                ready = guarded("attention", self._attending.step, scene, tracked, names.subjects)
-            self._companions.append(_Companion(Camera.of(shared.frame), timings))
-            self._hand_over(ready)
-        except VfoaError as error:
-            if isinstance(error, StageError):
-                error.frame = shared.index
-            self.fail(error)
-
-    def _hand_over(self, ready: Iterable[FrameResult]) -> None:
-        """Hand frames to every sink, with their records.
-
-        The time of the sinks counts as ``recording``, except that of the last one.
-        """
-        for result in ready:
-            camera, timings = self._companions.popleft()
-            fx_px = camera.rig.fx_px if camera else None
-            record = to_record(self._context.manifest.name, self._configuration.name, result, fx_px)
-            finished = FinishedFrame(camera=camera, result=result, record=record, timings=timings)
-            for sink in self._sinks:
-                with timed(timings, "recording"):
-                    sink.write(finished)

@@ -12,7 +12,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import fields
 from itertools import count
 from operator import attrgetter
@@ -33,7 +33,8 @@ from harness.pipeline.frame_measures import FrameMeasures, PersonMeasure, Target
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.pipeline.stage_runner import timed
-from harness.run.directory import RunDirectory
+from harness.run.answers import time_rows
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import head_width_m
 from harness.run.tables import (
     DIRECTIONS_TABLES,
@@ -48,7 +49,7 @@ from harness.run.tables import (
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
-from vfoa.types import Person, StereoFrame, StereoRig, Target
+from vfoa.types import Person, Scene, StereoFrame, StereoRig, Target
 from vfoa.visible import spaced
 
 Identity = Mapping[str, Any]
@@ -117,6 +118,30 @@ def _stage(choice: StageChoice | None, of_clip: Mapping[str, Any], clip: Clip | 
     code, versions = code_of(slot.stage_class(choice.name).__module__)
     files = None if isinstance(clip, MeasuredClip) else slot.files_digest(choice, clip)
     return {"settings": choice.plain(), "files": files, "code": code, "versions": versions}
+
+
+Keys = Mapping[str, str]
+"""The keys ``scene`` and ``directions`` of a configuration on a clip."""
+
+
+def keys_of(decided: Mapping[str, tuple[Identity, Identity]]) -> dict[str, Keys]:
+    """The keys of each configuration by its :func:`identities`, unless another scene has them already."""
+    keys: dict[str, Keys] = {}
+    for name, (of_scene, of_directions) in decided.items():
+        scene = key_of(of_scene)
+        keys[name] = {"scene": scene, "directions": key_of({"scene": scene, **of_directions})}
+    return keys
+
+
+def has_scene(directory: RunDirectory, clip: str, keys: Keys) -> bool:
+    """Whether the folders of a scene and of its directions are there. Then they are whole."""
+    return all(path.parent.is_dir() for path in paths_of(directory, clip, keys).values())
+
+
+def paths_of(directory: RunDirectory, clip: str, keys: Keys) -> dict[str, Path]:
+    """The files of the tables of a scene and of its directions."""
+    scene, directions = keys["scene"], keys["directions"]
+    return {**scene_tables(directory.path, clip, scene), **directions_tables(directory.path, clip, directions)}
 
 
 def key_of(identity: Identity) -> str:
@@ -193,6 +218,46 @@ class FolderWriter:
         return (scene_tables if self._own == "scene" else directions_tables)(self._root, self._keys["clip"], key)
 
 
+class SceneTimes:
+    """Writes the time of each stage of a scene, for each configuration, in a ``with`` block: CSV files in ``partial/``.
+
+    They get their names at the end.
+    """
+
+    def __init__(self, directory: RunDirectory, pairs: Iterable[Pair]) -> None:
+        self._pairs = {pair: directory.partial(pair, "scene.csv") for pair in pairs}
+        self._files = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as files:
+            self._open = {}
+            for pair, path in self._pairs.items():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._open[pair[1]] = pair, files.enter_context(open(_draft_of(path), "wb"))
+            self._files = files.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._files.close()
+        if kind is None:
+            for path in self._pairs.values():
+                _draft_of(path).replace(path)
+
+    def write(self, shared: SharedFrame) -> None:
+        """Write one frame."""
+        for name, (pair, file) in self._open.items():
+            followed = shared.by_configuration[name]
+            if not isinstance(followed, VfoaError):
+                file.write(time_rows(pair, shared.index, followed.timings))
+                file.flush()
+
+
+def _draft_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.partial")
+
+
 def _names(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir()]
 
@@ -223,15 +288,15 @@ class SceneWriters:
         self._measurer, self._clouds = measurer, clouds
         self._folders: dict[str, FolderWriter] = {}
         self._keys: dict[str, tuple[str, str]] = {}
-        for name, (of_scene, of_directions) in decided.items():
-            keys = {"clip": clip, "scene": key_of(of_scene)}
-            if keys["scene"] not in self._folders:
-                self._folders[keys["scene"]] = FolderWriter(directory, keys, of_scene)
-            of_directions = {"scene": keys["scene"], **of_directions}
-            keys["directions"] = key_of(of_directions)
-            if keys["directions"] not in self._folders:
-                self._folders[keys["directions"]] = FolderWriter(directory, keys, of_directions)
-            self._keys[name] = keys["scene"], keys["directions"]
+        for name, keys in keys_of(decided).items():
+            of_scene, of_directions = decided[name]
+            scene, directions = keys["scene"], keys["directions"]
+            if scene not in self._folders:
+                self._folders[scene] = FolderWriter(directory, {"clip": clip, "scene": scene}, of_scene)
+            if directions not in self._folders:
+                of_directions = {"scene": scene, **of_directions}
+                self._folders[directions] = FolderWriter(directory, {"clip": clip, **keys}, of_directions)
+            self._keys[name] = scene, directions
 
     def __enter__(self) -> Self:
         return self
@@ -264,11 +329,7 @@ class SceneWriters:
                     self._folders[key].add({table: rows[table] for table in tables})
             written.update(keys)
 
-    def keys(self, name: str) -> dict[str, str]:
-        """The keys ``scene`` and ``directions`` of a configuration, as long as no other scene has them already."""
-        return dict(zip(("scene", "directions"), self._keys[name], strict=True))
-
-    def finish(self, name: str) -> dict[str, str]:
+    def finish(self, name: str) -> Keys:
         """Give the folders of a configuration their names; return its final keys ``scene`` and ``directions``."""
         scene, directions = (self._folders[key] for key in self._keys[name])
         final = scene.finish()
@@ -302,7 +363,7 @@ def _scene_rows(
         "instances": (_instance(scene.index, target, names.targets[target.instance.id]) for target in scene.targets),
         "objects": ((scene.index, *_TRUE_OBJECT(each)) for each in (measured.targets if measured else ())),
         "people": (
-            _person(scene.index, track, person, names.subjects.get(track))
+            _person(scene, track, person, names.subjects.get(track))
             for track, person in followed.tracked.people(scene.people)
         ),
         "clouds": (
@@ -323,9 +384,9 @@ def _instance(frame: int, target: Target, name: str) -> Row:
     )
 
 
-def _person(frame: int, track: int, person: Person, name: str | None) -> Row:
-    head = person.head
-    return (frame, track, name, person.instance_id, *((head.box_px, head.score) if head else (None, None)))
+def _person(scene: Scene, track: int, person: Person, name: str | None) -> Row:
+    head = (person.head.box_px, person.head.score) if person.head else (None, None)
+    return (scene.index, track, name, person.instance_id, *head, scene.looked_at.get(name or ""))
 
 
 def _directions_rows(followed: Followed, measured: FrameMeasures | None) -> dict[str, Iterable[Row]]:
@@ -351,16 +412,19 @@ def _looks(frame: int, track: int, person: Person, fx_px: float | None) -> Row:
 
 
 def remove_unused(directory: RunDirectory) -> None:
-    """Remove drafts, and the scenes and directions that no answers come from: of what failed, or was interrupted."""
-    used = {path.parent for _, paths in find_tables(directory) for path in paths.values()}
-    for folder in (*directory.path.glob("scenes/*/*"), *directory.path.glob("directions/*/*")):
-        if folder not in used:
+    """Remove drafts, and answers, scenes and directions of what was interrupted.
+
+    Scenes and directions stay as long as something has failed, for the next try.
+    """
+    used = [path for _, paths in find_tables(directory) for path in paths.values()]
+    folders = {path.parent for path in used}
+    places = () if directory.read_manifest().get("failed") else ("scenes", "directions")
+    for folder in (folder for place in places for folder in directory.path.glob(f"{place}/*/*")):
+        if folder not in folders:
             shutil.rmtree(folder)
             with suppress(OSError):  # other clips have the same key
                 folder.parent.rmdir()
-    answers = {paths["answers"] for _, paths in find_tables(directory)}
-    for path in directory.path.glob("answers/*/*"):
-        if path not in answers:
-            path.unlink()
+    for path in {*directory.path.glob("answers/*/*")} - {*used}:
+        path.unlink()
     for draft in directory.path.glob("partial/*.tables"):
         shutil.rmtree(draft)

@@ -223,7 +223,7 @@ def _subject(frame: int, person: Row, direction: Row, answer: Row, filtered: tup
     """The subject of a row of people, of directions and of answers each."""
     if not person[0] == direction[0] == answer[0]:
         raise ValueError(f"frame {frame}: expected the tracks of people and directions, found {answer[0]}")
-    track_id, name, instance_id, head_box_px, _ = person
+    track_id, name, instance_id, head_box_px, *_ = person
     _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, _, head_width_m = direction
     _, missing, focus, tied, targets, of_gaze, of_head, totals, fit, gaze_filtered, head_filtered = answer
     return SubjectRecord(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
     from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped]
 
-FORMAT = b"2"
+FORMAT = b"3"
 GROUP_FRAMES = 600
 """Most frames of a row group; the row groups of all tables of a clip have the same frames."""
 
@@ -111,6 +111,9 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "instance_id": Column("int32?", "Instance of the person; null: none."),
         "head_box_px": Column("vec4?", "Box of the head in the left image, px; null: the clip has no images."),
         "head_score": Column("double?", "Score of the head's detector."),
+        "looked_at": Column(
+            "int32?", 'Instance at the point of the image that `attention.method = "answers"` reads; 0: none.'
+        ),
     },
     "clouds": {
         **_of("clip", "scene"),

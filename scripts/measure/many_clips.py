@@ -78,7 +78,7 @@ PARTS = {
     "read": ("decode",),
     "match": ("stereo",),
     "other stages": ("segmentation", "heads", "head_pose", "gaze", "reconstruction", "attention", "measures"),
-    "write": ("recording",),
+    "write": ("recording", "answers"),
 }
 """Stages of a run by the part of the model that they belong to."""
 

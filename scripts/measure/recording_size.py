@@ -123,7 +123,9 @@ def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedR
     ran = time.perf_counter()
     rescore(directory)
     with directory.timings.open(encoding="utf-8") as timings:
-        recording_ms = sum(float(row["ms"]) for row in csv.DictReader(timings) if row["stage"] == "recording")
+        recording_ms = sum(
+            float(row["ms"]) for row in csv.DictReader(timings) if row["stage"] in ("recording", "answers")
+        )
     return RecordedRun(
         kind=kind,
         frames=frames,

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.clips.manifest import ClipManifest
@@ -101,8 +102,13 @@ class FileAnswers:
         answers = self._answers.by_frame.get(scene.index, {})
         return tuple(_attention(subject, answers.get(subject.name or ""), scene) for subject in subjects), states
 
-    def complete(self, scene: Scene, tracked: Tracked, names: Names) -> tuple[Scene, Tracked, Names]:
-        """Add the people and targets that the table names in this frame and that were not found, without a box."""
+    def complete(
+        self, scene: Scene, tracked: Tracked, names: Names, masks: NDArray[np.uint16] | None = None
+    ) -> tuple[Scene, Tracked, Names]:
+        """Add the people and targets that the table names in this frame and that were not found, without a box.
+
+        And what is at the points of the image that it says: ``masks`` (H, W) has the instance of each pixel.
+        """
         answers = self._answers.by_frame.get(scene.index, {})
         known = {*names.targets.values()}
         wanted = dict.fromkeys(name for answer in answers.values() for name in answer.names)
@@ -118,7 +124,13 @@ class FileAnswers:
         tracks = {name: _FIRST_TRACK + self._people.index(name) for name in unseen}
         targets = tuple(self._target(number, name) for number, name in added.items())
         return (
-            replace(scene, targets=scene.targets + targets, people=scene.people + people, names=of_targets),
+            replace(
+                scene,
+                targets=scene.targets + targets,
+                people=scene.people + people,
+                names=of_targets,
+                looked_at={} if masks is None else _looked_at(answers, masks, scene.index),
+            ),
             Tracked(ids=(*tracked.ids, *tracks.values()), open=tracked.open | {*tracks.values()}),
             Names(subjects={**names.subjects, **{track: name for name, track in tracks.items()}}, targets=of_targets),
         )
@@ -133,7 +145,7 @@ def _attention(subject: Subject, answer: Answer | None, scene: Scene) -> Attenti
     if answer is None:
         return Attention(subject=subject, missing=NoAttention.NO_ANSWER)
     if answer.point_px is not None:
-        return _attention_at(subject, answer.point_px, scene)
+        return _attention_to(subject, scene.looked_at[subject.name or ""], scene)
     ids: dict[str, int] = {}
     for number, name in scene.names.items():
         ids.setdefault(name, number)
@@ -145,35 +157,28 @@ def _attention(subject: Subject, answer: Answer | None, scene: Scene) -> Attenti
     return Attention(subject=subject, values=_values(subject, scene, totals), focus=focus)
 
 
-def _attention_at(subject: Subject, point_px: tuple[float, float], scene: Scene) -> Attention:
-    """The attention of a person who looks at a point of the image: the target there has all of it."""
-    ids, (u, v) = scene.ids, point_px
-    if ids is None:
-        found = _smallest_box(scene, point_px, subject.person.instance_id)
-    else:
-        (height, width), (column, row) = ids.shape, (math.floor(u + 0.5), math.floor(v + 0.5))
-        if not (0 <= column < width and 0 <= row < height):
-            raise VfoaError(
-                f"{subject.name} in frame {scene.index} looks at u_px = {u:g}, v_px = {v:g}, outside the image of "
-                f"{width} x {height}; expected a point of it, or in_image = 0"
-            )
-        found = int(ids[row, column])
-    values = _values(subject, scene, {} if found is None else {found: 1.0})
+def _attention_to(subject: Subject, found: int, scene: Scene) -> Attention:
+    """The attention of a person who looks at a point of the image: the instance there has all of it."""
+    values = _values(subject, scene, {found: 1.0})
     if found not in {value.instance_id for value in values}:
         return Attention(subject=subject, missing=NoAttention.NO_OBJECT)
     return Attention(subject=subject, values=values, focus=found)
 
 
-def _smallest_box(scene: Scene, point_px: tuple[float, float], own_id: int | None) -> int | None:
-    """The instance with the smallest box in the image that holds the point; None: no box does."""
-    u, v = point_px
-    areas: dict[int, float] = {}
-    for target in scene.targets:
-        if target.box_px is not None and target.instance.id != own_id:
-            u0, v0, u1, v1 = target.box_px.tolist()
-            if u0 <= u <= u1 and v0 <= v <= v1:
-                areas[target.instance.id] = (u1 - u0) * (v1 - v0)
-    return min(areas, key=lambda number: areas[number], default=None)
+def _looked_at(answers: Mapping[str, Answer], ids: NDArray[np.uint16], frame: int) -> dict[str, int]:
+    """The instance at the point that each person looks at, by name; 0: none."""
+    (height, width), found = ids.shape, {}
+    for name, answer in answers.items():
+        if answer.point_px is not None:
+            u, v = answer.point_px
+            column, row = math.floor(u + 0.5), math.floor(v + 0.5)
+            if not (0 <= column < width and 0 <= row < height):
+                raise VfoaError(
+                    f"{name} in frame {frame} looks at u_px = {u:g}, v_px = {v:g}, outside the image of "
+                    f"{width} x {height}; expected a point of it, or in_image = 0"
+                )
+            found[name] = int(ids[row, column])
+    return found
 
 
 def _values(subject: Subject, scene: Scene, totals: Mapping[int, float]) -> tuple[TargetAttention, ...]:

@@ -21,6 +21,10 @@ Lost = Callable[[Job, str], Outcome]
 """Makes the outcome of a job that was given up, from the job and the reason."""
 
 
+GOES_ON = ""
+"""The word of a call of progress that reports nothing, and only asks whether the run goes on."""
+
+
 class StoppedError(Exception):
     """The run was interrupted: a worker stops after the current frame."""
 
@@ -65,7 +69,7 @@ class InProcess:
         """As :class:`Executor`."""
         compute_with(self.threads)
         for job in jobs:
-            yield work(job, progress)
+            yield work(job, lambda word: None if word == GOES_ON else progress(word))
 
 
 def compute_with(threads: int) -> None:

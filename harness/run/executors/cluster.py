@@ -17,7 +17,7 @@ from uuid import uuid4
 from harness.files.digests import code_digest
 from harness.files.folders import VARIABLE as CACHE_VARIABLE
 from harness.remote import forget_copies
-from harness.run.executors import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
+from harness.run.executors import GIVEN_UP, GOES_ON, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -199,7 +199,8 @@ def on_worker(
     words: list[str] = []
 
     def progress(word: str) -> None:
-        words.append(word)
+        if word != GOES_ON:
+            words.append(word)
         _check_goes_on(run)
 
     try:

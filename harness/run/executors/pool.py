@@ -21,6 +21,7 @@ from harness.processes import keep_working_directory_out
 from harness.run.executors import (
     ATTEMPTS,
     GIVEN_UP,
+    GOES_ON,
     InProcess,
     Job,
     Lost,
@@ -235,7 +236,8 @@ def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
         raise AssertionError("the worker was not started by a pool")
 
     def progress(word: str) -> None:
-        pipe.send_bytes(word.encode())
+        if word != GOES_ON:
+            pipe.send_bytes(word.encode())
         if stop.value:
             raise StoppedError
 

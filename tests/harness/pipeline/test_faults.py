@@ -222,7 +222,7 @@ def test_a_gaze_from_several_frames_that_fails_names_its_frame(
     line = r"frame 3: gaze\.model = \"gaze360\", estimate_sequence: IndexError: no such bin"
     with pytest.raises(VfoaError, match=line):
         _run(sound, tmp_path / "run")
-    times = (tmp_path / "run" / "partial" / "alley__sound.csv.partial").read_text().splitlines()
+    times = (tmp_path / "run" / "partial" / "alley__sound.scene.csv").read_text().splitlines()
     assert list(dict.fromkeys(int(row.split(",")[2]) for row in times)) == [
         record.frame for record in alone["sound"][:2]
     ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
-from harness.record.recorder import Recorder, SharedRecorder
+from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import Camera, FinishedFrame
@@ -203,15 +202,17 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
     of_each = {key: options[key] for key in ("rate_hz", "names")}
-    with SharedRecorder(files, layers, **options) as recorder, ExitStack() as stack:
-        recorders = {
-            name: stack.enter_context(Recorder(files, layers[name], recorder.colours, **of_each)) for name in frames
-        }
+    with SharedRecorder(files, layers, **options) as recorder:
         for number in numbers:
-            seen = {name: each for name, found in frames.items() for each in found if each.record.frame == number}
-            recorder.write(shared(seen))
-            for name, frame in seen.items():
-                recorders[name].write(under(frame, name).finished)
+            recorder.write(
+                shared({name: each for name, found in frames.items() for each in found if each.record.frame == number})
+            )
+    for name, found in frames.items():
+        colours = noted_colours(files, [name])
+        assert colours
+        with Recorder(files, layers[name], colours, **of_each) as of_one:
+            for frame in found:
+                of_one.write(under(frame, name).finished)
     records = {("clip", name): [under(frame, name).record for frame in found] for name, found in frames.items()}
     write_tables(directory, records)
     write_verdict_layers(directory, {"clip": LABELS})

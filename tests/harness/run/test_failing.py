@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from harness.cli import main
+from harness.pipeline.perception import Perception
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -16,10 +18,12 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
+from tests.recorded import values_of
 from tests.records import tables_of
+from vfoa.attention import Cones
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
-from vfoa.types import Disparity, StereoFrame
+from vfoa.types import Disparity, Scene, StereoFrame
 
 STAGES = """
 [defaults]
@@ -89,6 +93,43 @@ def test_what_failed_stays_failed_until_it_is_tried_again(
     other = tmp_path / "other"
     other.mkdir()
     assert tables_of(mended) == tables_of(_run(other, ["studio_table"]))
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_after_a_method_failed_a_retry_only_attends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorded: bool
+) -> None:
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    expected = _run(whole, ["studio_table"], recorded=recorded)
+    attend = Cones.attend
+
+    def fails_once(self: Cones, subjects: Any, scene: Scene, states: Any) -> Any:
+        calls.append(scene.index)
+        if len(calls) == 2:
+            raise ValueError("not today")
+        return attend(self, subjects, scene, states)
+
+    calls: list[int] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Cones, "attend", fails_once)
+        (failure,) = _run(tmp_path, ["studio_table"], recorded=recorded).read_manifest()["failed"]
+    expected_error = "frame 2: attention: ValueError: not today"
+    assert (failure["configuration"], failure["error"]) == ("bm", expected_error)
+    with monkeypatch.context() as patch:
+        patch.setattr(Perception, "__init__", _perceives_nothing)
+        mended = _run(tmp_path, ["studio_table"], retry=True, recorded=recorded)
+    assert mended.read_manifest()["failed"] == []
+    assert tables_of(mended) == tables_of(expected)
+    recordings = sorted(path.name for path in mended.path.glob("*.rrd"))
+    assert recordings == sorted(path.name for path in expected.path.glob("*.rrd"))
+    assert bool(recordings) == recorded
+    for name in recordings:
+        assert values_of(mended.path / name) == values_of(expected.path / name), name
+
+
+def _perceives_nothing(*_: object, **__: object) -> None:
+    raise AssertionError("the clip is perceived again")
 
 
 def test_a_configuration_is_left_out_that_failed_on_one_of_two_clips(

@@ -11,11 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.clips.manifest import load_manifest
+from harness.pipeline.perception import SharedFrame
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.frame_sink import ClipContext, FinishedFrame, SinkContext, SinkFactory
 from harness.run.loop import ClipJob, run_clip
 from vfoa.errors import VfoaError
+
+NAMES = ("bm-one", "bm-two")
 
 
 @dataclass
@@ -57,11 +60,43 @@ class Witnesses:
         return Witness(self.said, f"{self.name} {context.configuration}", self.fails.get(context.configuration))
 
 
-def _job(out: Path, *sinks: Witnesses) -> ClipJob:
+@dataclass
+class SceneWitness:
+    """The sink of a clip: writes down what happens to it, and fails at a frame if told to."""
+
+    said: list[tuple[str, object]]
+    fails_at: int | None = None
+    whole: bool = True
+
+    def described(self) -> Mapping[str, Any]:
+        return {}
+
+    def open(self, context: SinkContext) -> None:
+        self.said.append(("answers", context.configuration))
+
+    def open_scenes(self, context: ClipContext) -> Self:
+        assert context.configurations == ("bm-one", "bm-two")
+        return self
+
+    def is_whole(self, context: ClipContext) -> bool:
+        return self.whole
+
+    def __enter__(self) -> Self:
+        self.said.append(("clip", "enter"))
+        return self
+
+    def __exit__(self, kind: object, *rest: object) -> None:
+        self.said.append(("clip", kind))
+
+    def write(self, frame: SharedFrame) -> None:
+        if frame.index == self.fails_at:
+            raise VfoaError("no room")
+        self.said.append(("clip", frame.index))
+
+
+def _job(out: Path, *sinks: SinkFactory) -> ClipJob:
     experiment = load_experiment("demo", clips=("studio_table",))
-    chosen = [
-        configuration for configuration in experiment.configurations if configuration.name in ("bm-one", "bm-two")
-    ]
+    chosen = [configuration for configuration in experiment.configurations if configuration.name in NAMES]
     manifest = load_manifest("studio_table")
     return ClipJob(
         manifest=manifest,
@@ -92,3 +127,30 @@ def test_a_sink_that_fails_ends_its_configuration_alone(tmp_path: Path, frame: i
     assert [directory.is_finished(("studio_table", name)) for name in ("bm-one", "bm-two")] == [False, True]
     answers = pq.read_table(directory.answers(("studio_table", "bm-two")))
     assert set(answers["frame"].to_pylist()) == {1, 2}
+
+
+WHOLE = [("clip", event) for event in ("enter", 1, 2, None)]
+OPENED = [("answers", "bm-one"), ("answers", "bm-two")]
+
+
+def test_the_sink_of_a_clip_gets_every_frame_once_and_is_closed_before_it_is_attended_to(tmp_path: Path) -> None:
+    witness = SceneWitness([])
+    assert not run_clip(_job(tmp_path, witness), lambda clip: None).failures
+    assert witness.said == WHOLE + OPENED
+
+
+def test_the_sink_of_a_clip_that_fails_ends_all_of_its_configurations(tmp_path: Path) -> None:
+    witness = SceneWitness([], fails_at=2)
+    outcome = run_clip(_job(tmp_path, witness), lambda clip: None)
+    assert {pair[1]: str(error) for pair, error in outcome.failures.items()} == dict.fromkeys(NAMES, "no room")
+    assert witness.said == [("clip", event) for event in ("enter", 1, VfoaError)]
+    assert [path.name for path in tmp_path.iterdir()] == ["partial"]
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_clip_is_perceived_again_if_a_sink_lacks_what_it_wrote(tmp_path: Path, whole: bool) -> None:
+    run_clip(_job(tmp_path, SceneWitness([])), lambda clip: None)
+    again, frames = SceneWitness([], whole=whole), list[str]()
+    assert not run_clip(_job(tmp_path, again), frames.append).failures
+    assert again.said == ([] if whole else WHOLE) + OPENED
+    assert [name for name in frames if name] == ["studio_table"] * 2

@@ -20,10 +20,11 @@ import pytest
 from harness.files import digests
 from harness.files.io import take_lock
 from harness.pipeline.cache_store import Store
+from harness.pipeline.perception import SharedFrame
 from harness.run import runner
 from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
-from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.frame_sink import ClipContext, SinkContext
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from tests.alley import write_clip, write_masks
@@ -147,23 +148,29 @@ def test_a_lock_that_is_released_as_it_is_asked_for_is_not_taken_over(
 
 @dataclass(frozen=True)
 class Exchange:
-    """A sink that calls a function after each frame with its number."""
+    """A sink that calls a function after each frame that is perceived, with its number."""
 
     change: Callable[[int], None]
 
     def described(self) -> Mapping[str, Any]:
         return {}
 
-    def open(self, context: SinkContext) -> Self:
+    def open(self, context: SinkContext) -> None:
+        """Answers are not exchanged."""
+
+    def open_scenes(self, context: ClipContext) -> Self:
         return self
+
+    def is_whole(self, context: ClipContext) -> bool:
+        return True
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None: ...
 
-    def write(self, frame: FinishedFrame) -> None:
-        self.change(frame.record.frame)
+    def write(self, frame: SharedFrame) -> None:
+        self.change(frame.index)
 
 
 def _invert(path: Path) -> None:

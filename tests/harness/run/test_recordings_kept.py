@@ -13,7 +13,7 @@ import pytest
 
 from harness.record.layer_file import _StreamFile
 from harness.report.sinks import composed_sinks
-from harness.run import loop
+from harness.run import attend
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
@@ -138,7 +138,7 @@ def test_a_configuration_that_is_repeated_leaves_the_masks_of_the_others_in_the_
     experiment: Path, killed: tuple[RunDirectory, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole, _ = killed
-    to_record = loop.to_record
+    to_record = attend.to_record
 
     def fail_for_the_second(clip: str, configuration: str, *rest: Any) -> FrameRecord:
         if configuration == "second":
@@ -146,7 +146,7 @@ def test_a_configuration_that_is_repeated_leaves_the_masks_of_the_others_in_the_
         return to_record(clip, configuration, *rest)
 
     with monkeypatch.context() as patched:
-        patched.setattr(loop, "to_record", fail_for_the_second)
+        patched.setattr(attend, "to_record", fail_for_the_second)
         partly = _run(experiment, tmp_path / "out")
     assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
     _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)

@@ -142,12 +142,11 @@ def test_times_are_on_disk_as_soon_as_a_frame_is_done_and_all_is_written_anew_af
         for number in (1, 2):
             answers.write(_frame(number, stereo=9.0))
     assert not directory.is_finished(PAIR)
-    answers.finish(scene="a", directions="other")
+    answers.finish()
     assert directory.is_finished(PAIR)
     table = pq.read_table(directory.answers(PAIR)).select(["clip", "scene", "directions", "configuration", "frame"])
     assert table.to_pylist() == [
-        {"clip": "clip", "scene": "a", "directions": "other", "configuration": "conf", "frame": number}
-        for number in (1, 2)
+        {"clip": "clip", "scene": "a", "directions": "b", "configuration": "conf", "frame": number} for number in (1, 2)
     ]
     assert directory.partial(PAIR, "csv").read_text() == "clip,conf,1,stereo,9000.000\nclip,conf,2,stereo,9000.000\n"
     directory.unmark(PAIR)
