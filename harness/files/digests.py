@@ -20,10 +20,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec
 from importlib.metadata import Distribution, distributions, version
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
+from pkgutil import get_importer
 
 from harness.files.io import LARGE_BYTES, note_stamp, opened
 
@@ -152,9 +153,18 @@ def _spec(module: str) -> ModuleSpec | None:
     if not package:
         return find_spec(name)
     above = _spec(package)
-    if above is None or above.submodule_search_locations is None:
+    folders: list[str] = []
+    for location in above.submodule_search_locations or () if above else ():
+        finder = get_importer(location)
+        spec = finder.find_spec(module) if finder else None
+        if spec and spec.loader:
+            return spec
+        folders += (spec.submodule_search_locations or ()) if spec else ()
+    if not folders:
         return None
-    return PathFinder.find_spec(module, above.submodule_search_locations)
+    namespace = ModuleSpec(module, None, is_package=True)  # PathFinder would need the package above to be imported
+    namespace.submodule_search_locations = folders
+    return namespace
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from harness.files.digests import code_digest, import_closure
@@ -17,6 +18,17 @@ def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
     rooms = {name.split(".")[1] for name in modules if name.startswith("harness.")}
     assert not rooms & {"annotate", "bench", "cli", "score", "record", "report", "api"}
     assert describe(plan)["source_sha256"] == code_digest(plan.deciding_modules)
+
+
+def test_modules_of_folders_without_init_count_though_nothing_has_imported_them(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    inner = tmp_path / "decides" / "inner" / "most"
+    inner.mkdir(parents=True)
+    (inner / "stage.py").write_text("from decides.inner import other\n")
+    (inner.parent / "other.py").write_text("")
+    found, _ = import_closure(("decides.inner.most.stage",))
+    assert found == {"decides.inner.most.stage": inner / "stage.py", "decides.inner.other": inner.parent / "other.py"}
+    assert "decides" not in sys.modules
 
 
 def test_a_comment_counts_where_it_decides_and_nowhere_else(tmp_path: Path, monkeypatch) -> None:
