@@ -81,7 +81,7 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
         If a table is missing, damaged or of another version, or has no clouds of so many points.
     """
     groups = frames_of(paths["frames"])
-    last = _last_frames(paths["people"], len(groups))
+    last, followed = _last_frames(paths["people"], len(groups)), frozenset[int]()
     for group, numbers in enumerate(groups):
         frames = rows_by_frame(paths["frames"], "frames", group, numbers)
         tables = ("instances", "people", "directions", *(("clouds",) if cloud_points else ()))
@@ -95,6 +95,7 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
             ids = tuple(row[0] for row in people)
             if ids != tuple(row[0] for row in looks):
                 raise VfoaError(f"{paths['directions']}: frame {number}: expected the tracks of people, {ids}")
+            followed |= {*ids}
             yield SceneFrame(
                 scene=Scene(
                     index=number,
@@ -106,11 +107,12 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
                     names=names,
                     looked_at={row[1]: row[5] for row in people if row[5] is not None},
                 ),
-                tracked=Tracked(ids=ids, open=frozenset(track for track, end in last.items() if end >= number)),
+                tracked=Tracked(ids=ids, open=followed),
                 names={row[0]: row[1] for row in people if row[1] is not None},
                 camera=_camera(*more[4:]),
                 points={row[0]: row[8] for row in instances},
             )
+            followed -= {track for track in ids if last[track] == number}
 
 
 def _camera(*values: Any) -> Camera | None:

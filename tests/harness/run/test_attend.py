@@ -24,7 +24,7 @@ from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of
 from tests.disk import write_text
-from tests.measured import measured_tables
+from tests.measured import START_NS, STEP_NS, measured_tables
 from vfoa.errors import VfoaError
 
 EXPERIMENT = """
@@ -208,3 +208,19 @@ def test_scenes_are_read_with_and_without_their_clouds(images: Finished) -> None
     assert {len(target.points_left) for frame in without for target in frame.scene.targets} == {0}
     assert set(read_table(images.directory, "clouds")["points"].to_pylist()) == {40, 128}
     assert [frame.scene.index for frame in with_clouds] == list(range(1, FRAMES + 1))
+
+
+def test_a_person_is_remembered_over_a_gap_and_until_the_last_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    people = measured_tables(tmp_path / "data" / "talk") / "people.csv"
+    without = tuple(f"{frame},{START_NS + frame * STEP_NS},ben," for frame in (5, 6, 10, 11, 12))
+    rows = people.read_text().splitlines(keepends=True)
+    people.write_text("".join(row for row in rows if not row.startswith(without)))
+    add_clip(tmp_path / "data" / "talk")
+    found = _run(write_text(tmp_path / "poses.toml", POSES))
+    tracked = [frame.tracked for frame in read_scenes(dict(find_tables(found.directory))["talk", "bayes"])]
+    assert [len(each.ids) for each in tracked] == [2] * 4 + [1] * 2 + [2] * 3 + [1] * 3
+    assert [len(each.open) for each in tracked] == [2] * 9 + [1] * 3
+    assert_scenes_give_the_same(found.directory, *found.plan.clips, found.plan.experiment.configurations)
