@@ -132,7 +132,7 @@ def compare(
     from harness.files.io import atomic_write, check_new
     from harness.report.compared_runs import compared_lines, ranking_table
     from harness.report.comparisons import terminal_comparisons
-    from harness.report.page.render import render_comparison
+    from harness.report.page.compare import render_comparison, report_link
     from harness.run.directory import RunDirectory
     from harness.score.compared_runs import compare_runs
     from vfoa.errors import VfoaError
@@ -155,7 +155,7 @@ def compare(
         say("\n".join(compared_lines(compared)))
         print_reports([ranking_table(compared), terminal_comparisons(compared.comparisons)])
         if page is not None:
-            atomic_write(page, render_comparison(compared))
+            atomic_write(page, render_comparison(compared, report_link(page), where=" and ".join(where or ())))
             say(f"Page: {page}")
     for line in failing:
         say(f"vfoa: --fail-on {fail_on}: {line}", err=True)

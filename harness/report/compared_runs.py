@@ -27,7 +27,8 @@ def compared_lines(compared: ComparedRuns) -> list[str]:
         lines.append(f"{len(found) - MOST_SENTENCES} more are in the table.")
     if not found and comparisons:
         pairs = "the only pair" if len(comparisons) == 1 else f"{len(comparisons)} pairs"
-        lines.append(f"No significant difference in {pairs}.")
+        same = sum(comparison.is_identical for comparison in comparisons)
+        lines.append(f"No significant difference in {pairs}{f'; {same} identical' if same else ''}.")
     for best in compared.ranked()[:1]:
         ends = percent_range(best.scores.interval)
         who = f"Best of {len(compared.places)}: {best.name.removeprefix(shared)}"

@@ -85,7 +85,7 @@ def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) 
         (
             (
                 *(comparison.configuration.removeprefix(shared), comparison.reference.removeprefix(shared)),
-                _verdict(comparison),
+                verdict_in_words(comparison),
                 points(comparison.difference),
                 UNKNOWN if comparison.is_identical else points_range(comparison.interval),
                 _units(comparison),
@@ -99,7 +99,8 @@ def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) 
     )
 
 
-def _verdict(comparison: Comparison) -> str:
+def verdict_in_words(comparison: Comparison) -> str:
+    """The result of a comparison in a table."""
     if comparison.is_identical:
         return identical_on(comparison.n)
     return comparison.verdict if comparison.is_significant else "not told apart"

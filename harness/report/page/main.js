@@ -25,7 +25,7 @@ function wrongFrames(fold) {
     fold.replaceChildren(fold.firstElementChild, tableOf({
       title: `Wrong frames of ${track.subject} in ${clip}`, columns: ["Frame", "Configuration", "Truth", "Predicted", "Error type"], words: 5,
       rows: found.map(([lane, frame, i]) => [String(frame), lane.name, nameOf(track.truth[i]) ?? "", nameOf(lane.predicted[i]) ?? "no prediction", stateOf(lane, i).replaceAll("_", " ")]),
-      links: { column: 0, of: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
+      links: { 0: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
     }));
   };
   let last = null;

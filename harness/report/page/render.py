@@ -10,8 +10,6 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.compared_runs import changes_table, compared_lines, ranking_table
-from harness.report.comparisons import comparison_table, shared_folder
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
 from harness.report.page.packing import Attention, bundle, pack_json
@@ -20,7 +18,6 @@ from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_lines
 from harness.score.calibration import reliabilities
-from harness.score.compared_runs import ComparedRuns
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 
@@ -126,19 +123,6 @@ def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, 
     }
 
 
-def render_comparison(compared: ComparedRuns) -> str:
-    """Return the page of runs side by side: the ranking, the comparisons, the frames that changed their verdict."""
-    changes = list(compared.changes())
-    tables = [
-        ranking_table(compared),
-        comparison_table(compared.comparisons),
-        changes_table(changes, shared_folder(compared.places)),
-    ]
-    pairs = _counted(len(compared.comparisons), "pair")
-    facts = [_counted(len(compared.scores), "run"), _counted(len(compared.places), "configuration"), pairs]
-    return render_tables("Comparison of runs", facts, compared_lines(compared), tables)
-
-
 def render_tables(
     title: str,
     facts: Sequence[str],
@@ -147,14 +131,14 @@ def render_tables(
     links: Mapping[str, str] = NO_LINKS,
 ) -> str:
     """Return a page of tables; ``answer`` are sentences before them, ``links`` addresses by their text."""
-    return template("compare.html.jinja").render(
+    return template("tables.html.jinja").render(
         title=title,
         facts=facts,
         verdict=answer,
         links=links,
         tables=[table.title for table in tables],
         packs={"tables": pack_json([plain_table(table) for table in tables])},
-        script=script("compare"),
+        script=script("table_page"),
         data={},
     )
 
@@ -168,11 +152,12 @@ def _facts(scores: Scores, manifest: Mapping[str, Any]) -> list[str]:
     facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
     facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
     frames = sum(len(clip["frames"]) for clip in manifest["clips"])
-    facts += [f"{_counted(len(manifest['clips']), 'clip')}, {_counted(frames, 'frame')}"]
+    facts += [f"{counted(len(manifest['clips']), 'clip')}, {counted(frames, 'frame')}"]
     return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
 
 
-def _counted(n: int, what: str) -> str:
+def counted(n: int, what: str) -> str:
+    """A number and its noun, which gets an s."""
     return f"{n:,} {what}{'' if n == 1 else 's'}".replace(",", " ")
 
 

@@ -14,7 +14,8 @@ function compared(a, b, words) {
   return first - second;
 }
 
-export function tableOf({ title, columns, words, rows, notes = [], links = null }) {
+/** A table. `links` are functions by column, from the number of a row to the address that its cell leads to, or none. */
+export function tableOf({ title, columns, words, rows, notes = [], links = {} }) {
   let [order, falls, filter, at] = [null, false, "", 0];
   const body = element("tbody");
   const heads = columns.map((name, i) => {
@@ -39,7 +40,8 @@ export function tableOf({ title, columns, words, rows, notes = [], links = null 
     at = Math.min(Math.max(at + by, 0), Math.max(Math.ceil(found.length / PAGE) - 1, 0));
     body.replaceChildren(...found.slice(at * PAGE, (at + 1) * PAGE).map(([row, place]) =>
       element("tr", {}, ...row.map((cell, i) => {
-        const shown = links && i === links.column ? element("a", { href: links.of(place) }, cell) : cell;
+        const href = links[i]?.(place);
+        const shown = href ? element("a", { href }, cell) : cell;
         return i === 0 ? element("th", { scope: "row" }, shown) : element("td", i >= words ? { class: "n" } : {}, shown);
       }))));
     where.textContent = found.length > PAGE ? `${at * PAGE + 1} to ${Math.min((at + 1) * PAGE, found.length)} of ${found.length}` : "";
@@ -62,7 +64,9 @@ export function fillTables() {
       if (!fold.open || fold.dataset.filled) return;
       fold.dataset.filled = "yes";
       const tables = await packedJson("tables");
-      fold.append(tableOf(tables[Number(fold.dataset.table)]));
+      const { links = {}, ...table } = tables[Number(fold.dataset.table)];
+      const leadTo = Object.entries(links).map(([column, addresses]) => [column, (place) => addresses[place]]);
+      fold.append(tableOf({ ...table, links: Object.fromEntries(leadTo) }));
     };
     fold.addEventListener("toggle", fill);
     fill();

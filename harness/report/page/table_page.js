@@ -1,0 +1,6 @@
+// A page of tables, such as that of `vfoa run benchmark`.
+
+import { fillTables } from "./tables.js";
+
+fillTables();
+document.documentElement.dataset.ready = "yes";
