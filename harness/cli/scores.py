@@ -87,7 +87,7 @@ def report(
 
     recordings = served_recordings(folder)
     page = partial(report_page, directory, {pair: recording.name for pair, recording in recordings.items()})
-    page()  # so that an error in the run is reported here, and not in the browser
+    page("")  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)
     browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
 
@@ -120,6 +120,14 @@ def compare(
         Path | None,
         typer.Option("--page", metavar="HTML", help="Write a page: ranking, differences, frames that changed."),
     ] = None,
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve", help="Serve that page on this machine: a frame opens in its recordings; Ctrl-C ends it."
+        ),
+    ] = False,
+    port: Port = 0,
+    no_open: NoOpen = False,
     where: Where = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
     as_json: Json = False,
@@ -142,11 +150,18 @@ def compare(
     check = None if fail_on is None else _parsed(fail_on)
     if page is not None and as_json:
         raise VfoaError("compare: --page does not go with --json")
+    if serve and (page is not None or as_json or fail_on is not None):
+        raise VfoaError("compare: --serve does not go with --page, --json and --fail-on: leave them out")
+    if not serve and (port or no_open):
+        raise VfoaError("compare: --port and --no-open are for --serve: leave them out, or add it")
     folders = [run_folder(run) for run in runs]
     against = None if baseline is None else run_folder(baseline)
     if page is not None:
         inputs = [file for run in [*folders, *([against] if against else [])] for file in RunDirectory(run).inputs]
         check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
+    if serve:
+        _serve_comparison(folders, against, ",".join(where or ()), port, no_open=no_open)
+        return
     compared = compare_runs(folders, against, _conditions(where))
     failing = [] if check is None else _failing(compared.comparisons, *check)
     if as_json:
@@ -161,6 +176,39 @@ def compare(
         say(f"vfoa: --fail-on {fail_on}: {line}", err=True)
     if failing:
         raise typer.Exit(1)
+
+
+def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, port: int, *, no_open: bool) -> None:
+    """Serve the page of runs side by side, and their recordings; it is made anew for other conditions."""
+    from dataclasses import replace
+    from urllib.parse import urlencode
+
+    from harness.cli.view import browse
+    from harness.record.composed import served_recordings
+    from harness.record.web_app import open_path
+    from harness.report.page.compare import render_comparison
+    from harness.score.compared_runs import compare_runs
+    from harness.score.subset import conditions_of
+    from harness.score.verdicts import Verdict
+
+    folders = [*([] if baseline is None else [baseline]), *runs]
+    recordings = {
+        (run, *pair): replace(recording, name=f"{number}__{recording.name}")
+        for number, run in enumerate(folders, start=1)
+        for pair, recording in served_recordings(run).items()
+    }
+
+    def link(run: Path, verdict: Verdict) -> str | None:
+        recording = recordings.get((run, verdict.clip, verdict.configuration))
+        return None if recording is None else open_path(recording.name, verdict.frame, verdict.subject)
+
+    def page(conditions: str) -> str:
+        compared = compare_runs(runs, baseline, conditions_of(conditions))
+        return render_comparison(compared, link, is_served=True, where=conditions)
+
+    page(where)  # so that an error in a run is reported here, and not in the browser
+    path = f"/?{urlencode({'where': where})}" if where else "/"
+    browse(recordings.values(), [path], page=page, port=port, no_open=no_open)
 
 
 def _as_json(compared: ComparedRuns) -> dict[str, Any]:

@@ -222,7 +222,7 @@ def browse(
     recordings: Iterable[Composed],
     paths: Sequence[str],
     *,
-    page: Callable[[], str] | None = None,
+    page: Callable[[str], str] | None = None,
     more: Routes = (),
     port: int = 0,
     no_open: bool = False,

@@ -51,7 +51,7 @@ def site(
     recordings: Mapping[str, Composed],
     viewer: Mapping[str, bytes],
     *,
-    page: Callable[[], str] | None = None,
+    page: Callable[[str], str] | None = None,
     more: Routes = (),
 ) -> Starlette:
     """The application for a :class:`harness.server.local_server.LocalServer`, which is read-only except for ``more``.
@@ -68,7 +68,7 @@ def site(
     viewer
         From :func:`harness.record.web_viewer.web_viewer_files`.
     page
-        Makes the page anew for each request.
+        Makes the page anew for each request, from the conditions on labelled frames of ``/?where=CONDITIONS``.
     more
         Further routes; one of ``/`` replaces the page.
     """
@@ -77,7 +77,11 @@ def site(
     def show_page(request: Request) -> Response:
         if page is None:
             return RedirectResponse(open_path(next(iter(recordings)), None))
-        return HTMLResponse(page(), headers={"Content-Security-Policy": PAGE_POLICY})
+        where = request.query_params.get("where", "")
+        try:
+            return HTMLResponse(page(where), headers={"Content-Security-Policy": PAGE_POLICY})
+        except VfoaError as error:
+            return PlainTextResponse(f"{error}\n", 400 if where else 500)
 
     def open_recording(request: Request) -> Response:
         name, frame = request.query_params.get("recording", ""), request.query_params.get("frame")

@@ -51,6 +51,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
 from harness.score.score import Scores
+from harness.score.subset import conditions_of
 
 
 def write_scores(directory: RunDirectory, run: RecordParts, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
@@ -112,15 +113,16 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     return scores
 
 
-def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
+def report_page(directory: RunDirectory, recordings: Mapping[Pair, str], where: str) -> str:
     """Return a finished run's page for a server that opens ``recordings`` by these names; nothing is written.
 
-    Raises the errors of :func:`rescore`.
+    Only labelled frames that meet the conditions ``where`` are scored: some, separated by commas, or none. Raises the
+    errors of :func:`rescore`, and of :func:`harness.score.subset.subset`.
     """
     run = FinishedRun.read(directory)
-    parts = RecordParts(run.reference(), run.records())
+    parts = RecordParts(run.reference(where=conditions_of(where)), run.records())
     scores = parts.scores()
-    served = Served(run=str(directory.path.resolve()), recordings=recordings)
+    served = Served(run=str(directory.path.resolve()), recordings=recordings, where=where)
     times = stage_times(directory.timings)
     return _page(directory, parts, scores, run_tables(scores), run.manifest, times, served)
 

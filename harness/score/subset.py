@@ -64,6 +64,11 @@ class Condition:
         return any(value in words[self.key] for value in self.values) == (self.sign == "=")
 
 
+def conditions_of(text: str) -> list[Condition]:
+    """Parse conditions that are separated by commas; none of an empty text. Raises as :meth:`Condition.parse` does."""
+    return [Condition.parse(part) for part in text.split(",") if part.strip()]
+
+
 def subset(
     labels: Mapping[str, Labels],
     conditions: Sequence[Condition],

@@ -73,10 +73,14 @@ ERROR_COLOURS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Served:
-    """Data of a page that a server delivers: its run's directory, and the name under which each recording opens."""
+    """Data of a page that a server delivers: its run's directory, and the name under which each recording opens.
+
+    ``where`` are the conditions on labelled frames, as their user wrote them.
+    """
 
     run: str
     recordings: Mapping[Pair, str]
+    where: str = ""
 
 
 class Names(dict[str, int]):

@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import base64
 import json
+import re
+import sys
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,6 +166,49 @@ def test_runs_of_other_frames_cannot_be_compared_with_a_baseline(tmp_path: Path)
     error = CliRunner().invoke(app, ["compare", second, "--baseline", first]).exception
     assert isinstance(error, VfoaError)
     assert "configuration 'one' has no scored frame in common with" in str(error)
+
+
+def test_the_served_page_links_to_recordings_and_is_made_anew_for_other_conditions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = [_run(tmp_path / "a", 8), _run(tmp_path / "b", 9)]
+    for run in runs:
+        (Path(run) / "tabletop__one.rrd").touch()
+    served: dict[str, Any] = {}
+    monkeypatch.setattr(
+        sys.modules["harness.cli.view"], "browse", lambda *given, **named: served.update(named, given=given)
+    )
+    invoked = CliRunner().invoke(app, ["compare", *runs, "--serve", "--where", "target=cup", "--where", "frame<40"])
+    assert invoked.exit_code == 0, invoked.output
+    recordings, paths = served["given"]
+    assert [recording.name for recording in recordings] == ["1__tabletop__one", "2__tabletop__one"]
+    assert paths == ["/?where=target%3Dcup%2Cframe%3C40"]
+
+    def changed(where: str) -> dict[str, Any]:
+        packed = re.search(r'id="pack-tables">(.*?)</script>', served["page"](where), re.DOTALL)
+        assert packed is not None
+        return json.loads(zlib.decompress(base64.b64decode(packed[1])))[0]
+
+    every = changed("")
+    assert [row[5] for row in every["rows"]] == [str(LOOK * k + 9) for k in range(LOOKS)]
+    then, now = every["links"].values()
+    assert then[0] == "/open?recording=1__tabletop__one&frame=9&subject=girl"
+    assert now[1] == f"/open?recording=2__tabletop__one&frame={LOOK + 9}&subject=girl"
+    assert [row[5] for row in changed("target=cup, frame<120")["rows"]] == ["9", str(2 * LOOK + 9)]
+    assert 'value="target=cup, frame&lt;120"' in served["page"]("target=cup, frame<120")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--serve", "--json"], "--serve does not go with --page, --json and --fail-on"),
+        (["--port", "80"], "--port and --no-open are for --serve"),
+    ],
+)
+def test_options_of_the_server_that_do_not_fit_are_refused(tmp_path: Path, options: list[str], said: str) -> None:
+    error = CliRunner().invoke(app, ["compare", _run(tmp_path / "a", 8), *options]).exception
+    assert isinstance(error, VfoaError)
+    assert said in str(error)
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,7 @@ def test_a_frame_that_the_run_does_not_have_is_refused(run: Path) -> None:
 
 
 REPORT = ("report", "--serve", "--no-open")
+COMPARE = ("compare", "--serve", "--no-open", "--port", "0")
 VIEW = ("view", "--web", "--frame", "2")
 
 
@@ -74,9 +75,13 @@ def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subproce
 
 @pytest.mark.parametrize(
     ("served", "sign", "said"),
-    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: incomplete or damaged recording")],
+    [
+        (REPORT, signal.SIGINT, "Run small"),
+        (COMPARE, signal.SIGINT, "Comparison of runs"),
+        (VIEW, signal.SIGTERM, "clip__one.rrd: incomplete or damaged recording"),
+    ],
     indirect=["served"],
-    ids=["report", "view"],
+    ids=["report", "compare", "view"],
 )
 def test_it_serves_on_this_machine_until_it_is_told_to_end(
     served: tuple[subprocess.Popen[str], str], sign: signal.Signals, said: str

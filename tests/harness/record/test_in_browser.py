@@ -71,7 +71,7 @@ def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, bytes]
     scores = run.scores()
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
     page = render_page(scores, run_tables(scores), run.of("attention"), run_manifest(scores.clips), served=served)
-    with running(site({recording.name: recording}, viewer_files, page=lambda: page)) as server:
+    with running(site({recording.name: recording}, viewer_files, page=lambda where: page)) as server:
         yield server.address
 
 

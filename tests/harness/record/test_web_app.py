@@ -13,6 +13,7 @@ from harness.record.web_viewer import page_files
 from harness.server.guard import TOKEN_HEADER
 from tests.harness.record.conftest import CONFIGURATION, four_frames, write_run
 from tests.web import running
+from vfoa.errors import VfoaError
 
 PAGE = "<!doctype html><title>page</title>"
 NAME = "clip__it's two"
@@ -28,7 +29,13 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         "bad": Composed(name="bad", files=(broken,)),
         "gone": Composed(name="gone", files=(recorded.run / "gone.rrd",)),
     }
-    with running(site(recordings, page_files(), page=lambda: PAGE)) as server:
+
+    def page(where: str) -> str:
+        if where == "cup":
+            raise VfoaError("--where: found 'cup'")
+        return PAGE + where
+
+    with running(site(recordings, page_files(), page=page)) as server:
         headers = {TOKEN_HEADER: server.address.partition("token=")[2]}
         with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", headers=headers, trust_env=False) as client:
             client.recorded = recorded  # type: ignore[attr-defined]
@@ -52,6 +59,13 @@ def test_a_recording_is_given_in_parts(client: httpx.Client) -> None:
     part = client.get("/files/0/0.rrd", headers={"Range": "bytes=10-19"})
     assert (part.status_code, part.content) == (206, whole[10:20])
     assert part.headers["content-range"] == f"bytes 10-19/{len(whole)}"
+
+
+def test_the_page_is_made_for_the_conditions_that_are_asked_for(client: httpx.Client) -> None:
+    assert client.get("/").text == PAGE
+    assert client.get("/", params={"where": "target=cup"}).text == PAGE + "target=cup"
+    refused = client.get("/", params={"where": "cup"})
+    assert (refused.status_code, refused.text) == (400, "--where: found 'cup'\n")
 
 
 def test_without_a_page_the_first_recording_is_in_front(client: httpx.Client) -> None:
