@@ -46,12 +46,15 @@ def row(first: int, last: int, target: str, subject: str = "girl", **more: Any) 
 
 NOTES = st.text("ab,;'\"#<&>é漢 ", max_size=8).map(lambda text: " ".join(text.split()))
 POINTS = st.none() | st.tuples(*[st.floats(0, 4096, allow_nan=False)] * 2)
+TAGS = st.sets(st.sampled_from(["child", "far", "x-1.5"])).map(sorted).map(tuple)
 FRAMES = st.sets(st.integers(1, 99), min_size=1, max_size=40).map(sorted)
 """Frame numbers of a clip with gaps."""
 
 
 @st.composite
-def labels_of(draw: st.DrawFn, frames: Sequence[int], *, notes: bool, points: bool, suggested: bool) -> Labels:
+def labels_of(
+    draw: st.DrawFn, frames: Sequence[int], *, notes: bool, points: bool, tags: bool, suggested: bool
+) -> Labels:
     """Ranges that follow each other without a gap, each of at least one frame."""
     rows = []
     for subject in draw(st.lists(st.sampled_from(SUBJECTS), unique=True, min_size=1)):
@@ -64,6 +67,7 @@ def labels_of(draw: st.DrawFn, frames: Sequence[int], *, notes: bool, points: bo
                 note=draw(NOTES) if notes else "",
                 point_px=draw(POINTS) if points else None,
                 is_suggested=draw(st.booleans()) if suggested else False,
+                tags=draw(TAGS) if tags else (),
             )
             rows.append(LabelRange(first_frame=frames[low], last_frame=frames[high - 1], subject=subject, label=label))
     return Labels(rows)

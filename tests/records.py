@@ -131,15 +131,20 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
 ANNOTATIONS_HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 
 
-def write_clip(root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = ()) -> dict[str, Any]:
+def write_clip(
+    root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = (), tags: Sequence[str] = ()
+) -> dict[str, Any]:
     """Write a clip's manifest and its labels of frames 1, 2, ... of a girl; return its entry in a run's manifest."""
     named = {"subjects.girl": "girl", **{f"targets.{target}": target for target in sorted({*targets} - {"none"})}}
     tables = "".join(f'[{table}]\ncategory = "{category}"\n' for table, category in named.items())
-    rows = zip(targets, notes or [""] * len(targets), strict=True)
+    rows = [*zip(targets, notes or [""] * len(targets), strict=True)]
+    if tags:
+        rows = [(target, f"{note},{tag}") for (target, note), tag in zip(rows, tags, strict=True)]
     labelled = "".join(f"{frame},{frame},girl,{target},{note}\n" for frame, (target, note) in enumerate(rows, start=1))
+    head = ANNOTATIONS_HEAD.replace("note\n", "note,tag\n") if tags else ANNOTATIONS_HEAD
     for path, text in (
         (root / "datasets" / f"{name}.toml", f'name = "{name}"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
-        (root / "annotations" / f"{name}.csv", ANNOTATIONS_HEAD + labelled),
+        (root / "annotations" / f"{name}.csv", head + labelled),
     ):
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from harness.annotate.drawing_store import Draw
 from harness.annotate.marks import Mark, Stretch, Track, counts, stretch_at, stretches
+from harness.labels.rows import parse_tags
 from vfoa.settings import Settings
 
 
@@ -31,6 +32,7 @@ class Action(Settings):
     point_px: tuple[float, float] | None = None
     attention: float = 1.0
     note: str = ""
+    tags: str | None = None
     draw: Draw = Field(default_factory=Draw)
 
 
@@ -61,7 +63,7 @@ def edited(
         case "confirm":
             return confirm(track, at)
         case "note":
-            return annotate(track, at, action.note)
+            return annotate(track, at, action.note, None if action.tags is None else parse_tags(action.tags, "label"))
         case "seen" | "draw" | "undo" | "redo":
             return []
 
@@ -127,13 +129,14 @@ def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
     return list(stretches([mark and replace(mark, is_suggested=False) for mark in track], first, last))
 
 
-def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
-    """Put a note on the label at a position: the frames around it with the same target and the same note."""
+def annotate(track: Sequence[Mark | None], at: int, note: str, tags: tuple[str, ...] | None = None) -> list[Stretch]:
+    """Put a note and tags on the label at a position: the frames around it with the same mark. None keeps the tags."""
     if track[at] is None:
         return []
     shown = [mark and replace(mark, carried=False, point_px=None) for mark in track]
     first, last = stretch_at(shown, at)
-    return list(stretches([mark and replace(mark, note=note) for mark in track], first, last))
+    noted = [mark and replace(mark, note=note, tags=mark.tags if tags is None else tags) for mark in track]
+    return list(stretches(noted, first, last))
 
 
 def _is_given(mark: Mark | None) -> bool:

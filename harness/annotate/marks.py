@@ -6,7 +6,7 @@ Frames are counted by position here: 0 is the clip's first frame, whatever its n
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import groupby
 from typing import Any
 
@@ -40,7 +40,8 @@ class Stretch:
         if self.mark is None:
             return [self.first, self.last]
         mark = self.mark
-        return [self.first, self.last, mark.target, mark.note, mark.point_px, mark.is_suggested, mark.carried]
+        said = mark.target, mark.note, mark.point_px, mark.is_suggested, mark.carried
+        return [self.first, self.last, *said, *([list(mark.tags)] if mark.tags else [])]
 
     @classmethod
     def parse(cls, plain: Sequence[Any]) -> Stretch:
@@ -48,11 +49,18 @@ class Stretch:
         first, last, *values = plain
         if not values:
             return cls(first=first, last=last, mark=None)
-        target, note, point, suggested, carried = values
+        target, note, point, suggested, carried, *tags = values
         if not (isinstance(target, str) and isinstance(note, str)):
             raise TypeError(f"expected the names of a target and a note, found {target!r} and {note!r}")
         point_px = (float(point[0]), float(point[1])) if point else None
-        mark = Mark(target=target, note=note, point_px=point_px, is_suggested=suggested, carried=carried)
+        mark = Mark(
+            target=target,
+            note=note,
+            point_px=point_px,
+            is_suggested=suggested,
+            carried=carried,
+            tags=tuple(map(str, *tags)) if tags else (),
+        )
         return cls(first=first, last=last, mark=mark)
 
 
@@ -115,7 +123,7 @@ def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Itera
 def _label(mark: Mark | None) -> Label:
     if mark is None:
         return Label(target=IGNORED, note=UNLABELLED)
-    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.is_suggested)
+    return Label(**{each.name: getattr(mark, each.name) for each in fields(Label)})
 
 
 def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
@@ -126,4 +134,4 @@ def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
 def _mark(label: Label | None) -> Mark | None:
     if label is None or label.is_placeholder:
         return None
-    return Mark(target=label.target, note=label.note, point_px=label.point_px, is_suggested=label.is_suggested)
+    return Mark(**{each.name: getattr(label, each.name) for each in fields(Label)})

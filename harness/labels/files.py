@@ -1,7 +1,7 @@
 """Annotation files: which a clip has, and who looks at what in them, read strictly and written canonically.
 
     # vfoa annotations 1
-    first_frame,last_frame,subject,target,note[,u_px,v_px][,state]
+    first_frame,last_frame,subject,target,note[,u_px,v_px][,tag][,state]
 
 ``annotations/<clip>.csv`` is scored, ``<clip>@<annotator>.csv`` is an annotator's, and ``<clip>.drawn.csv`` is what is
 drawn on the clip's images. Ranges of frames are inclusive, in the source's own numbers; with ``start_s,end_s`` in their
@@ -25,6 +25,7 @@ from harness.labels.rows import (
     POINT_COLUMNS,
     STATE_COLUMN,
     SUGGESTED,
+    TAG_COLUMN,
     TIME_COLUMNS,
     WORD_COLUMNS,
     RowReader,
@@ -101,7 +102,7 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
     """Return the text of an annotation file.
 
     The form is canonical: rows by first frame and subject, LF; times if every range was given by time; the columns for
-    points and for states only if a label has one. Reading and writing such a file again gives the same bytes.
+    points, tags and states only if a label has one. Reading and writing such a file again gives the same bytes.
 
     Raises
     ------
@@ -110,6 +111,7 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
     """
     in_time = bool(labels.ranges) and all(row.span_ns is not None for row in labels.ranges)
     with_points = any(row.label.point_px is not None for row in labels.ranges)
+    with_tags = any(row.label.tags for row in labels.ranges)
     with_states = any(row.label.is_suggested for row in labels.ranges)
     rows = list[Sequence[object]]()
     for row in labels.ranges:
@@ -117,25 +119,32 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
         check_text(cells, where)
         if with_points:
             cells += [_number(coordinate) for coordinate in row.label.point_px or ()] or ["", ""]
+        if with_tags:
+            cells.append(" ".join(row.label.tags))
         if with_states:
             cells.append(SUGGESTED if row.label.is_suggested else "")
         ends = map(format_seconds, row.span_ns or ()) if in_time else (row.first_frame, row.last_frame)
         rows.append([*ends, *cells])
-    columns = _columns(in_time=in_time, with_points=with_points, with_states=with_states)
+    columns = _columns(in_time=in_time, with_points=with_points, with_tags=with_tags, with_states=with_states)
     return f"{VERSION_LINE}\n{format_rows(columns, rows)}"
 
 
-def _columns(*, in_time: bool, with_points: bool, with_states: bool) -> tuple[str, ...]:
+def _columns(*, in_time: bool, with_points: bool, with_tags: bool, with_states: bool) -> tuple[str, ...]:
     ends = TIME_COLUMNS if in_time else FRAME_COLUMNS
-    return (*ends, *WORD_COLUMNS, *(POINT_COLUMNS if with_points else ()), *((STATE_COLUMN,) if with_states else ()))
+    more = (*(POINT_COLUMNS if with_points else ()), *((TAG_COLUMN,) if with_tags else ()))
+    return (*ends, *WORD_COLUMNS, *more, *((STATE_COLUMN,) if with_states else ()))
 
 
 def _check_header(header: list[str], where: str) -> None:
-    in_time, with_points, with_states = (name in header for name in (TIME_COLUMNS[0], POINT_COLUMNS[0], STATE_COLUMN))
-    if tuple(header) != _columns(in_time=in_time, with_points=with_points, with_states=with_states):
+    marks = (TIME_COLUMNS[0], POINT_COLUMNS[0], TAG_COLUMN, STATE_COLUMN)
+    in_time, with_points, with_tags, with_states = (name in header for name in marks)
+    if tuple(header) != _columns(
+        in_time=in_time, with_points=with_points, with_tags=with_tags, with_states=with_states
+    ):
         raise VfoaError(
             f"{where}: header {','.join(header)[:120]!r}; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)} "
-            f"(or {','.join(TIME_COLUMNS)} for the frames; then {','.join(POINT_COLUMNS)}, {STATE_COLUMN} or both)"
+            f"(or {','.join(TIME_COLUMNS)} for the frames; then any of {','.join(POINT_COLUMNS)}, {TAG_COLUMN}, "
+            f"{STATE_COLUMN}, in this order)"
         )
 
 

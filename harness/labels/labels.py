@@ -28,6 +28,7 @@ BLOCKED = "blocked"
 class Label:
     """The target of a subject: a name of the manifest, ``none`` or ``ignore``; ``point_px``: its image point, if noted.
 
+    ``tags`` are words that frames are selected by, such as ``occluded``, each once and in order.
     ``is_suggested`` marks a program's proposal that no person has confirmed: it is never scored.
     """
 
@@ -35,6 +36,7 @@ class Label:
     note: str = ""
     point_px: tuple[float, float] | None = None
     is_suggested: bool = False
+    tags: tuple[str, ...] = ()
 
     @property
     def is_placeholder(self) -> bool:

@@ -23,6 +23,7 @@ FRAME_COLUMNS = ("first_frame", "last_frame")
 TIME_COLUMNS = ("start_s", "end_s")
 WORD_COLUMNS = ("subject", "target", "note")
 POINT_COLUMNS = ("u_px", "v_px")
+TAG_COLUMN = "tag"
 STATE_COLUMN = "state"
 SUGGESTED = "suggested"
 """The state of a label that no person has confirmed; confirmed ones have an empty cell."""
@@ -39,6 +40,7 @@ class RowReader:
         self.in_time = TIME_COLUMNS[0] in columns
         self._width = len(columns)
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
+        self._tag_place = columns.index(TAG_COLUMN) if TAG_COLUMN in columns else None
         self._timeline = timeline
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
 
@@ -71,6 +73,7 @@ class RowReader:
             note=note,
             point_px=parse_point(cells[5:7], where) if self._with_points else None,
             is_suggested=self._with_states and _state(cells[-1], where),
+            tags=() if self._tag_place is None else parse_tags(cells[self._tag_place], where),
         )
 
     def _frames(self, cells: list[str], where: str) -> tuple[int, int, None]:
@@ -150,6 +153,14 @@ def parse_point(cells: Sequence[str], where: str) -> tuple[float, float] | None:
     if not (math.isfinite(u) and math.isfinite(v)):
         raise VfoaError(f"{where}: u_px,v_px: found {','.join(cells)!r}; expected two numbers, or neither")
     return u, v
+
+
+def parse_tags(cell: str, where: str) -> tuple[str, ...]:
+    """Parse words that are separated by spaces, such as ``far child``; :class:`VfoaError` for anything but words."""
+    for tag in cell.split():
+        if not re.fullmatch(r"[\w.-]+", tag):
+            raise VfoaError(f"{where}: {TAG_COLUMN}: found {tag[:40]!r}; expected words, separated by spaces")
+    return tuple(sorted(set(cell.split())))
 
 
 def _state(cell: str, where: str) -> bool:

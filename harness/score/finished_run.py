@@ -135,7 +135,7 @@ class FinishedRun:
         if where:
             frames = {clip["name"]: clip["frames"] for clip in run["clips"]}
             times_ns = {clip["name"]: clip.get("times_ns", ()) for clip in run["clips"]}
-            labels = subset(labels, where, frames, times_ns)
+            labels = subset(labels, where, frames, times_ns, self.records)
         of_clips: dict[str, list[str]] = {}
         changed: list[str] = []
         for clip in run["clips"]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 
 from harness.labels.labels import Label, LabelRange, Labels, ranges_of
+from harness.run.records import FrameRecord
+from harness.score.verdicts import true_targets
 from vfoa.errors import VfoaError, did_you_mean
 
 _SIGNS: dict[str, Callable[[float, float], bool]] = {
@@ -16,9 +20,16 @@ _SIGNS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-WORDS = ("clip", "subject", "target", "note")
-NUMBERS = ("time", "frame")
-EXPECTED = "clip, subject, target or note with = or != (several: mug|book), or time (s) or frame with <, <=, > or >="
+WORDS = ("clip", "subject", "target", "tag", "note")
+DISTANCES = ("distance", "target_distance")
+"""Metres from the camera to the person's eyes, and from the eyes to the true target's centre, as the run measured."""
+NUMBERS = ("time", "frame", *DISTANCES)
+EXPECTED = (
+    "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), frame, distance (m) or "
+    "target_distance (m) with <, <=, > or >="
+)
+Distances = Mapping[tuple[str, int, str], tuple[float, float]]
+"""Both distances by clip, frame and subject; NaN where one is not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +43,7 @@ class Condition:
 
     @classmethod
     def parse(cls, text: str) -> Condition:
-        """Parse ``target=mug|book``, ``subject!=ann``, ``note=occluded`` or ``time>=2.5``.
+        """Parse ``target=mug|book``, ``subject!=ann``, ``tag=occluded`` or ``time>=2.5``.
 
         Raises
         ------
@@ -49,16 +60,18 @@ class Condition:
             raise VfoaError(f"--where: found {text!r}; expected {EXPECTED}")
         return cls(text=text.strip(), key=key, sign=sign, values=tuple(value.split("|")))
 
-    def holds(self, clip: str, subject: str, label: Label, frame: int, time_s: float | None) -> bool:
-        """Whether a labelled frame meets it. A note meets ``note=word`` if the word is one of its words."""
+    def holds(self, clip: str, subject: str, label: Label, numbers: Mapping[str, float]) -> bool:
+        """Whether a labelled frame meets it; ``numbers`` are its values of :data:`NUMBERS`, NaN meets no condition.
+
+        A note meets ``note=word`` if the word is one of its words.
+        """
         if self.key in NUMBERS:
-            number = time_s if self.key == "time" else frame
-            assert number is not None
-            return _SIGNS[self.sign](number, float(self.values[0]))
+            return _SIGNS[self.sign](numbers[self.key], float(self.values[0]))
         words = {
             "clip": [clip],
             "subject": [subject],
             "target": [label.target],
+            "tag": label.tags,
             "note": re.findall(r"[\w-]+", label.note),
         }
         return any(value in words[self.key] for value in self.values) == (self.sign == "=")
@@ -74,6 +87,7 @@ def subset(
     conditions: Sequence[Condition],
     frames: Mapping[str, Sequence[int]],
     times_ns: Mapping[str, Sequence[int]],
+    records: Callable[[], Iterable[FrameRecord]],
 ) -> dict[str, Labels]:
     """The labels of the frames that meet all conditions, by clip; other frames are without a label, so not scored.
 
@@ -81,6 +95,8 @@ def subset(
     ----------
     frames, times_ns
         The frames of the run by clip, and their times.
+    records
+        Gives the run's records; called only for a condition on a distance.
 
     Raises
     ------
@@ -92,9 +108,11 @@ def subset(
         for clip in labels:
             if len(times_ns.get(clip, ())) != len(frames[clip]):
                 raise VfoaError(f"--where: time: the run has no times of {clip}; expected them: run it again, or frame")
+    has_distances = any(condition.key in DISTANCES for condition in conditions)
+    distances = measured_distances(records(), labels) if has_distances else {}
     found: dict[str, Labels] = {}
     for clip, of_clip in labels.items():
-        ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ())))
+        ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ()), distances))
         if ranges:
             found[clip] = Labels(ranges)
     if not found:
@@ -105,27 +123,55 @@ def subset(
 
 
 def _ranges(
-    clip: str, labels: Labels, conditions: Sequence[Condition], frames: Sequence[int], times_ns: Sequence[int]
+    clip: str,
+    labels: Labels,
+    conditions: Sequence[Condition],
+    frames: Sequence[int],
+    times_ns: Sequence[int],
+    distances: Distances,
 ) -> Iterator[LabelRange]:
     """Yield the ranges of a clip's frames that meet all conditions."""
-    seconds: list[float | None] = [time / 1e9 for time in times_ns]
-    seconds = seconds or [None] * len(frames)
+    seconds = [time / 1e9 for time in times_ns] or [math.nan] * len(frames)
     for subject in labels.subjects:
         met: list[tuple[int, Label | None]] = []
         for frame, time_s in zip(frames, seconds, strict=True):
             label = labels.at(frame, subject)
-            is_met = label and all(each.holds(clip, subject, label, frame, time_s) for each in conditions)
+            known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
+            numbers = {"time": time_s, "frame": frame, **dict(known)}
+            is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
             met.append((frame, label if is_met else None))
         yield from ranges_of(subject, met)
 
 
+def measured_distances(records: Iterable[FrameRecord], labels: Mapping[str, Labels]) -> Distances:
+    """The distances in the labelled frames: medians over the configurations that measured them, so the same for all."""
+    measured: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
+    for record in records:
+        of_clip = labels.get(record.clip)
+        for person in record.subjects if of_clip else ():
+            label = of_clip.at(record.frame, person.name) if of_clip and person.name else None
+            if label is not None and person.eye_origin_m is not None:
+                eyes = person.eye_origin_m
+                centers = [target.box.center_m for target in true_targets(record, label) if target.box]
+                to_target = min((math.dist(eyes, center) for center in centers), default=math.nan)
+                key = record.clip, record.frame, str(person.name)
+                measured.setdefault(key, []).append((math.hypot(*eyes), to_target))
+    return {key: (_median(own for own, _ in pairs), _median(to for _, to in pairs)) for key, pairs in measured.items()}
+
+
+def _median(values: Iterable[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return median(known) if known else math.nan
+
+
 def _check_names(labels: Mapping[str, Labels], conditions: Sequence[Condition]) -> None:
-    """Reject names that no label has; a note is free text."""
+    """Reject names and tags that no label has; a note is free text."""
     rows = [row for of_clip in labels.values() for row in of_clip.ranges]
     known = {
         "clip": set(labels),
         "subject": {row.subject for row in rows},
         "target": {row.label.target for row in rows},
+        "tag": {tag for row in rows for tag in row.label.tags},
     }
     for condition in conditions:
         for value in condition.values if condition.key in known else ():

@@ -43,7 +43,7 @@ const rows = (page) => [
   ["farther", ["Shift+v"], "the image smaller again", "", () => page.stage.view.zoom(1 / 1.5)],
   ["strip-closer", ["w"], "enlarge the timeline", "", () => page.zoomStrip(2)],
   ["strip-farther", ["Shift+w"], "the timeline smaller again", "", () => page.zoomStrip(.5)],
-  ["note", ["m"], "a note on the label here", "note", () => page.said.note()],
+  ["note", ["m"], "a note and tags on the label here", "note", () => page.said.note()],
   ["target", ["t"], "a new target", "+ target", () => page.names.forms.ask(null, [])],
   ["escape", ["Escape"], "let go of the range, or of the search", "", () => page.escape()],
   ["help", ["?"], "show or hide the keys", "?", () => help.toggle()],

@@ -57,9 +57,9 @@ export function drawRange(range) {
   find("range").value = range ? `frames ${range[0]} to ${range[1]}: a target's key labels them, Delete clears them` : "";
 }
 
-export function drawLabel(subject, { target, suggested, note }) {
+export function drawLabel(subject, { target, suggested, note, tags }) {
   const said = target === null ? "not labelled" : `${target}${suggested ? " (a suggestion)" : ""}`;
-  find("label").value = `${subject}: ${said}${note ? ` – ${note}` : ""}`;
+  find("label").value = `${subject}: ${said}${note ? ` – ${note}` : ""}${tags ? ` [${tags}]` : ""}`;
 }
 
 export function drawTools({ state, stage, player, finding }) {

@@ -74,12 +74,12 @@ export class Said {
     const here = at(page.track, page.wanted);
     this.noteAt = page.wanted;
     if (here.target === null) panel.say("There is no label here to put a note on.");
-    else this.noteForm.open({ note: here.note });
+    else this.noteForm.open({ note: here.note, tags: here.tags });
   }
 
   noted() {
-    const { noteAt, noteForm: { values: { note } } } = this;
-    this.change({ kind: "note", at: noteAt, note });
+    const { noteAt, noteForm: { values: { note, tags } } } = this;
+    this.change({ kind: "note", at: noteAt, note, tags });
     this.noteForm.close();
   }
 }

@@ -14,8 +14,8 @@ function piece(each, look) {
   box.className = `piece ${look(each.target)}`;
   if (each.suggested) box.classList.add("suggested");
   if (each.unseen) box.classList.add("unseen");
-  box.textContent = `${each.suggested ? "? " : ""}${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
-  box.title = [each.target, each.suggested && "a suggestion", each.unseen && "not seen yet", each.note]
+  box.textContent = `${each.suggested ? "? " : ""}${each.target}${each.unseen ? " …" : ""}${each.note || each.tags ? " ✎" : ""}`;
+  box.title = [each.target, each.suggested && "a suggestion", each.unseen && "not seen yet", each.note, each.tags]
     .filter(Boolean).join(", ");
   return box;
 }

@@ -1,7 +1,7 @@
-// Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried] by position.
+// Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried, tags] by position.
 
-const parse = ([first, last, target, note, , suggested, carried]) => ({
-  first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried,
+const parse = ([first, last, target, note, , suggested, carried, tags = []]) => ({
+  first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried, tags: tags.join(" "),
 });
 
 // A track that has not changed since the last state stays the same object.
@@ -63,7 +63,7 @@ export function coarse(found, first, count, most) {
 }
 
 const same = (a, b) =>
-  a.target === b.target && a.suggested === b.suggested && a.unseen === b.unseen && a.note === b.note;
+  a.target === b.target && a.suggested === b.suggested && a.unseen === b.unseen && a.note === b.note && a.tags === b.tags;
 
 export const at = (track, position) => track.find((each) => each.first <= position && position <= each.last);
 

@@ -1,8 +1,9 @@
 """ELAN (.eaf; also its exported text, read only): a tier per subject, an annotation per range, its value the target.
 
-Notes, image points and suggestions are in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
-``girl:state``), in annotations of the same times. Written through pympi (Lubbers and Torreira, pympi-ling), which reads
-fewer documents than ELAN writes: those with a schema's address, and annotations with a value and a number in their id.
+Notes, image points, tags and suggestions are in tiers of their own beside a subject's (``girl:note``,
+``girl:point_px``, ``girl:tag``, ``girl:state``), in annotations of the same times. Written through pympi (Lubbers and
+Torreira, pympi-ling), which reads fewer documents than ELAN writes: those with a schema's address, and annotations with
+a value and a number in their id.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from harness.files.parsing import parse_xml
 from harness.labels.formats.elan_text import TextAnnotation, is_elan_text, read_elan_text
 from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line, to_spans
 from harness.labels.labels import Label, Labels
-from harness.labels.rows import SUGGESTED, parse_point
+from harness.labels.rows import SUGGESTED, parse_point, parse_tags
 from vfoa.errors import VfoaError
 
-_NOTE, _POINT, _STATE = ":note", ":point_px", ":state"
+_NOTE, _POINT, _TAG, _STATE = ":note", ":point_px", ":tag", ":state"
 _DATE = "1970-01-01T00:00:00+00:00"
 """The format needs a date; a constant one gives the same bytes for the same labels."""
 
@@ -39,7 +40,7 @@ class Elan:
         document = _parse(path, exchange)
         names = {tier: exchange.names.translate(tier) for tier in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
-        beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
+        beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _TAG, _STATE)}
         others = [tier for tier, held in document.tiers.items() if held and tier not in tiers and tier not in beside]
         if not tiers:
             present = ", ".join(map(repr, document.tiers)) or "none"
@@ -69,7 +70,8 @@ class Elan:
         for start, end, row in to_spans(labels, exchange):
             label = row.label
             point = "" if label.point_px is None else ",".join(repr(coordinate) for coordinate in label.point_px)
-            beside = {_NOTE: label.note, _POINT: point, _STATE: SUGGESTED if label.is_suggested else ""}
+            state = SUGGESTED if label.is_suggested else ""
+            beside = {_NOTE: label.note, _POINT: point, _TAG: " ".join(label.tags), _STATE: state}
             document.add_annotation(row.subject, start, end, label.target)
             for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
                 if tier not in document.tiers:
@@ -222,9 +224,9 @@ def _share_times(annotations: Iterable[_Annotation], times: dict[str, int | None
 
 
 def _spans(document: _Document, tier: str, subject: str, exchange: Exchange) -> Iterator[Span]:
-    notes, points, states = (
+    notes, points, tags, states = (
         {(start, end): value for start, end, value in document.annotations(tier + suffix)}
-        for suffix in (_NOTE, _POINT, _STATE)
+        for suffix in (_NOTE, _POINT, _TAG, _STATE)
     )
     for start, end, value in document.annotations(tier):
         if value:
@@ -234,6 +236,7 @@ def _spans(document: _Document, tier: str, subject: str, exchange: Exchange) -> 
                 note=one_line(notes.get((start, end))),
                 point_px=parse_point(points.get((start, end), "").split(","), where),
                 is_suggested=states.get((start, end)) == SUGGESTED,
+                tags=parse_tags(tags.get((start, end), ""), where),
             )
             yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
 

@@ -142,6 +142,19 @@ def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
     assert _file(tmp_path).at(3, "ann") == Label(target="cup")
 
 
+def test_tags_stay_with_their_label_in_the_file_and_after_a_restart(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put("ann", actions.mark_range(0, LAST, "cup"))
+    store.put("ann", actions.mark_range(3, 4, "ignore"))
+    store.put("ann", actions.annotate(store.track("ann"), 4, "", ("child", "far")))
+    store.put("ann", actions.annotate(store.track("ann"), 4, "blinks"))
+    tagged = Label(target="ignore", note="blinks", tags=("child", "far"))
+    assert [_file(tmp_path).at(frame, "ann") for frame in (4, 5)] == [tagged, tagged]
+    assert _file(tmp_path).at(3, "ann") == Label(target="cup")
+    store.close()
+    assert _open(tmp_path).track("ann")[3] == Mark(target="ignore", note="blinks", tags=("child", "far"))
+
+
 def test_a_note_leaves_those_of_its_neighbours(tmp_path: Path) -> None:
     store = _open(tmp_path)
     noted = [Stretch(first=at, last=at + 1, mark=Mark(target="cup", note=f"note {at}")) for at in (0, 2, 4, 6)]

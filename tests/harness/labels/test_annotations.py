@@ -134,6 +134,15 @@ def test_a_suggestion_never_counts(tmp_path: Path) -> None:
     assert labels.confirmed() != labels
 
 
+def test_tags_are_words_in_any_order(tmp_path: Path) -> None:
+    head = HEAD.replace("note\n", "note,tag,state\n")
+    path = write_text(tmp_path / "a.csv", head + "1,2,girl,bird,,far  child far,suggested\n3,4,girl,bird,,,\n")
+    assert [label.tags for _, _, label in _read(path).labelled((1, 3))] == [("child", "far"), ()]
+    wrong = write_text(tmp_path / "b.csv", head + '1,2,girl,bird,,"far,child",\n')
+    with pytest.raises(VfoaError, match=r"b\.csv:3: tag: found 'far,child'; expected words, separated by spaces"):
+        _read(wrong)
+
+
 @pytest.mark.parametrize("ends", [[(1, 5), (5, 6)], [(3, 2)]])
 def test_labels_that_contradict_themselves_cannot_be_built(ends: list[tuple[int, int]]) -> None:
     label = Label(target="bird")
@@ -224,6 +233,7 @@ LABELS = st.builds(
     note=NOTES,
     point_px=POINTS,
     is_suggested=st.booleans(),
+    tags=st.sets(st.sampled_from(["child", "far", "x-1.5"])).map(sorted).map(tuple),
 )
 
 

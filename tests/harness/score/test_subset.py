@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from harness.run.directory import RunDirectory
+from harness.run.records import FrameRecord, Vector
 from harness.score.finished_run import read_scores
-from harness.score.subset import Condition
+from harness.score.subset import Condition, measured_distances
 from tests.command import vfoa
-from tests.records import answers, write_clip, write_run
+from tests.records import answers, frame_record, labels, subject_record, target_record, write_clip, write_run
 from vfoa.errors import VfoaError
 
 TRUTH = ("cup", "book", "cup", "none", "cup", "book")
+TAGS = ("", "far occluded", "far", "", "", "")
 NOTES = ("far", "far child", "", "", "childlike", "")
 SAID = {"one": ("cup", "cup", "book", "cup", "cup", "book"), "two": ("cup", "book", "cup", "cup", "book", "book")}
 
@@ -22,7 +25,7 @@ SAID = {"one": ("cup", "cup", "book", "cup", "cup", "book"), "two": ("cup", "boo
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """Two clips of six frames at 25 frames a second, the first at 0.04 s, under two configurations."""
-    clips = [write_clip(tmp_path, clip, TRUTH, NOTES) for clip in ("a", "b")]
+    clips = [write_clip(tmp_path, clip, TRUTH, NOTES, TAGS) for clip in ("a", "b")]
     said = [answers(names, clip=clip, configuration=name) for clip in ("a", "b") for name, names in SAID.items()]
     return write_run(tmp_path / "run", (record for of_pair in said for record in of_pair), clips=clips).path
 
@@ -35,6 +38,11 @@ def run(tmp_path: Path) -> Path:
         (["target!=cup"], [2, 4, 6]),
         (["note=child"], [2]),  # a word, and no part of one
         (["note!=far"], [3, 4, 5, 6]),
+        (["tag=far"], [2, 3]),
+        (["tag=occluded"], [2]),
+        (["tag!=occluded", "tag=far|occluded"], [3]),
+        (["distance<1.5", "target=none"], [4]),
+        (["target_distance>=1"], [1, 2, 3, 5, 6]),  # nothing is at a distance in a frame without a true target
         (["subject=girl"], [1, 2, 3, 4, 5, 6]),
         (["time>=0.12"], [3, 4, 5, 6]),
         (["time<0.12"], [1, 2]),
@@ -68,6 +76,8 @@ def test_one_clip_of_several(run: Path) -> None:
         ("time=3", r"--where: found 'time=3'; expected"),
         ("time>soon", r"--where: found 'time>soon'; expected"),
         ("target=cop", r"--where: target 'cop': no label has it; did you mean 'cup'\?"),
+        ("tag=fur", r"--where: tag 'fur': no label has it; did you mean 'far'\?"),
+        ("distance>1.01", r"--where distance>1.01: no labelled frame of the run meets this"),
         ("frame>99", r"--where frame>99: no labelled frame of the run meets this"),
     ],
 )
@@ -75,6 +85,20 @@ def test_a_wrong_condition_is_one_line(run: Path, text: str, message: str) -> No
     with pytest.raises(VfoaError, match=message) as error:
         read_scores(RunDirectory(run), [Condition.parse(text)])
     assert "\n" not in str(error.value)
+
+
+def test_distances_are_medians_over_the_configurations_that_measured_them() -> None:
+    def record(configuration: str, eyes: Vector | None, centers: Sequence[Vector]) -> FrameRecord:
+        things = [target_record(number, "cup", center=center) for number, center in enumerate(centers)]
+        return frame_record(things, [subject_record("girl", eyes=eyes)], configuration=configuration)
+
+    records = [
+        record("a", (0.0, 0.0, 2.0), [(0.0, 3.0, 2.0), (0.0, 1.0, 2.0)]),
+        record("b", (3.0, 0.0, 4.0), []),
+        record("c", (0.0, 0.0, 3.0), [(0.0, 0.0, 6.0)]),
+        record("d", None, [(0.0, 0.0, 6.0)]),
+    ]
+    assert measured_distances(records, {"clip": labels("cup")}) == {("clip", 1, "girl"): (3.0, 2.0)}
 
 
 def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:

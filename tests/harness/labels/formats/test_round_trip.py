@@ -44,5 +44,5 @@ def test_formats_of_times(
     data: st.DataObject,
 ) -> None:
     clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
-    labels = data.draw(labels_of(frames, notes=True, points=True, suggested=True))
+    labels = data.draw(labels_of(frames, notes=True, points=True, tags=True, suggested=True))
     assert _again(name, tmp_path / f"labels{SUFFIXES[name]}", labels, clip=clip, fps=fps, offset=offset) == labels
