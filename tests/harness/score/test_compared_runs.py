@@ -90,7 +90,7 @@ def test_a_run_that_differs_in_one_configuration_is_not_identical() -> None:
     _run("a", {"one": _right(*ALL), "two": _right(1, 2)})
     _run("b", {"one": _right(*ALL), "two": _right(1, 3)})
     lines = compared_lines(compare_runs([Path("a"), Path("b")]))
-    assert lines[0] == "No significant difference in 2 pairs."
+    assert lines[0] == "No significant difference in 2 pairs; 1 identical."
 
 
 def test_frames_that_changed_are_stretches_with_the_same_answers() -> None:
