@@ -1,19 +1,23 @@
-"""Correct labels of a run's clip through the store, and score the run again; the form for it in a served report.
+"""Correct labels of a run's clip through the store, and score the run again; the form for it on served pages.
 
-The form has no scripts. It is at ``/label?clip=CLIP&subject=SUBJECT&frame=N``, and posted to the same path.
+The form without scripts is at ``/label?clip=CLIP&subject=SUBJECT&frame=N``, and posted to the same path. The pages
+beside the viewer read from ``/label.json`` what their form asks for.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 from urllib.parse import parse_qsl
 
+from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from harness.annotate.actions import mark_range
@@ -22,11 +26,12 @@ from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.labels.labels import RESERVED, timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
+from harness.score.finished_run import FinishedRun
 from vfoa.errors import VfoaError, check_known
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
-PATH = "/label"
+PATH, JSON_PATH = "/label", "/label.json"
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 _STYLE = (
     "body{font:16px/1.5 system-ui;max-width:36rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
@@ -35,11 +40,12 @@ _STYLE = (
 
 
 class LabelQuery(Settings):
-    """The label that the form is about."""
+    """The label that the form is about: by default, the clip's first person; ``back`` leads back to the page before."""
 
     clip: str
-    subject: str
-    frame: int
+    subject: str | None = None
+    frame: int | None = None
+    back: str = Field(default="/", pattern=r"^/([^/\\].*)?$")
 
 
 class Correction(Settings):
@@ -54,6 +60,49 @@ class Correction(Settings):
     def __str__(self) -> str:
         frames = f"frame {self.first}" if self.first == self.last else f"frames {self.first} to {self.last}"
         return f"{self.clip}, {frames}: {self.subject} looks at {self.target}"
+
+
+class Posted(Correction):
+    """A correction, and the page that the form was opened from."""
+
+    back: str = Field(default="/", pattern=r"^/([^/\\].*)?$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """The frames ``first`` to ``last`` around one with its label, ``target``; None if the frame has no label."""
+
+    target: str | None
+    first: int
+    last: int
+
+
+def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | None) -> Look:
+    """The look of a subject around a frame of the run, which is the first one by default.
+
+    Raises
+    ------
+    VfoaError
+        If the run has no such clip, or no such frame of it.
+    """
+    run = FinishedRun.read(directory)
+    (frames,) = (entry["frames"] for entry in run.manifest["clips"] if entry["name"] == clip)
+    if frame is not None and frame not in frames:
+        raise VfoaError(f"{clip}: the run has no frame {frame}; expected one of {min(frames)} to {max(frames)}")
+    place = 0 if frame is None else frames.index(frame)
+    labels = run.reference().labels.get(clip)
+    if labels is None or (label := labels.at(frames[place], subject)) is None:
+        return Look(target=None, first=frames[place], last=frames[place])
+
+    def ends(others: Iterable[int]) -> int:
+        last = frames[place]
+        for other in others:
+            if (there := labels.at(other, subject)) is None or there.target != label.target:
+                break
+            last = other
+        return last
+
+    return Look(target=label.target, first=ends(reversed(frames[:place])), last=ends(frames[place + 1 :]))
 
 
 def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]:
@@ -88,6 +137,11 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     manifest = _manifest(directory, correction.clip)
     timeline = timeline_of(manifest.open())
     frames = list(timeline.frames)
+    if correction.first > correction.last:
+        raise VfoaError(
+            f"{correction.clip}: frame {correction.first} comes after frame {correction.last}; expected the first one "
+            "first"
+        )
     for frame in (correction.first, correction.last):
         if frame not in frames:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
@@ -113,14 +167,22 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
 
     def show(request: Request) -> Response:
         query = parse(LabelQuery, {**request.query_params}, "label")
-        return _page(_form(query, choices(directory, query.clip, query.subject)))
+        subjects = tuple(_manifest(directory, query.clip).subjects)
+        if not subjects:
+            raise VfoaError(f"{query.clip}: its manifest names no subject; expected one to label")
+        subject = query.subject or subjects[0]
+        targets = choices(directory, query.clip, subject)
+        look = look_around(directory, query.clip, subject, query.frame)
+        if request.url.path == JSON_PATH:
+            return JSONResponse({"subjects": subjects, "subject": subject, "targets": targets, **asdict(look)})
+        return _page(_form(query, subject, targets, look))
 
     def change(body: str) -> Response:
-        correction = parse(Correction, dict(parse_qsl(body, max_num_fields=20)), "label")
+        posted = parse(Posted, dict(parse_qsl(body, max_num_fields=20)), "label")
         with one_at_a_time:
-            path = correct(directory, correction)
-        done = f"{correction}. Written to {path.name}; tables, page and recordings are updated."
-        return _page(f'<p>{escape(done)}</p><p><a href="/">Back to the report</a></p>')
+            path = correct(directory, posted)
+        done = f"{posted}. Written to {path.name}; tables, page and recordings are updated."
+        return _page(f'<p>{escape(done)}</p><p><a href="{escape(posted.back)}">Back to where you were</a></p>')
 
     async def answer(request: Request) -> Response:
         try:
@@ -131,20 +193,22 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
         except (VfoaError, ValueError) as error:
             return PlainTextResponse(f"{error}\n", status_code=400)
 
-    return [Route(PATH, answer, methods=["GET", "POST"])]
+    return [Route(PATH, answer, methods=["GET", "POST"]), Route(JSON_PATH, answer)]
 
 
-def _form(query: LabelQuery, targets: tuple[str, ...]) -> str:
+def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: Look) -> str:
     options = "".join(f"<option>{escape(name)}</option>" for name in targets)
-    clip, subject, frame = escape(query.clip), escape(query.subject), query.frame
+    clip, subject, back = escape(query.clip), escape(subject), escape(query.back)
+    now = "not labelled" if look.target is None else f"labelled {look.target} from frame {look.first} to {look.last}"
+    frame = look.first if query.frame is None else query.frame
     return (
-        f"<p>{clip}, frame {frame}: what does {subject} look at?</p>"
+        f"<p>{clip}, frame {frame}: what does {subject} look at? It is {escape(now)}.</p>"
         f'<form method="post" action="{PATH}"><input type="hidden" name="clip" value="{clip}">'
-        f'<input type="hidden" name="subject" value="{subject}">'
+        f'<input type="hidden" name="subject" value="{subject}"><input type="hidden" name="back" value="{back}">'
         f'<label>Target <select name="target" required><option value="">choose</option>{options}</select></label>'
-        f'<label>From frame <input name="first" type="number" value="{frame}" required></label>'
-        f'<label>to frame <input name="last" type="number" value="{frame}" required></label>'
-        "<button>Write the label</button></form>"
+        f'<label>From frame <input name="first" type="number" value="{look.first}" required></label>'
+        f'<label>to frame <input name="last" type="number" value="{look.last}" required></label>'
+        f'<button>Write the label</button> <a href="{back}">Cancel</a></form>'
         "<p>It can be undone in the labelling page. The run is scored again.</p>"
     )
 

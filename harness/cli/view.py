@@ -69,10 +69,21 @@ def view(
         with signals_as_ctrl_c():
             viewer.screenshot(first, frame, screenshot)
     elif web:
-        browse(recordings, [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)])
+        paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
+        browse(recordings, paths, more=_label_routes(folder))
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)
+
+
+def _label_routes(run: Path) -> Routes:
+    """The form that labels frames of a finished run; none for a recording outside a run, or a run that goes on."""
+    from harness.annotate.correction import correction_routes
+    from harness.run.directory import RunDirectory
+
+    directory = RunDirectory(run)
+    is_finished = run.is_dir() and "finished" in directory.read_manifest()
+    return correction_routes(directory) if is_finished else ()
 
 
 def _compared(
@@ -154,16 +165,18 @@ def describe(wrong: Sequence[Verdict], place: int) -> str:
 
 def _correct(run: Path, wrong: Verdict) -> bool:
     """Ask for the right target of a frame, and write it; return False if nothing was written."""
-    from harness.annotate.correction import Correction, choices, correct
+    from harness.annotate.correction import Correction, choices, correct, look_around
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
     try:
-        say(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
+        look = look_around(directory, wrong.clip, wrong.subject, wrong.frame)
+        names = ", ".join(choices(directory, wrong.clip, wrong.subject))
+        say(f"{names}; FIRST-LAST for other frames than the whole look, {look.first}-{look.last}")
         answer = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
         if not answer:
             return False
-        target, first, last = _target_and_frames(answer, wrong.frame)
+        target, first, last = _target_and_frames(answer, look.first, look.last)
         correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
         say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
     except (VfoaError, typer.Abort) as error:
@@ -172,27 +185,33 @@ def _correct(run: Path, wrong: Verdict) -> bool:
     return True
 
 
-def _target_and_frames(answer: str, frame: int) -> tuple[str, int, int]:
-    """Parse a target and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
+def _target_and_frames(answer: str, first: int, last: int) -> tuple[str, int, int]:
+    """Parse a target and the frames: ``red cup`` for the look, which has these ends, ``red cup 12-20`` for others."""
     if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", answer):
         return match[1], int(match[2]), int(match[3])
-    return answer, frame, frame
+    return answer, first, last
 
 
 def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:
     """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
+    from harness.annotate.correction import correction_routes
+    from harness.record.composed import find_clips, served_recordings
     from harness.record.web_app import failures_routes
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
 
-    wrong, recordings = _wrong_frames(run, clip, configuration)
-    if not wrong:
+    directory = RunDirectory(run)
+    find_clips(run, clip, configuration)  # so that an unknown name is reported here
+
+    def wrong() -> list[Verdict]:
+        return wrong_verdicts(read_scores(directory), clip, configuration)
+
+    if not (found := wrong()):
         say("No wrong frame.")
         return
-    shown = {
-        (verdict.clip, verdict.configuration): recordings[verdict.clip].under(verdict.configuration).compose()
-        for verdict in wrong
-    }
-    say(f"{len(wrong)} wrong frames")
-    browse(shown.values(), ["/"], more=failures_routes(wrong, shown))
+    recordings = served_recordings(run)
+    say(f"{len(found)} wrong frames")
+    browse(recordings.values(), ["/"], more=(*failures_routes(wrong, recordings), *correction_routes(directory)))
 
 
 def _wrong_frames(

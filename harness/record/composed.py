@@ -21,13 +21,14 @@ if TYPE_CHECKING:
 class Composed:
     """Files that form one recording, by a name, and the layout in which they open.
 
-    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` takes the subject whose tab is in
-    front (None: the first). It reads the files, so it is called only when they are opened; None for the layout in the
-    files. ``subject`` is in front unless another one is asked for.
+    ``clip`` and ``frames`` are those of the run; none for a file outside a run. ``make_layout`` takes the subject whose
+    tab is in front (None: the first). It reads the files, so it is called only when they are opened; None for the
+    layout in the files. ``subject`` is in front unless another one is asked for.
     """
 
     name: str
     files: tuple[Path, ...]
+    clip: str | None = None
     frames: tuple[int, ...] = ()
     make_layout: Callable[[str | None], rrb.Blueprint] | None = None
     subject: str | None = None
@@ -123,6 +124,7 @@ class RecordedClip:
         return Composed(
             name=name,
             files=tuple(dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))),
+            clip=self.files.clip,
             frames=self.frames,
             make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
         )

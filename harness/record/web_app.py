@@ -93,15 +93,15 @@ def site(
         recording.expect_files()
         place = f"/files/{numbered.index(recording)}"
         query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
+        who = request.query_params.get("subject")
         have_video = [has_video(file) for file in recording.files]  # all are read: a damaged one is an error here
         if any(have_video):
             query.append(("codec", AV1))
         if recording.make_layout is not None:
-            who = request.query_params.get("subject")
             query.append(("layout", f"{place}/layout.rbl" + (f"?{urlencode({'subject': who})}" if who else "")))
             query.append(("application", recording.application_id))
-        if frame is not None:
-            query.append(("frame", frame))
+        about = {"clip": recording.clip, "subject": who, "frame": frame}
+        query += [(key, value) for key, value in about.items() if value is not None]
         return RedirectResponse(f"{VIEWER}?{urlencode(query)}")
 
     def recorded_file(request: Request) -> Response:
@@ -149,15 +149,25 @@ def open_path(name: str, frame: int | None = None, subject: str | None = None) -
     return f"/open?{urlencode({key: value for key, value in asked.items() if value is not None}, quote_via=quote)}"
 
 
-def failures_routes(wrong: Sequence[Verdict], recordings: Mapping[Pair, Composed]) -> Routes:
-    """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`."""
+def failures_routes(wrong: Callable[[], Sequence[Verdict]], recordings: Mapping[Pair, Composed]) -> Routes:
+    """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`.
+
+    ``wrong`` are the present ones; those of a clip and configuration without a recording are left out.
+    """
     keys = ("clip", "configuration", "frame", "subject", "truth", "predicted", "error_type")
-    listed = [
-        {key: getattr(verdict, key) for key in keys}
-        | {"open": open_path(recordings[verdict.clip, verdict.configuration].name, verdict.frame, verdict.subject)}
-        for verdict in wrong
-    ]
+
+    def listed(request: Request) -> Response:
+        shown = ((verdict, recordings.get((verdict.clip, verdict.configuration))) for verdict in wrong())
+        return JSONResponse(
+            [
+                {key: getattr(verdict, key) for key in keys}
+                | {"open": open_path(recording.name, verdict.frame, verdict.subject)}
+                for verdict, recording in shown
+                if recording is not None
+            ]
+        )
+
     return (
         Route("/", lambda request: RedirectResponse(f"{VIEWER}failures.html")),
-        Route("/failures.json", lambda request: JSONResponse(listed)),
+        Route("/failures.json", listed),
     )

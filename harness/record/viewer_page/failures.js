@@ -13,13 +13,6 @@ let current = null;
 const addressOf = (each) => new URLSearchParams(PLACE.map((key) => [key, each[key]]));
 const isChosen = (each) => Object.entries(chosen).every(([key, value]) => !value || each[key] === value);
 
-function make(tag, attributes, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
-}
-
 /** A list for each key with more than one value; each value with the number of wrong frames it would leave. */
 function fillFilters() {
   filters.replaceChildren(...Object.entries(LABELS).flatMap(([key, label]) => {
@@ -67,6 +60,7 @@ function go(failure) {
   if (!failure) return;
   current = failure;
   history.replaceState(null, "", `#${addressOf(failure)}`);
+  if (!labelForm.root.hidden) labelForm.close();
   mark();
   showAddress(failure.open);
 }
@@ -79,16 +73,42 @@ function step(by) {
   go(shown[next]);
 }
 
+/** The label of the current frame was written: its recording and the list are new, and the next wrong frame is shown. */
+async function leave() {
+  const [before, { number }] = [addressOf(current).toString(), current];
+  await load();
+  const rest = failures.filter(isChosen);
+  const same = rest.find((each) => addressOf(each).toString() === before);
+  const next = same ?? rest.find((each) => each.number >= number) ?? rest[0] ?? failures[0];
+  if (next) history.replaceState(null, "", `#${addressOf(next)}`);
+  sessionStorage.setItem("chosen", JSON.stringify(chosen));
+  location.reload(); // the viewer would keep the old content of the recording
+}
+
+const labelForm = new LabelForm(document.getElementById("label"), leave);
+const isWrong = () => current && labelForm.open({ clip: current.clip, subject: current.subject, frame: current.frame }).catch(complain);
+document.getElementById("is-wrong").addEventListener("click", isWrong);
 document.getElementById("next").addEventListener("click", () => step(1));
 document.getElementById("previous").addEventListener("click", () => step(-1));
 window.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select")) return;
   const by = { n: 1, p: -1 }[event.key.toLowerCase()];
   if (by) step(by);
+  if (event.key.toLowerCase() === "w") {
+    event.preventDefault(); // the letter is not for the form
+    isWrong();
+  }
 }, { capture: true }); // the viewer's canvas has the focus, and lets no key through
 
-fetch("/failures.json").then((answer) => answer.json()).then((found) => {
+async function load() {
+  const found = await (await fetch("/failures.json")).json();
   failures = found.map((each, number) => ({ ...each, number: number + 1 }));
+}
+
+load().then(() => {
+  Object.assign(chosen, JSON.parse(sessionStorage.getItem("chosen") ?? "{}"));
+  sessionStorage.removeItem("chosen");
+  if (!failures.some(isChosen)) Object.keys(chosen).forEach((key) => delete chosen[key]);
   fillFilters();
   fillList();
   if (!location.hash) return go(failures[0]);

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urljoin
 
 import httpx
 import pytest
@@ -21,15 +22,15 @@ from typer.testing import CliRunner
 from harness import RunResults, load_run, run_experiment
 from harness.annotate.actions import Action
 from harness.annotate.app import PageServer
-from harness.annotate.correction import PATH, Correction, choices, correct, correction_routes
+from harness.annotate.correction import PATH, Correction, LabelQuery, choices, correct, correction_routes
 from harness.annotate.session import Session
 from harness.cli import app
-from harness.cli.view import step_through
+from harness.cli.view import step_through, wrong_verdicts
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles, RecordingIds
 from harness.record.reading import ids_of
-from harness.record.web_app import site
+from harness.record.web_app import failures_routes, open_path, site
 from harness.record.web_viewer import page_files
 from harness.report.write import report_page
 from harness.score.finished_run import read_scores
@@ -38,6 +39,7 @@ from tests.browser import chromium, dead_buttons, set_width, wait_until_drawn
 from tests.repository import REPOSITORY
 from tests.web import running
 from vfoa.errors import VfoaError
+from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -266,15 +268,20 @@ def test_the_buttons_of_the_served_report_lead_to_a_written_label(run: RunResult
 
     report.find_element("id", "timeline").send_keys("n")
     press("link text", "The label is wrong")
+    ends = [report.find_element("name", name).get_property("value") for name in ("first", "last")]
+    assert ends == ["2", "3"]  # the whole look
+    press("link text", "Cancel")
+    wait_until_drawn(report)
+    before = report.current_url
+    assert "frame=2" in before
+    press("link text", "The label is wrong")
     report.find_element("css selector", "select").send_keys("mug")
-    last = report.find_element("name", "last")
-    last.clear()
-    last.send_keys("3")
     press("xpath", "//button[text()='Write the label']")
     wait_for(lambda: "tables, page and recordings are updated" in report.page_source)
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
-    press("link text", "Back to the report")
+    press("link text", "Back to where you were")
     wait_until_drawn(report)
+    assert report.current_url == before
     assert [each for each in report.get_log("browser") if each["level"] == "SEVERE"] == []
 
 
@@ -303,7 +310,7 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
             return True
 
     monkeypatch.setattr(viewer, "opened", opened)
-    said = iter(["n", "w", "mug 2-3"])
+    said = iter(["n", "w", "mug"])  # of the whole look, frames 2 and 3
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(said))
     step_through(run.path, None, "one")
@@ -318,3 +325,80 @@ def test_the_run_follows_what_is_labelled_in_the_page(run: RunResults, monkeypat
     assert "tables, page and recordings are updated" in _annotate(run, monkeypatch, label)
     _agree(run, {1: "book", 2: "mug", 3: "mug", 4: "mug"})
     assert "updated" not in _annotate(run, monkeypatch, lambda session: None)
+
+
+@pytest.fixture
+def failures(run: RunResults, browser: Chrome) -> Iterator[Chrome]:
+    """The page of failures of the run, beside a viewer that does not start; frames 2 and 3 are wrong."""
+    correct(run.directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    recordings = served_recordings(run.path)
+    more = (
+        *failures_routes(lambda: wrong_verdicts(read_scores(run.directory), None, None), recordings),
+        *correction_routes(run.directory),
+    )
+    app = site({recording.name: recording for recording in recordings.values()}, page_files(), more=more)
+    with running(app) as server:
+        browser.get(server.address)
+        wait_for(lambda: browser.find_element("id", "place").text == "1 of 4")
+        yield browser
+
+
+def test_a_look_is_labelled_beside_the_viewer_and_the_next_failure_is_shown(run: RunResults, failures: Chrome) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.support.select import Select
+
+    def place() -> str:
+        return failures.find_element("id", "place").text
+
+    Select(failures.find_element("name", "configuration")).select_by_value("two")
+    failures.find_element("id", "next").click()
+    wait_for(lambda: place() == "2 of 2")
+    ActionChains(failures).move_to_element(failures.find_element("tag name", "h1")).click().send_keys("w").perform()
+    form = failures.find_element("id", "label")
+    wait_for(lambda: "The label now: vase, frames 2 to 3." in form.text)
+    first, last = (form.find_element("name", name) for name in ("first", "last"))
+    assert (first.get_property("value"), last.get_property("value")) == ("2", "3")
+    Select(form.find_element("name", "target")).select_by_value("mug")
+    last.clear()
+    last.send_keys("1")
+    (write,) = form.find_elements("xpath", ".//button[text()='Write the label']")
+    write.click()
+    wait_for(lambda: "desk: frame 2 comes after frame 1" in form.text)
+    first.clear()
+    first.send_keys("3")
+    last.clear()
+    last.send_keys("3")
+    write.click()
+    wait_for(lambda: place() == "1 of 1")  # the filter and the place stay
+    _agree(run, {1: "mug", 2: "vase", 3: "mug", 4: "mug"})
+
+
+@pytest.mark.parametrize("back", ["http://elsewhere.example", "//elsewhere.example", "/\\\\elsewhere.example"])
+def test_the_form_leads_to_no_other_server(back: str) -> None:
+    with pytest.raises(VfoaError, match="back"):
+        parse(LabelQuery, {"clip": "desk", "back": back}, "label")
+
+
+def test_a_recording_of_the_run_is_labelled_from_its_page(run: RunResults, browser: Chrome) -> None:
+    from selenium.webdriver.support.expected_conditions import staleness_of
+    from selenium.webdriver.support.select import Select
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    recordings = served_recordings(run.path)
+    more = correction_routes(run.directory)
+    app = site({recording.name: recording for recording in recordings.values()}, page_files(), more=more)
+    with running(app) as server:
+        browser.get(server.address)
+        browser.get(urljoin(server.address, open_path("desk__one", 3, "anna")))
+        opens = browser.find_element("id", "opens")
+        wait_for(opens.is_displayed)
+        opens.click()
+        form = browser.find_element("id", "label")
+        wait_for(lambda: f"The label now: mug, frames 1 to {FRAMES}." in form.text)
+        Select(form.find_element("name", "target")).select_by_value("vase")
+        last = form.find_element("name", "last")
+        last.clear()
+        last.send_keys("2")
+        form.find_element("xpath", ".//button[text()='Write the label']").click()
+        WebDriverWait(browser, 60).until(staleness_of(form))  # the page is loaded again, with the new content
+    _agree(run, {1: "vase", 2: "vase", 3: "mug", 4: "mug"})

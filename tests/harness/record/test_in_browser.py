@@ -162,7 +162,13 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
     assert "Frame 14 – wrong" in box
     assert f"vfoa view /a/run --clip clip --config 'two cones' --frame 14 --subject '{ANN}'" in box
     link = browser.find_element("link text", "The label is wrong").get_attribute("href")
-    assert parse_qs(urlsplit(link).query) == {"clip": ["clip"], "subject": [ANN], "frame": ["14"]}
+    back = urlsplit(browser.current_url)
+    assert parse_qs(urlsplit(link).query) == {
+        "clip": ["clip"],
+        "subject": [ANN],
+        "frame": ["14"],
+        "back": [f"/#{back.fragment}"],
+    }
     browser.find_element("id", "timeline").send_keys("p")
     link = browser.find_element("link text", "Open the recording at this frame").get_attribute("href")
     asked = parse_qs(urlsplit(link).query)
@@ -224,7 +230,7 @@ def failures(clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str
         for frame, subject, error_type in ((10, ANN, "missed"), (11, BEN, "outscored"), (14, BEN, "missed"))
     ]
     recording = clip.compose()
-    more = failures_routes(wrong, {("clip", CONFIGURATION): recording})
+    more = failures_routes(lambda: wrong, {("clip", CONFIGURATION): recording})
     with running(site({recording.name: recording}, viewer_files, more=more)) as server:
         yield server.address
 
@@ -240,6 +246,7 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
         wait_for(lambda: _shows(frame) in _state(browser), at_most_s=LOADED_S)
         wait_for(lambda: _tabs_in_front(browser, tmp_path) == {subject}, at_most_s=LOADED_S)
         assert browser.find_element("id", "place").text == place
+        assert browser.execute_script("return frameShown()") == frame
 
     set_width(browser, 500, 400)  # fewer pixels: software draws them
     browser.get(failures)
@@ -269,7 +276,7 @@ def test_the_address_of_the_page_names_the_wrong_frame(
     recording = find_clips(record_run(frames).run, None, None)[0].compose()
     told = {"subject": ANN, "truth": "red cup", "predicted": "book#4", "outcome": "wrong", "error_type": "missed"}
     wrong = [Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, **told) for frame in (11, 13, 14)]
-    more = failures_routes(wrong, {("clip", CONFIGURATION): recording})
+    more = failures_routes(lambda: wrong, {("clip", CONFIGURATION): recording})
     app = site({recording.name: recording}, page_files(), more=more)
     with running(app) as server, chromium(tmp_path / "profile") as browser:
 
