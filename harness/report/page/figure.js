@@ -3,21 +3,31 @@
 import { copyCsv, copyPng, copySvg } from "./copying.js";
 import { button, drawn, element } from "./dom.js";
 
-// `draw(width)` returns an <svg>; `csv()` returns rows of cells. Returns a function that draws it again.
-export function figure(place, { title, notes = [], controls = [], legend = null, draw, csv }) {
+// `draw(width)` returns an <svg>; `csv()` returns rows of cells. Where a pager shows a part, `all(width)` returns the <svg> of
+// every part: copies and prints have them. Returns a function that draws the figure again.
+export function figure(place, { title, notes = [], controls = [], legend = null, draw, all = (width) => [draw(width)], csv }) {
   const drawing = element("div", { class: "drawing" });
   const copies = element("span", { class: "copies" }, "Copy as ",
     button("CSV", () => csv().then ? csv().then(copyCsv) : copyCsv(csv()), { "aria-label": `Copy ${title} as CSV` }),
-    button("PNG", () => copyPng(drawing.querySelector("svg")), { "aria-label": `Copy ${title} as PNG` }),
-    button("SVG", () => copySvg(drawing.querySelector("svg")), { "aria-label": `Copy ${title} as SVG` }));
+    button("PNG", () => copied(copyPng), { "aria-label": `Copy ${title} as PNG` }),
+    button("SVG", () => copied(copySvg), { "aria-label": `Copy ${title} as SVG` }));
   place.append(element("figure", {},
     element("figcaption", {}, element("strong", {}, title), ...notes.map((note) => element("span", { class: "small" }, note))),
     ...(controls.length ? [element("div", { class: "controls" }, ...controls)] : []),
     ...(legend ? [legend] : []), drawing, copies));
-  let width = 0;
+  let [width, printing] = [0, false];
+  const copied = async (copy) => {
+    if (!width) return copy(null);
+    const hidden = element("div", { class: "drawing", style: "position: absolute; visibility: hidden", "aria-hidden": "true" });
+    place.append(hidden); // styles are those of the page
+    const whole = wholeOf({ title, notes, legend, parts: all(width) }, width);
+    hidden.append(whole);
+    await copy(whole);
+    return hidden.remove();
+  };
   const again = () => {
     const focused = drawing.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-    drawing.replaceChildren(draw(width));
+    drawing.replaceChildren(...(printing ? all(width) : [draw(width)]));
     if (focused) [...drawing.querySelectorAll("[aria-label]")].find((each) => each.getAttribute("aria-label") === focused)?.focus();
   };
   new ResizeObserver(() => {
@@ -26,7 +36,53 @@ export function figure(place, { title, notes = [], controls = [], legend = null,
     width = wide;
     again();
   }).observe(drawing);
+  for (const [event, begins] of [["beforeprint", true], ["afterprint", false]]) {
+    window.addEventListener(event, () => {
+      printing = begins;
+      if (width && drawing.isConnected) again();
+    });
+  }
   return () => width && again();
+}
+
+const LINE = 18;
+
+// A figure as one drawing: title, notes, legend, and every part below each other.
+function wholeOf({ title, notes, legend, parts }, width) {
+  const svg = drawn("svg", { "aria-label": title });
+  let top = LINE;
+  svg.append(text(0, top - 4, title, { class: "value" }));
+  for (const note of notes) svg.append(text(0, (top += LINE) - 4, note, { class: "tick" }));
+  let x = 0;
+  if (legend) top += LINE;
+  for (const item of legend?.children ?? []) {
+    const [sample, name] = [item.firstElementChild, item.lastChild.textContent];
+    const wide = 24 + 7.1 * name.length + 16;
+    if (x && x + wide > width) [x, top] = [0, top + LINE];
+    svg.append(sampleOf(sample, x, top - LINE + 4), text(x + 24, top - 3, name));
+    x += wide;
+  }
+  top += 8;
+  for (const part of parts) {
+    part.setAttribute("y", top);
+    svg.append(part);
+    top += Number(part.getAttribute("height"));
+  }
+  const wide = Math.max(width, ...parts.map((part) => Number(part.getAttribute("width"))));
+  for (const [name, value] of Object.entries({ viewBox: `0 0 ${wide} ${top}`, width: wide, height: top })) svg.setAttribute(name, value);
+  return svg;
+}
+
+// The sample of a legend's item: its shape, or its colour with its letter.
+function sampleOf(sample, x, y) {
+  const group = drawn("g", { transform: `translate(${x} ${y})` });
+  if (sample instanceof SVGElement) group.append(...[...sample.cloneNode(true).children]);
+  else {
+    const box = drawn("g", { class: "part", style: sample.getAttribute("style") }, drawn("rect", { width: 18, height: 14 }));
+    box.append(text(9, 11, sample.textContent, { class: "mark", "text-anchor": "middle" }));
+    group.append(box);
+  }
+  return group;
 }
 
 export function canvas(width, height, label) {

@@ -34,13 +34,13 @@ const ORDERS = {
   spread: ["largest difference first", (a, b) => b.spread - a.spread],
 };
 
-function drawByClip(groups, width) {
+function drawByClip(groups, width, { names, from }) {
   const narrow = width < 480;
-  const left = narrow ? 8 : gutter(groups.map((each) => each.name), width, 0.34);
+  const left = narrow ? 8 : gutter(names, width, 0.34);
   const heights = groups.map((each) => 14 * each.rows.length + 14 + (narrow ? 16 : 0));
   const height = heights.reduce((sum, each) => sum + each, 0) + 8;
   const svg = canvas(width, height + 20, "Focus recognition rate by clip");
-  const place = scale(lowest(groups.flatMap((each) => each.rows)), 1, left, width - 14);
+  const place = scale(from, 1, left, width - 14);
   axis(svg, place, 0, height, width, whole);
   let top = 0;
   groups.forEach((each, i) => {
@@ -88,6 +88,8 @@ export async function drawForest(place) {
     const found = groups.filter((each) => each.name.toLowerCase().includes(filter));
     return ORDERS[order][1] ? found.sort(ORDERS[order][1]) : found;
   };
+  const same = { names: groups.map((each) => each.name), from: lowest(byClip) }; // on every page
+  const drawPage = (width, page) => drawByClip(chosen().slice(page * PAGE, (page + 1) * PAGE), width, same);
   const turn = (by) => {
     at = Math.min(Math.max(at + by, 0), Math.max(Math.ceil(chosen().length / PAGE) - 1, 0));
     const [from, all] = [at * PAGE, chosen().length];
@@ -103,7 +105,8 @@ export async function drawForest(place) {
     title: "By clip", notes: ["FRR %, 95 % interval of each clip's looks"],
     controls: [choice("Order", Object.entries(ORDERS).map(([key, [words]]) => [key, words]), order, (key) => { order = key; at = 0; turn(0); }), ...many],
     legend: legendOf(rows.map(({ name }) => ({ name, number: numberOf(name) }))),
-    draw: (width) => drawByClip(chosen().slice(at * PAGE, (at + 1) * PAGE), width), csv: () => asCsv(byClip),
+    draw: (width) => drawPage(width, at), all: (width) => Array.from({ length: Math.ceil(chosen().length / PAGE) }, (_, page) => drawPage(width, page)),
+    csv: () => asCsv(byClip),
   });
   turn(0);
 }

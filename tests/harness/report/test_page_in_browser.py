@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
@@ -506,6 +507,64 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, pag
     assert table.splitlines()[1].split(",")[4:7] == shares
     assert figure.startswith("<svg")
     assert "var(" not in figure
+
+
+@pytest.fixture(scope="module")
+def many_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a run of 20 clips, of which the pager shows eight."""
+    run = tmp_path_factory.mktemp("many")
+    clips = [f"clip {number:02d}" for number in range(20)]
+    records = [
+        record
+        for clip in clips
+        for name, said in {"one": ("cup", "dragon"), "two": ("cup", "cup")}.items()
+        for record in answers(said, configuration=name, clip=clip)
+    ]
+    score_run(run, records, Reference(labels={clip: labels("cup", "cup") for clip in clips}))
+    return run / "report.html"
+
+
+def test_copies_of_figures_hold_every_clip_and_the_legend(session: Chrome, many_clips: Path) -> None:
+    session.get("about:blank")
+    _open(session, many_clips)
+    shown = session.find_element("css selector", "#draw-forest > :last-child .drawing")
+    assert "clip 07" in shown.text
+    assert "clip 08" not in shown.text
+    session.execute_script(
+        "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
+        "window.copied.push(await item.getType(item.types[0]))}}, configurable: true});"
+    )
+    for kind in ("SVG", "PNG"):
+        button = session.find_element("css selector", f'[aria-label="Copy By clip as {kind}"]')
+        session.execute_script("arguments[0].click()", button)
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == 2)
+    drawing = session.execute_async_script(
+        "window.copied.find((each) => each.type.startsWith('text')).text().then(arguments[0])"
+    )
+    texts = [each.text for each in ElementTree.fromstring(drawing).iter("{http://www.w3.org/2000/svg}text")]
+    assert [text for text in texts if text and text.startswith("clip ")] == [
+        f"clip {number:02d}" for number in range(20)
+    ]
+    assert {"By clip", "one", "two"} <= {*texts}
+    width, height = (float(re.search(rf'{name}="([\d.]+)"', drawing)[1]) for name in ("width", "height"))  # type: ignore[index]
+    picture = session.execute_async_script(
+        "createImageBitmap(window.copied.find((each) => each.type === 'image/png'))"
+        ".then(({width, height}) => arguments[0]([width, height]))"
+    )
+    assert picture == [2 * width, 2 * height]
+    assert not session.find_elements("css selector", "[style*='visibility: hidden']")
+
+
+def test_a_print_holds_every_clip(session: Chrome, many_clips: Path) -> None:
+    session.get("about:blank")
+    _open(session, many_clips)
+    session.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    figure = session.find_element("css selector", "#draw-forest > :last-child .drawing")
+    assert [f"clip {number:02d}" in figure.text for number in range(20)] == [True] * 20
+    session.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert "clip 08" not in figure.text
 
 
 def test_the_oracle_ablation_is_a_waterfall(session: Chrome, tmp_path: Path) -> None:
