@@ -46,7 +46,7 @@ from harness.report.tables import (
     terminal_table,
     visible_table,
 )
-from harness.report.thumbnails import read_thumbnails
+from harness.report.thumbnails import BUDGET_BYTES, SERVED_BYTES, read_thumbnails
 from harness.run.directory import Pair, RunDirectory
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
@@ -81,7 +81,8 @@ def _page(
     times: StageTimes,
     served: Served | None = None,
 ) -> str:
-    thumbnails = read_thumbnails(directory.path, scores.verdicts, run.reference.names_now)
+    budget = SERVED_BYTES if served else BUDGET_BYTES
+    thumbnails = read_thumbnails(directory.path, scores.verdicts, run.reference.names_now, budget)
     attention = run.of("attention")
     return render_page(scores, tables, attention, manifest, times=times, thumbnails=thumbnails, served=served)
 

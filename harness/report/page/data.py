@@ -147,6 +147,7 @@ def page_data(
         "clips": clips,
         "stride": stride,
         "run": served and served.run,
+        "pictures_beside": served is None and len(thumbnails.pictures) < thumbnails.wrong,
         "recordings": served and _recordings(served),
         "overall": [_row(row, {}, scored) for row in scores.overall()],
         "names": list(names),

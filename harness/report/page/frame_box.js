@@ -5,7 +5,7 @@ import { labelLink } from "./label.js";
 import { openRecording, recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, packedJson } from "./packs.js";
-import { nameOf, predictedInWords, stateOf, valueAt, withValues } from "./store.js";
+import { isWrong, nameOf, predictedInWords, stateOf, valueAt, withValues } from "./store.js";
 import { onPreview } from "./timeline.js";
 
 const box = document.getElementById("frame");
@@ -64,7 +64,7 @@ function thumbnail(at, found) {
   const frame = track.frames[i];
   const seen = found?.seen[track.subject]?.[lane.configuration]?.[frame];
   const picture = found?.pictures[frame];
-  if (!seen || !picture) return [];
+  if (!seen || !picture) return isWrong(lane, i) ? fileBeside(track, frame) : [];
   const [width, height] = seen.size;
   const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", class: "thumbnail" });
   svg.setAttribute("aria-label", `The left image of frame ${frame}: boxes, the head of ${track.subject}, cones; ` +
@@ -94,6 +94,16 @@ function thumbnail(at, found) {
   }
   svg.append(...labels);
   return [element("figure", {}, svg, element("figcaption", {}, "✓ solid: truth; ✗ dashed: answer; yellow: gaze; blue, dotted: head"))];
+}
+
+// The file of a picture that the page has no room for; none where the page has left its run's directory.
+function fileBeside(track, frame) {
+  if (!data.pictures_beside) return [];
+  const src = `thumbnails/${encodeURIComponent(data.clips[track.clip].name)}/${frame}.webp`;
+  const image = element("img", { src, class: "thumbnail", alt: `The left image of frame ${frame}` });
+  const figure = element("figure", {}, image, element("figcaption", {}, "The left image. The recording has boxes and cones."));
+  image.addEventListener("error", () => figure.remove());
+  return [figure];
 }
 
 function values({ track, lane, i }) {

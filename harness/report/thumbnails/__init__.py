@@ -26,8 +26,12 @@ FOLDER = "thumbnails"
 
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom in a picture's pixels."""
-BUDGET_BYTES = 1_000_000
-"""Most bytes of all thumbnails of a page: with them, a page stays under 3 MB."""
+BUDGET_BYTES = 2_000_000
+"""Most bytes of all thumbnails in a page on disk: with them, it stays under 3 MB."""
+SERVED_BYTES = 20 * BUDGET_BYTES
+"""Most bytes of those in a page that is served on the same machine."""
+_PACKED = 4
+"""How many times fewer bytes the marks of a frame take in a page, which packs them."""
 
 _Frame = tuple[str, int]
 
@@ -67,7 +71,7 @@ class Thumbnails:
     """The pictures and marks of the wrong frames that a page shows. ``pictures`` are data URIs by (clip, frame).
 
     ``seen`` holds each configuration's :class:`Thumbnail`, by (clip, configuration, frame); ``wrong`` counts the wrong
-    frames that have a picture, of which a page may have room for fewer.
+    frames that have a picture, of which a page may have room for fewer: a page on disk shows the files of the others.
     """
 
     pictures: Mapping[_Frame, str] = field(default_factory=dict)
@@ -139,7 +143,7 @@ def _sizes(run: Path, lines: Mapping[tuple[str, str, int], bytes]) -> dict[_Fram
     """The bytes that each frame with a picture takes in a page, in order."""
     texts = Counter[_Frame]()
     for (clip, _, frame), line in lines.items():
-        texts[clip, frame] += len(line)
+        texts[clip, frame] += len(line) // _PACKED
     sizes = {}
     for clip, frame in sorted(texts):
         with suppress(OSError):  # no picture

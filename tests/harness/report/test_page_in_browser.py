@@ -509,6 +509,34 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, pag
     assert "var(" not in figure
 
 
+def test_a_wrong_frame_that_the_page_has_no_room_for_shows_the_picture_of_the_run(
+    session: Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    monkeypatch.setattr("harness.report.write.BUDGET_BYTES", 0)
+    run = tmp_path / "a run"
+    for frame in (2, 4):
+        atomic_write(picture_path(run, "my clip", frame), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
+    seen = b"".join(msgspec.json.encode(replace(SEEN, frame=frame)) + b"\n" for frame in (2, 4))
+    atomic_write(lines_path(run, "my clip", "one"), seen)
+    records = answers(GIVEN["one"], configuration="one", clip="my clip")
+    score_run(run, records, Reference(labels={"my clip": labels(*TRUTH)}))
+    session.get("about:blank")
+    _open(session, run / "report.html", frame=2)
+    _wait_for_box(session, "Frame 2 – wrong")
+    assert session.find_elements("css selector", "#frame svg.thumbnail")
+    _press(session, "n")
+    _wait_for_box(session, "Frame 4 – wrong")
+    (image,) = session.find_elements("css selector", "#frame img.thumbnail")
+    WebDriverWait(session, 60).until(lambda _: image.get_property("naturalWidth") == 200)
+    picture_path(run, "my clip", 4).unlink()  # as where the page was sent to somebody
+    session.get("about:blank")
+    _open(session, run / "report.html", frame=4)
+    _wait_for_box(session, "Frame 4 – wrong")
+    WebDriverWait(session, 60).until(lambda found: not found.find_elements("css selector", "#frame img"))
+
+
 @pytest.fixture(scope="module")
 def many_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of a run of 20 clips, of which the pager shows eight."""
