@@ -91,7 +91,7 @@ figures: $(DEV)
 # network.
 docs: $(DEV)
 	$(BIN)/python -m scripts.quoted_figures --check
-	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --strict # --quiet would hide the warnings from --strict
 	@echo "The site: build/site/index.html. To serve it: $(BIN)/mkdocs serve"
 
 # make release-notes VERSION=0.1.0; without VERSION, what is unreleased.

@@ -71,6 +71,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         if "://" in address or address.startswith("mailto:") or not place:
             return match[0]
         target = (ROOT / own).parent.joinpath(place).resolve()
+        in_docs = os.path.relpath(target, ROOT / "docs")
+        if not target.exists() and files.get_file_from_path(in_docs) is not None:
+            return match[0]  # a generated page
         if not target.exists():
             LOG.warning("%s: a link to %s, which does not exist", own, place)
             return match[0]
