@@ -64,14 +64,21 @@ def doctor() -> None:
 
     `vfoa run CLIP` cannot work if a stage has no model that is ready; `vfoa demo` needs none.
     """
-    findings = [*_packages(), *_folders(), *_weights(), *_surroundings()]
+    folders = list(_folders())
+    findings = [*_packages(), *_weights(), *_surroundings()]
+    needed = [finding.what for finding in (*findings, *folders) if finding.required and finding.fix]
+    if needed:
+        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet, for want of: {', '.join(needed)}", err=True)
+    else:
+        say("`vfoa run CLIP` can work here.")
     print_table(
         ["check", "state", "to mend it"],
         [[finding.what, finding.state, finding.fix] for finding in findings],
         wrapped=("state", "to mend it"),
     )
-    if needed := [finding.what for finding in findings if finding.required and finding.fix]:
-        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet, for want of: {', '.join(needed)}", err=True)
+    for finding in folders:  # lines of their own: a table would break their paths
+        say(f"{finding.what}: {finding.state}{f'; {finding.fix}' if finding.fix else ''}")
+    if needed:
         raise typer.Exit(2)
 
 

@@ -200,6 +200,7 @@ def test_the_doctor_finds_nothing_to_mend_where_all_is_here(
 ) -> None:
     code, out, said = vfoa(monkeypatch, capsys, "doctor")
     assert (code, said) == (0, "")
+    assert out.startswith("`vfoa run CLIP` can work here.\n")
     mended = [
         line.split()[-1] for line in _lines(out, "Python", "ximgproc", "segmentation", "yunet)", "3ddfa_v2)", "l2cs)")
     ]
@@ -215,6 +216,15 @@ def test_the_doctor_names_a_fix_for_a_default_that_another_stage_can_replace(
     assert code == 0
     assert "vfoa models fetch yunet" in line
     assert "person_mask" in line
+
+
+def test_the_doctor_breaks_no_path(
+    models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("VFOA_CACHE", str(folder := tmp_path / ("deep" * 10) / "cache"))
+    _, out, _ = vfoa(monkeypatch, capsys, "doctor")
+    assert f"stage cache: {folder}: writable" in out.splitlines()
 
 
 def test_the_doctor_fails_where_a_stage_has_no_model(
