@@ -18,12 +18,13 @@ function diagram(width) {
   svg.append(path(`M${x(0)} ${y(0)}L${x(1)} ${y(1)}`, { class: "baseline" }),
     text((x(0) + x(1)) / 2, size - 6, "confidence, %", { class: "tick", "text-anchor": "middle" }),
     text(12, y(0.5), "right, %", { class: "tick", "text-anchor": "middle", transform: `rotate(-90 12 ${y(0.5)})` }));
+  const most = Math.max(...data.calibration.flatMap(({ bins }) => bins.map(([, , count]) => count)));
   for (const { configuration, bins } of data.calibration) {
     const number = numberOf(configuration);
     const points = bins.map(([confidence, accuracy]) => `${x(confidence)},${y(accuracy)}`).join(" ");
     svg.append(drawn("polyline", { points, class: `line c${number % 8}` }));
     for (const [confidence, accuracy, count] of bins) {
-      const group = drawn("g", {}, marker(x(confidence), y(accuracy), number, 3 + Math.min(5, Math.sqrt(count) / 8)));
+      const group = drawn("g", {}, marker(x(confidence), y(accuracy), number, 1.5 + 4.5 * Math.sqrt(count / most)));
       group.append(drawn("title", {}, `${configuration}: ${percent(accuracy)} % right at ${percent(confidence)} % confidence, ${count} frames`));
       svg.append(group);
     }
@@ -33,7 +34,7 @@ function diagram(width) {
 
 export function drawCalibration(place) {
   figure(place, {
-    title: "Calibration", notes: ["dashes: as sure as right; larger marks: more frames"],
+    title: "Calibration", notes: ["dashes: as sure as right; the area of a mark grows with its frames"],
     legend: legendOf(data.calibration.map(({ configuration, error }) =>
       ({ name: `${configuration} (ECE ${error.toFixed(3)})`, number: numberOf(configuration) }))),
     draw: diagram,

@@ -50,17 +50,18 @@ const LINE = 18;
 // A figure as one drawing: title, notes, legend, and every part below each other.
 function wholeOf({ title, notes, legend, parts }, width) {
   const svg = drawn("svg", { "aria-label": title });
-  let top = LINE;
+  let [top, wide] = [LINE, 7.1 * Math.max(title.length, ...notes.map((note) => note.length))];
   svg.append(text(0, top - 4, title, { class: "value" }));
   for (const note of notes) svg.append(text(0, (top += LINE) - 4, note, { class: "tick" }));
   let x = 0;
   if (legend) top += LINE;
   for (const item of legend?.children ?? []) {
     const [sample, name] = [item.firstElementChild, item.lastChild.textContent];
-    const wide = 24 + 7.1 * name.length + 16;
-    if (x && x + wide > width) [x, top] = [0, top + LINE];
+    const needed = 24 + 7.1 * name.length + 16;
+    if (x && x + needed > width) [x, top] = [0, top + LINE];
     svg.append(sampleOf(sample, x, top - LINE + 4), text(x + 24, top - 3, name));
-    x += wide;
+    x += needed;
+    wide = Math.max(wide, x);
   }
   top += 8;
   for (const part of parts) {
@@ -68,7 +69,7 @@ function wholeOf({ title, notes, legend, parts }, width) {
     svg.append(part);
     top += Number(part.getAttribute("height"));
   }
-  const wide = Math.max(width, ...parts.map((part) => Number(part.getAttribute("width"))));
+  wide = Math.ceil(Math.max(wide, ...parts.map((part) => Number(part.getAttribute("width")))));
   for (const [name, value] of Object.entries({ viewBox: `0 0 ${wide} ${top}`, width: wide, height: top })) svg.setAttribute(name, value);
   return svg;
 }
