@@ -23,7 +23,7 @@ function drawRanking(place) {
 }
 
 function drawDifferences(place) {
-  const rows = data.differences.map((each) => ({ ...each, label: `${each.is_significant ? "✱ " : ""}${each.label}` }));
+  const rows = data.differences.map((each) => ({ ...each, words: `${each.label}: ${each.printed} ${each.ends}; ${each.words}`, label: `${each.is_significant ? "✱ " : ""}${each.label}` }));
   const widest = Math.max(0.02, ...rows.flatMap((each) => [each.value, each.low, each.high].map((share) => Math.abs(share ?? 0))));
   const end = Math.ceil(50 * widest) / 50;
   figure(place, {

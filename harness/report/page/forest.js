@@ -9,7 +9,7 @@ import { numberOf, overall, rowsByClip } from "./store.js";
 
 const PAGE = 8;
 const plain = (rows) => rows.filter((each) => !each.oracle);
-const ends = (each) => (each.low === null ? "no interval" : `95 % ${percent(each.low, 0)} to ${percent(each.high, 0)}`);
+const ends = (each) => (each.low === null ? "no interval" : `95 % ${percent(each.low, 0)}–${percent(each.high, 0)}`);
 const inWords = (each) => `${each.name}${each.clip < 0 ? "" : ` on ${data.clips[each.clip].name}`}: FRR ${percent(each.frr)} %, ` +
   `${ends(each)}, n ${each.n}, best baseline ${percent(each.baseline)} %`;
 const whole = (share) => percent(share, 0);
