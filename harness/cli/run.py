@@ -171,14 +171,8 @@ def _refuse_options(context: typer.Context, what: str, used: Collection[str]) ->
 def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     """Run the materials of the benchmark that are here, print the table and write it; exit with 1 if none is here."""
     from harness.cli.terminal import frames_bar, print_reports
-    from harness.report.benchmark import (
-        MATERIALS,
-        benchmark_lines,
-        benchmark_table,
-        changed_methods,
-        material_experiment,
-        write_benchmark,
-    )
+    from harness.report.benchmark import MATERIALS, changed_methods, material_experiment
+    from harness.report.benchmark_tables import benchmark_lines, benchmark_table, elsewhere_table, write_benchmark
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
     from vfoa.errors import VfoaError
@@ -198,12 +192,14 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
             except VfoaError as error:
                 left_out.append(f"{name}: not run: {error}.")
     table = benchmark_table(scores, left_out)
-    print_reports([table])
     if not scores:
+        print_reports([table])
         raise typer.Exit(1)
-    for line in benchmark_lines(scores):
+    tables = table, elsewhere_table(scores)
+    print_reports(tables)
+    for line in benchmark_lines(scores, tables[1]):
         say(line)
-    say(f"Page: {write_benchmark(out, scores, table)} (table: benchmark.md, benchmark.csv)")
+    say(f"Page: {write_benchmark(out, scores, tables)} (table: benchmark.md, benchmark.csv)")
 
 
 def _run_paper_cases(out: str | None) -> None:

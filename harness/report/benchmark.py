@@ -6,24 +6,18 @@ folder of its own. What is not on this machine is left out, and the reason is sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import load_manifest
-from harness.files.io import atomic_write
 from harness.files.parsing import parse_assignment
 from harness.pipeline.configuration import METHODS as KNOWN
 from harness.pipeline.configuration import Configuration, merged, reads_clip
 from harness.remote import expand
-from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
-from harness.report.page.render import render_tables
-from harness.report.verdict import verdict_lines
 from harness.run.directory import FITTED_ON_REPORTED
 from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
-from harness.score.calibration import reliabilities
-from harness.score.score import Scores
 from vfoa.config import read_steps
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -45,9 +39,16 @@ _LEFT_OUT: Tables = {name: {**METHODS[name], "weights": "left-out"} for name in 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """What methods are tried on: an experiment with some settings, and the methods that differ or are only there."""
+    """What methods are tried on: an experiment with some settings, and the methods that differ or are only there.
+
+    ``setting`` is where it was made; materials of one setting weigh as much together as another one alone. ``left_out``
+    begins the name of the logit's scores with weights of the other settings, in ``vfoa/logit.toml``; None where no
+    setting is in the fit of the weights that ship.
+    """
 
     title: str
+    setting: str
+    left_out: str | None
     experiment: str
     settings: tuple[str, ...] = ()
     methods: Tables = field(default_factory=dict)
@@ -56,18 +57,24 @@ class Material:
 MATERIALS: Mapping[str, Material] = {
     "people_heads": Material(
         title="people, heads alone",
+        setting="people",
+        left_out="people left out, head",
         experiment="people",
         settings=("gaze.model=none",),
         methods=_LEFT_OUT,
     ),
     "people_gaze_11": Material(
         title="people, gaze 11 deg off",
+        setting="people",
+        left_out="people left out, both",
         experiment="people",
         settings=("gaze.model=simulated", "gaze.error_deg=11.1"),
         methods=_LEFT_OUT,
     ),
     "conversation": Material(
         title="conversation, heads alone",
+        setting="conversation",
+        left_out="conversation left out, head",
         experiment="conversation",
         methods={
             "idiap_hmm": {
@@ -76,22 +83,25 @@ MATERIALS: Mapping[str, Material] = {
             }
         },
     ),
-    "rendered": Material(title="rendered clips", experiment="demo", settings=("stereo.matcher=sgbm",)),
-    "drawn": Material(title="drawn scenes", experiment="drawn"),
-    "bandage_2": Material(title="drawn film", experiment="bandage_2", settings=("stereo.matcher=sgbm",)),
+    "rendered": Material(
+        title="rendered clips",
+        setting="rendered clips",
+        left_out="rendered left out, both",
+        experiment="demo",
+        settings=("stereo.matcher=sgbm",),
+    ),
+    "drawn": Material(
+        title="drawn scenes", setting="drawn scenes", left_out="drawn left out, both", experiment="drawn"
+    ),
+    "bandage_2": Material(
+        title="drawn film",
+        setting="drawn film",
+        left_out=None,
+        experiment="bandage_2",
+        settings=("stereo.matcher=sgbm",),
+    ),
 }
 """By name, which is the folder of its run. ``drawn`` is an experiment that ``scripts/drawn_clips.py`` writes."""
-
-RULE = "rule: "
-"""How the row of the best simple rule begins."""
-
-_NOTES = (
-    "FRR: correct / annotated (frame, subject) pairs. Balanced: mean of the shares of right pairs with a true target "
-    "and of those whose label is none. 95 %: as in the report of the material's run.",
-    "Log loss and ECE (expected calibration error): of methods that give probabilities; lower is better.",
-    "rule: the best simple rule on the same frames that has not seen their labels; see the run's table of baselines.",
-    "logit on people: fitted to the other people. Elsewhere its weights are those that ship with vfoa.",
-)
 
 
 def changed_methods(overrides: Iterable[str]) -> Tables:
@@ -169,52 +179,3 @@ def _missing_answers(settings: MethodSettings, clips: Iterable[str]) -> Path | N
 
 def _with_method(base: Configuration, name: str, settings: MethodSettings) -> Configuration:
     return replace(base, name=name, factors={}, attend=base.attend.model_copy(update={"attention": settings}))
-
-
-def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str] = ()) -> Table:
-    """The table of all materials, by their names; ``left_out`` are sentences on what is not in it."""
-    warnings = (
-        f"{name}: {note}" for name, of in scores.items() for note in of.notes if note.startswith(FITTED_ON_REPORTED)
-    )
-    return Table.of(
-        "Every method on every material",
-        "Material | Method | n | Clips | FRR % | 95 % | Balanced % | Log loss | ECE",
-        (row for name, of_material in scores.items() for row in _rows(MATERIALS[name].title, of_material)),
-        words=2,
-        notes=(*_NOTES, *warnings, *left_out),
-    )
-
-
-def benchmark_lines(scores: Mapping[str, Scores]) -> list[str]:
-    """The answer, a line for each material: its best method, and whether it beats the best simple rule."""
-    return [f"{MATERIALS[name].title}: {' '.join(verdict_lines(of)[:2])}" for name, of in scores.items()]
-
-
-def write_benchmark(folder: Path, scores: Mapping[str, Scores], table: Table) -> Path:
-    """Write the table as Markdown and CSV, and as a page that links the report of each material; return the page.
-
-    The runs of the materials are in ``folder``, by name.
-    """
-    atomic_write(folder / "benchmark.md", to_markdown(table))
-    atomic_write(folder / "benchmark.csv", to_csv(table))
-    methods = {row.configuration for of in scores.values() for row in of.overall()}
-    facts = [f"{len(scores)} of {len(MATERIALS)} materials", f"{len(methods)} methods"]
-    links = {MATERIALS[name].title: f"{name}/report.html" for name in scores}
-    page = folder / "benchmark.html"
-    atomic_write(page, render_tables("Every method on every material", facts, benchmark_lines(scores), [table], links))
-    return page
-
-
-def _rows(title: str, scores: Scores) -> Iterator[tuple[object, ...]]:
-    """The rows of a material: the best simple rule, then the methods."""
-    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.outcomes)}
-    rows = scores.overall()
-    for row in rows[:1]:
-        rule = row.best_baseline
-        rates = percent(row.baselines[rule]), UNKNOWN, percent(row.baselines_balanced[rule])
-        yield (title, RULE + rule.replace("_", " "), row.n, row.clips, *rates, UNKNOWN, UNKNOWN)
-    for row in rows:
-        error = errors.get(row.configuration)
-        rates = percent(row.frr), percent_range(row.interval), percent(row.metrics["balanced_frr"])
-        losses = number(row.metrics["log_loss"], 3), UNKNOWN if error is None else number(error, 3)
-        yield (title, row.configuration, row.n, row.clips, *rates, *losses)

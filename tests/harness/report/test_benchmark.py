@@ -11,11 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.report import benchmark
-from harness.report.benchmark import METHODS, RULE, Material
+from harness.report import benchmark, benchmark_tables
+from harness.report.benchmark import METHODS, Material
+from harness.report.benchmark_tables import RULE
+from scripts.quoted_figures import tables
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
 from vfoa.errors import VfoaError
+from vfoa.logit import shipped_fit
 
 
 @pytest.fixture
@@ -29,12 +32,13 @@ def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_text(tmp_path / "experiments" / "gone.toml", EXPERIMENT.replace('"talk"', '"gone"'))
     wide = {"wide": {"cones_cm": [60]}}
     materials = {
-        "first": Material(title="first", experiment="talk"),
-        "second": Material(title="second", experiment="talk", methods=wide),
-        "third": Material(title="third", experiment="gone"),
-        "fourth": Material(title="fourth", experiment="nowhere"),
+        "first": Material(title="first", setting="talk", left_out="people left out, head", experiment="talk"),
+        "second": Material(title="second", setting="talk", left_out=None, experiment="talk", methods=wide),
+        "third": Material(title="third", setting="third", left_out=None, experiment="gone"),
+        "fourth": Material(title="fourth", setting="fourth", left_out=None, experiment="nowhere"),
     }
     monkeypatch.setattr(benchmark, "MATERIALS", materials)
+    monkeypatch.setattr(benchmark_tables, "MATERIALS", materials)
     return tmp_path
 
 
@@ -74,6 +78,21 @@ def test_a_row_is_that_of_the_run_in_the_materials_folder(talk: Path) -> None:
     assert (talk / "out" / "first" / "report.html").is_file()
 
 
+def test_a_method_is_compared_where_it_has_seen_no_label(talk: Path) -> None:
+    """Both materials are one setting; the first one is in the fit of the logit's weights, the second is not."""
+    _run("--out", "out")
+    title, found = "Methods in settings that nobody labelled", tables(talk / "out" / "benchmark.md")
+    (table,) = (each for each in found if each.title == title)
+    rows = {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
+    of_run = {row["Method"]: row for row in _table(talk / "out" / "benchmark.csv") if row["Material"] == "second"}
+    assert rows["posterior"]["talk"] == f"{of_run['posterior']['Log loss']} / {of_run['posterior']['Balanced %']}"
+    of_fit = next(row for row in shipped_fit()["held_out"] if row["method"] == "people left out, head, forward")
+    expected = (of_fit["log_loss"] + float(of_run["logit"]["Log loss"])) / 2
+    assert float(rows["logit"]["Mean log loss"]) == pytest.approx(expected, abs=1e-3)
+    assert rows["two_cones"]["Mean log loss"] == "–"
+    assert [*rows][-2:] == ["nearest_15", "two_cones"]
+
+
 def test_answers_of_ones_own_stand_beside_where_they_are(talk: Path) -> None:
     lines = [line.split(",") for line in true_labels().splitlines()[2:]]
     rows = [f"{n},{who},{what}" for a, b, who, what, _ in lines for n in range(int(a), int(b) + 1)]
@@ -88,7 +107,9 @@ def test_answers_of_ones_own_stand_beside_where_they_are(talk: Path) -> None:
 
 
 def test_without_any_material_there_is_no_table(talk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmark, "MATERIALS", {"third": Material(title="third", experiment="gone")})
+    monkeypatch.setattr(
+        benchmark, "MATERIALS", {"third": Material(title="third", setting="third", left_out=None, experiment="gone")}
+    )
     assert CliRunner().invoke(app, ["run", "benchmark"]).exit_code == 1
     assert not (talk / "runs").exists()
 
