@@ -1,4 +1,7 @@
-"""A first clip of one's own, from five kinds of sources: the commands that `vfoa clips add` names work, in order."""
+"""A first clip of one's own on a machine that has some models: the commands that `vfoa clips add` names work, in order.
+
+Without any model, and from other sources: tests/test_own_recording.py.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,7 @@ from tests.annotating import served_by_the_program
 from tests.command import vfoa
 from tests.depth_recordings import Lens, Shot, write_take
 from tests.disk import picture
-from tests.harness.clips.adding import NUMBERS, images, recording, wide_video
-from tests.measured import measured_tables
+from tests.harness.clips.adding import NUMBERS, images
 
 
 def realsense_bag(root: Path) -> Path:
@@ -26,15 +28,8 @@ def realsense_bag(root: Path) -> Path:
 
 SOURCES: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "stereo-folder": (lambda root: images(root, "left/{}.png", "right/{}.png"), NUMBERS),
-    "side-by-side-video": (lambda root: wide_video(root / "zed.avi"), NUMBERS),
     "realsense-bag": (realsense_bag, ()),
-    "mcap": (lambda root: recording(root / "table.mcap"), ()),
-    "measured-heads": (measured_tables, ()),
 }
-
-
-LABELLED = ("stereo-folder", "realsense-bag")
-"""Sources for which the labelling page is opened: of pairs, and of colour and depth."""
 
 
 @pytest.mark.parametrize("kind", SOURCES)
@@ -57,14 +52,10 @@ def test_a_source_becomes_a_table_by_the_commands_that_adding_names(
         return out.splitlines()
 
     told = run("clips", "add", str(make(tmp_path / "source")), "--name", "mine", *options)
-    if kind != "measured-heads":  # which name their people themselves
-        told = run(*shlex.split(told[-1])[1:])
+    told = run(*shlex.split(told[-1])[1:])  # the same command with names of people and things
     commands = [shlex.split(line.removeprefix("next: vfoa ")) for line in told if line.startswith("next: vfoa")]
-    labelled = [] if kind == "measured-heads" else ["annotate"]
-    assert [command[0] for command in commands] == ["clips", *labelled, "run"]
+    assert [command[0] for command in commands] == ["clips", "annotate", "run"]
     for command in commands:
-        if command[0] == "annotate" and kind not in LABELLED:
-            continue
         if command[0] == "annotate":
             with served_by_the_program(Path.cwd(), command[1]) as (_, address):
                 assert address.startswith("http://127.0.0.1")
