@@ -197,6 +197,20 @@ MUTATIONS = (
         "if False:",
         "harness/run/test_recordings_kept.py",
     ),
+    Mutation(
+        "recordings made for some configurations count as whole for others",
+        "harness/record/recorder.py",
+        "if noted and {*configurations} <= {*noted.configurations} else None",
+        "if noted else None",
+        "harness/record/test_layers.py",
+    ),
+    Mutation(
+        "a clip is perceived again though its scenes are whole",
+        "harness/run/loop.py",
+        "    if job.is_perceived(decided, context):\n",
+        "    if False:\n",
+        "harness/run/test_failing.py",
+    ),
     # labels and sources
     Mutation(
         "states of BORIS pair by behaviour alone",

@@ -12,7 +12,7 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.reading import ids_of
-from harness.record.recorder import Recorder, SharedRecorder
+from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.table_records import TableReader, read_records
@@ -110,6 +110,16 @@ def test_a_clip_that_cannot_be_read_to_the_end_has_no_recordings(frames, tmp_pat
         recorder.write(seen_by({"one": frames[0]}))
         raise VfoaError("unreadable")
     assert list(tmp_path.glob("*.rrd")) == []
+
+
+def test_colours_are_noted_for_the_configurations_that_were_recorded_together(shared):
+    names = list(shared.configurations)
+    colours = noted_colours(shared.files, names)
+    assert list(colours.known) == ["red cup", ANN, "book#4"]
+    assert noted_colours(shared.files, names[:1]).known == colours.known
+    assert noted_colours(shared.files, [*names, "four"]) is None
+    shared.files.noted.unlink()
+    assert noted_colours(shared.files, names) is None
 
 
 def test_verdicts_follow_an_edited_label(shared, read_back):
