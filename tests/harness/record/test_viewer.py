@@ -84,7 +84,7 @@ def test_a_picture_that_is_late_is_awaited(monkeypatch):
 
 @needs_vulkan
 def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(frames, tmp_path, monkeypatch):
-    recorded = write_run(tmp_path / "run", {"one": frames, "two": frames}, subjects=[ANN, "Ben"])
+    recorded = write_run(tmp_path / "run", {"one": frames, "two": frames}, names=["red cup", ANN, "Ben"])
     clip = replace(find_clips(recorded.run, None, None)[0], subjects=(ANN, "Ben"))
     one, excerpt = clip.compose(), tmp_path / "excerpt.rrd"
     write_excerpt(one, 25, 13, 1, excerpt)

@@ -90,7 +90,7 @@ def server(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Server]:
     else:
         (tmp_path / "one.rrd").write_bytes(bytes(1000))
         recordings = {"one": Composed(name="one", files=(tmp_path / "one.rrd",))}
-        with running(site(recordings, page_files(), page=lambda: "<!doctype html>")) as served:
+        with running(site(recordings, page_files(), page=lambda where: "<!doctype html>")) as served:
             yield Server(served.address, ("/", "/viewer/", "/viewer/viewer.js", "/files/0/0.rrd"), None)
 
 
