@@ -71,6 +71,12 @@ let did = 0;
 const count = async () => { did += 1; };
 new MutationObserver((changes) => { did += changes.length; }).observe(document, {
     subtree: true, childList: true, attributes: true, characterData: true});
+document.addEventListener('submit', (event) => {
+    if (event.target.method === 'get' && !event.defaultPrevented) {
+        event.preventDefault();  // the page would be loaded anew, without this script
+        did += 1;
+    }
+});
 Object.defineProperty(navigator, 'clipboard', {value: {write: count, writeText: count}});
 (async () => {
     const dead = [];
