@@ -347,8 +347,9 @@ def test_a_look_is_labelled_beside_the_viewer_and_the_next_failure_is_shown(run:
     from selenium.webdriver import ActionChains
     from selenium.webdriver.support.select import Select
 
-    def place() -> str:
-        return failures.find_element("id", "place").text
+    def place() -> str | None:  # the page may be loaded anew meanwhile
+        place: str | None = failures.execute_script("return document.getElementById('place')?.textContent.trim()")
+        return place
 
     Select(failures.find_element("name", "configuration")).select_by_value("two")
     failures.find_element("id", "next").click()
