@@ -207,7 +207,7 @@ MUTATIONS = (
     Mutation(
         "a clip is perceived again though its scenes are whole",
         "harness/run/loop.py",
-        "    if job.is_perceived(decided, context):\n",
+        "    if job.is_perceived(known.values(), context):\n",
         "    if False:\n",
         "harness/run/test_failing.py",
     ),

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias, TypeVar, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import Pair, RunDirectory
@@ -52,8 +52,11 @@ class FinishedFrame:
     timings: Timings
 
 
-class FrameSink(Protocol):
-    """Takes the finished frames of one clip under one configuration, in order, and does not change them.
+_Frame = TypeVar("_Frame", contravariant=True)
+
+
+class Sink(Protocol[_Frame]):
+    """Takes the frames of one clip, in order, and does not change them.
 
     It is a context manager. An exception at the end means that frames are missing: the files must then not look
     complete.
@@ -65,26 +68,18 @@ class FrameSink(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def write(self, frame: FinishedFrame) -> None:
+    def write(self, frame: _Frame) -> None:
         """Take one frame."""
         ...
 
 
-class SceneSink(Protocol):
-    """Takes the frames of one clip as all configurations have perceived them, in order, and does not change them.
+FrameSink: TypeAlias = Sink[FinishedFrame]
+"""Takes the finished frames under one configuration."""
+SceneSink: TypeAlias = "Sink[SharedFrame]"
+"""Takes the frames as all configurations have perceived them.
 
-    It is a context manager, as a :class:`FrameSink`.
-    """
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def write(self, frame: SharedFrame) -> None:
-        """Take one frame. A configuration that has failed so far has its error in place of what it perceived."""
-        ...
+A configuration that has failed so far has its error in place of what it perceived.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

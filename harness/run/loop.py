@@ -97,9 +97,9 @@ class ClipJob:
             run_id=self.run_id,
         )
 
-    def is_perceived(self, decided: Mapping[str, tuple[Identity, Identity]], context: ClipContext) -> bool:
+    def is_perceived(self, keys: Iterable[Keys], context: ClipContext) -> bool:
         """Whether the scenes of all configurations are there, and all that the sinks of the clip have written."""
-        return all(has_scene(self.directory, self.manifest.name, keys) for keys in keys_of(decided).values()) and all(
+        return all(has_scene(self.directory, self.manifest.name, each) for each in keys) and all(
             factory.is_whole(context) for factory in self.sinks if isinstance(factory, SceneSinkFactory)
         )
 
@@ -136,8 +136,9 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     context, tallies = job.context(clip), tuple[Tally, ...]()
-    if job.is_perceived(decided, context):
-        perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
+    known = keys_of(decided)
+    if job.is_perceived(known.values(), context):
+        perceived: dict[str, Keys | VfoaError] = dict(known)
         for _ in job.frames:
             progress(job.manifest.name)
     else:
