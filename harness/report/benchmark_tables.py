@@ -68,7 +68,8 @@ def elsewhere_table(scores: Mapping[str, Scores]) -> Table:
 
     The logit has weights that were fitted on the other settings.
     """
-    of_methods = {name: _by_setting(name, scores) for name in UNFITTED}
+    of_runs = {name: _of_run(of_material) for name, of_material in scores.items()}
+    of_methods = {method: _by_setting(method, of_runs) for method in UNFITTED}
     settings = list(dict.fromkeys(MATERIALS[name].setting for name in scores))
     means = {name: Rates.mean(rates.values()) for name, rates in of_methods.items() if rates}
     ranked = sorted(means, key=lambda name: (math.isnan(means[name].log_loss), means[name].log_loss))
@@ -96,17 +97,16 @@ def elsewhere_table(scores: Mapping[str, Scores]) -> Table:
     )
 
 
-def _by_setting(method: str, scores: Mapping[str, Scores]) -> dict[str, Rates]:
-    """The rates of a method that has seen no label of the setting."""
+def _by_setting(method: str, of_runs: Mapping[str, Mapping[str, Rates]]) -> dict[str, Rates]:
+    """The rates of a method that has seen no label of the setting; without those in which it failed."""
     found: dict[str, list[Rates]] = {}
-    for name, of_material in scores.items():
+    for name, of_run in of_runs.items():
         material = MATERIALS[name]
-        if method == "logit" and material.left_out is not None:
-            rates = [_of_fit(f"{material.left_out}, forward")]
-        else:
-            rates = _of_run(method, of_material)
-        found.setdefault(material.setting, []).extend(rates)
-    return {setting: Rates.mean(rates) for setting, rates in found.items() if rates}
+        is_fitted = method == "logit" and material.left_out is not None
+        rates = _of_fit(f"{material.left_out}, forward") if is_fitted else of_run.get(method)
+        if rates is not None:
+            found.setdefault(material.setting, []).append(rates)
+    return {setting: Rates.mean(rates) for setting, rates in found.items()}
 
 
 def _of_fit(name: str) -> Rates:
@@ -114,14 +114,15 @@ def _of_fit(name: str) -> Rates:
     return Rates(row["log_loss"], row["calibration_error"], row["balanced_frr"])
 
 
-def _of_run(method: str, scores: Scores) -> list[Rates]:
-    """The rates of a method; none if it failed."""
+def _of_run(scores: Scores) -> dict[str, Rates]:
+    """The rates of each method of a run."""
     errors = {each.configuration: each.calibration_error for each in reliabilities(scores.outcomes)}
-    return [
-        Rates(row.metrics["log_loss"], errors.get(method, math.nan), row.metrics["balanced_frr"])
+    return {
+        row.configuration: Rates(
+            row.metrics["log_loss"], errors.get(row.configuration, math.nan), row.metrics["balanced_frr"]
+        )
         for row in scores.overall()
-        if row.configuration == method
-    ]
+    }
 
 
 def _loss_and_rate(rates: Rates | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from harness.report.comparisons import shared_folder
+from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
 from harness.score.compared_runs import Change, ComparedRuns
 from harness.score.comparison import Comparison, identical_on
@@ -45,7 +45,7 @@ def _identical_runs(compared: ComparedRuns, shared: str) -> Iterator[str]:
             of_runs.setdefault((reference, run), []).append(comparison)
     for (reference, run), comparisons in of_runs.items():
         if all(comparison.is_identical for comparison in comparisons):
-            names = " and ".join(f"{each}/".removeprefix(shared).rstrip("/") for each in (reference, run))
+            names = " and ".join(run_in_words(each, shared) for each in (reference, run))
             many = "1 configuration" if len(comparisons) == 1 else f"{len(comparisons)} configurations"
             yield f"{names}: {identical_on(sum(comparison.n for comparison in comparisons))} of {many}."
 

@@ -139,6 +139,11 @@ def shared_folder(names: Iterable[str]) -> str:
     return "".join(f"{level[0]}/" for level in takewhile(lambda level: len(set(level)) == 1, levels))
 
 
+def run_in_words(run: object, shared: str) -> str:
+    """The path of a run without the :func:`shared_folder` of the names."""
+    return f"{run}/".removeprefix(shared).rstrip("/")
+
+
 def ablation_table(scores: Scores) -> Table:
     """Points of FRR that each stage costs, over all clips; no rows for a run without ``--oracle``."""
     return Table.of(

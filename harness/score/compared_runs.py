@@ -80,9 +80,8 @@ class ComparedRuns:
 
         Seeds are compared one by one.
         """
-        verdicts = {
-            name: _verdicts(self.scores[run], configuration) for name, (run, configuration) in self.places.items()
-        }
+        of_runs = {run: _verdicts(scores) for run, scores in self.scores.items()}
+        verdicts = {name: of_runs[run].get(configuration, {}) for name, (run, configuration) in self.places.items()}
         for comparison in self.comparisons:
             reference, configuration = (verdicts[name] for name in comparison.names)
             for track, before in reference.items():
@@ -158,13 +157,14 @@ def _counterpart(run: Path, name: str, baseline: Path, places: Mapping[str, tupl
     return counterpart
 
 
-def _verdicts(scores: Scores, configuration: str) -> dict[tuple[str, str, str], dict[int, Verdict]]:
-    """The scored verdicts of a configuration by clip, subject and seed, and by frame in order."""
-    found: dict[tuple[str, str, str], dict[int, Verdict]] = {}
+def _verdicts(scores: Scores) -> dict[str, dict[tuple[str, str, str], dict[int, Verdict]]]:
+    """The scored verdicts of each configuration by clip, subject and seed, and by frame in order."""
+    found: dict[str, dict[tuple[str, str, str], dict[int, Verdict]]] = {}
     for verdict in scores.verdicts:
-        if verdict.outcome != "unscored" and base_of(verdict.configuration) == configuration:
-            seed = verdict.configuration.removeprefix(configuration)
-            found.setdefault((verdict.clip, verdict.subject, seed), {})[verdict.frame] = verdict
+        if verdict.outcome != "unscored":
+            configuration = base_of(verdict.configuration)
+            track = verdict.clip, verdict.subject, verdict.configuration.removeprefix(configuration)
+            found.setdefault(configuration, {}).setdefault(track, {})[verdict.frame] = verdict
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote, urlencode
 
 from harness.report.compared_runs import changes_table, compared_lines, ranking_table
-from harness.report.comparisons import comparison_table, shared_folder, verdict_in_words
+from harness.report.comparisons import comparison_table, run_in_words, shared_folder, verdict_in_words
 from harness.report.formats import percent_range, points, points_range
 from harness.report.page.packing import pack_json
 from harness.report.page.render import counted, plain_table, script, template
@@ -103,7 +103,7 @@ def _pair_label(compared: ComparedRuns, comparison: Comparison, shared: str) -> 
     """``two: b vs a`` for a configuration of two runs, ``a/two vs a/one`` for others."""
     (reference_run, reference), (run, configuration) = (compared.places[name] for name in comparison.names)
     if reference == configuration:
-        runs = (f"{each}/".removeprefix(shared).rstrip("/") for each in (run, reference_run))
+        runs = (run_in_words(each, shared) for each in (run, reference_run))
         return f"{configuration}: {' vs '.join(runs)}"
     return " vs ".join(name.removeprefix(shared) for name in reversed(comparison.names))
 
