@@ -76,6 +76,11 @@ def label_and_draw(clip: str) -> None:
         assert answer.status == 200
 
 
+def as_shown(out: str, home: Path) -> str:
+    """What a command printed, with the paths of the tutorial."""
+    return out.replace(f"{home / 'work'}/", "").replace(str(home), "/home/me")
+
+
 @pytest.mark.parametrize("title", SOURCES)
 def test_a_recording_becomes_a_table_by_the_commands_that_adding_it_prints(
     title: str,
@@ -97,7 +102,7 @@ def test_a_recording_becomes_a_table_by_the_commands_that_adding_it_prints(
                 continue
             code, out, err = vfoa(monkeypatch, capsys, *words)
             assert (code, err) == (0, ""), command
-            printed = out.replace(f"{home}/work/", "").replace(str(home), "/home/me")
+            printed = as_shown(out, home)
             assert is_shown_by(printed, expected), printed
             if command == add:
                 assert told(printed) == [command for command, _ in others]
@@ -118,7 +123,7 @@ def test_measured_heads_become_a_table_by_the_commands_that_adding_them_prints(
     for command, expected in commands:
         code, out, err = vfoa(monkeypatch, capsys, *shlex.split(command)[1:])
         assert (code, err) == (0, ""), command
-        printed = out.replace(f"{home}/work/", "").replace(str(home), "/home/me")
+        printed = as_shown(out, home)
         assert is_shown_by(printed, expected), printed
         if command == add:
             labels = "../talk/gt_first_half.npz"

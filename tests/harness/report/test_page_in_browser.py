@@ -485,20 +485,27 @@ def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(browser: C
     assert browser.find_elements("css selector", "#frame svg.thumbnail") == []
 
 
+def _copy(session: Chrome, figure: str, *kinds: str) -> None:
+    """Copy a figure as each of these kinds; ``window.copied`` are the blobs."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    session.execute_script(
+        "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
+        "window.copied.push(await item.getType(item.types[0]))}}, configurable: true});"
+    )
+    for kind in kinds:
+        button = session.find_element("css selector", f'[aria-label="Copy {figure} as {kind}"]')
+        session.execute_script("arguments[0].click()", button)
+    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == len(kinds))
+
+
 def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, page: Path) -> None:
     session.get("about:blank")
     _open(session, page)
-    session.execute_script(
-        "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
-        "window.copied.push(await (await item.getType(item.types[0])).text())}}, configurable: true});"
+    _copy(session, "Over all clips", "CSV", "SVG")
+    table, figure = session.execute_async_script(
+        "Promise.all(window.copied.map((each) => each.text())).then(arguments[0])"
     )
-    for kind in ("CSV", "SVG"):
-        button = session.find_element("css selector", f'[aria-label="Copy Over all clips as {kind}"]')
-        session.execute_script("arguments[0].click()", button)
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == 2)
-    table, figure = session.execute_script("return window.copied")
     assert table.splitlines()[0] == "clip,configuration,n,looks,frr,low,high,baseline"
     assert table.splitlines()[1].startswith("(all),one,10,")
     with (page.parent / "frr.csv").open(encoding="utf-8", newline="") as file:
@@ -558,16 +565,7 @@ def test_copies_of_figures_hold_every_clip_and_the_legend(session: Chrome, many_
     shown = session.find_element("css selector", "#draw-forest > :last-child .drawing")
     assert "clip 07" in shown.text
     assert "clip 08" not in shown.text
-    session.execute_script(
-        "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
-        "window.copied.push(await item.getType(item.types[0]))}}, configurable: true});"
-    )
-    for kind in ("SVG", "PNG"):
-        button = session.find_element("css selector", f'[aria-label="Copy By clip as {kind}"]')
-        session.execute_script("arguments[0].click()", button)
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == 2)
+    _copy(session, "By clip", "SVG", "PNG")
     drawing = session.execute_async_script(
         "window.copied.find((each) => each.type.startsWith('text')).text().then(arguments[0])"
     )
