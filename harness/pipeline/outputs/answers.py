@@ -1,8 +1,7 @@
 """Answers of another system as a method of attention, from a table (:mod:`harness.pipeline.outputs.answer_tables`).
 
 Answers are joined by name, so they count whether or not this pipeline found the person or the object: what it did not
-find is added to the scene without a box. Of a point the target is the object whose mask holds it (in a frame without
-masks: the smallest box).
+find is added to the scene without a box. Of a point the target is the object whose mask holds it.
 """
 
 from __future__ import annotations
