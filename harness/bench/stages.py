@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
-from harness.pipeline.configuration import Configuration
+from harness.pipeline.configuration import Configuration, clouds_of
 from harness.pipeline.drawn import DrawnClip
 from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
@@ -72,12 +72,12 @@ def measure_stages(
             frames=tuple(frames),
             configurations=tuple(configurations),
             directory=directory,
+            clouds=clouds_of(configurations),
             sinks=(recordings(configurations), ThumbnailSinks()),
             drawn=drawn,
         )
-        for outcome in [run_clip(job, lambda clip: None)]:
-            for error in outcome.failures.values():
-                raise error
+        for error in run_clip(job, lambda clip: None).failures.values():
+            raise error
         directory.join_timings(job.pairs)
         return _costs(directory, job)
 

@@ -10,7 +10,7 @@ that belongs to the clip (its ground truth, files of other programs) and is buil
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -301,6 +301,11 @@ class Configuration:
         attend = self.attend.model_dump(mode="json")
         drawn = self.drawn.model_dump(mode="json")
         return {**stages, "drawn": drawn, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
+
+
+def clouds_of(configurations: Iterable[Configuration]) -> tuple[int, ...]:
+    """The numbers of points that the methods of these configurations use of a target's cloud."""
+    return tuple(sorted({each.attend.attention.cloud_points for each in configurations} - {0}))
 
 
 def merged(tables: Tables, over: Tables) -> Tables:

@@ -6,7 +6,7 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from itertools import chain, repeat
@@ -15,7 +15,7 @@ from pathlib import Path
 from harness.files.digests import KNOWN
 from harness.pipeline.cache import Account, open_cache
 from harness.pipeline.cache_store import Store
-from harness.pipeline.configuration import STAGES, Configuration
+from harness.pipeline.configuration import STAGES, Configuration, clouds_of
 from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
@@ -194,16 +194,11 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         run_id=directory.read_manifest()["run_id"],
         sinks=plan.sinks,
         drawn=prepared.drawn,
-        clouds=_clouds(configuration.for_clip(clip) for configuration in configurations),
+        clouds=clouds_of(configuration.for_clip(clip) for configuration in configurations),
         digest=prepared.digest,
         known=dict(KNOWN),
         cache=cache,
     )
-
-
-def _clouds(configurations: Iterable[Configuration]) -> tuple[int, ...]:
-    """The numbers of points that the methods use of a target's cloud."""
-    return tuple(sorted({each.attend.attention.cloud_points for each in configurations} - {0}))
 
 
 Unchanged = Callable[[], AbstractContextManager[None]]

@@ -45,10 +45,10 @@ class ClipJob:
     frames: tuple[int, ...]
     configurations: tuple[Configuration, ...]
     directory: RunDirectory
+    clouds: tuple[int, ...]
     run_id: str = field(default_factory=new_run_id)
     sinks: tuple[SinkFactory, ...] = ()
     drawn: DrawnClip | None = None
-    clouds: tuple[int, ...] = ()
     digest: str | None = None
     known: Mapping[str, str] = field(default_factory=dict)
     cache: ClipCache | None = None

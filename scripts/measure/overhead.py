@@ -15,7 +15,7 @@ from pathlib import Path
 
 from harness.pipeline.cache import ClipCache, open_cache
 from harness.pipeline.cache_store import Store
-from harness.pipeline.configuration import Configuration
+from harness.pipeline.configuration import Configuration, clouds_of
 from harness.report.formats import Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
@@ -92,6 +92,7 @@ def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path
         frames=clip.frames,
         configurations=plan.experiment.configurations,
         directory=RunDirectory(out),
+        clouds=clouds_of(plan.experiment.configurations),
         sinks=sinks,
         cache=cache,
         drawn=clip.drawn,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from harness.bench.attention import SIZES, time_methods
 from harness.bench.gpu import measure_gpu
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
+from harness.bench.stages import measure_stages
 from harness.cli import main
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from tests import graphs
+from vfoa.bayes import BayesSettings
 
 CLIP = "studio_table"
 FRAMES = (1, 2, 3)
@@ -29,6 +32,16 @@ def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
         assert speed.fps > 0
         assert speed.stereo is not None
         assert speed.stereo.frames == len(FRAMES)
+
+
+def test_stages_are_timed_for_a_method_that_uses_clouds() -> None:
+    configuration = load_experiment("demo", clips=(CLIP,)).configurations[0]
+    attend = configuration.attend.model_copy(update={"attention": BayesSettings(method="bayes")})
+    assert attend.attention.cloud_points
+    (costs,) = measure_stages(load_manifest(CLIP), [replace(configuration, attend=attend)], FRAMES, None)
+    assert costs.frames == len(FRAMES)
+    assert min(costs.stages_ms["attention"]) > 0
+    assert costs.recording_bytes
 
 
 def test_rows_whose_models_are_not_here_are_left_out_with_a_note(

@@ -103,6 +103,7 @@ def _job(out: Path, *sinks: SinkFactory) -> ClipJob:
         frames=(1, 2),
         configurations=tuple(chosen),
         directory=RunDirectory(out),
+        clouds=(),
         sinks=sinks,
     )
 
