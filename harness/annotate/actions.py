@@ -48,7 +48,7 @@ def edited(
         case "look":
             return look(track, at, action.target or "", action.point_px)
         case "range":
-            return mark_range(at, action.last, action.target)
+            return mark_range(track, at, action.last, action.target)
         case "clear":
             return clear(track, at)
         case "nudge":
@@ -73,23 +73,37 @@ def look(
 ) -> list[Stretch]:
     """The subject looks at a target from a position on, until the mark changes.
 
-    After the position the mark is carried on, except over frames that a person has labelled before.
+    After the position the mark is carried on, except over frames that a person has labelled before. Frames keep their
+    tags.
     """
     _, last = stretch_at(track, at, same_target=True)
-    here = Mark(target=target, point_px=point_px)
-    carried = replace(here, carried=True)
-    new = [here if position == at or _is_given(track[position]) else carried for position in range(last + 1)]
+    new = [
+        Mark(
+            target=target,
+            point_px=point_px,
+            tags=old.tags if old else (),
+            carried=position != at and not _is_given(old),
+        )
+        for position, old in enumerate(track[: last + 1])
+    ]
     return list(stretches(new, at, last))
 
 
-def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
-    """The subject looks at a target from one position to another; None removes the labels."""
-    return [Stretch(first=first, last=last, mark=None if target is None else Mark(target=target))]
+def mark_range(track: Sequence[Mark | None], first: int, last: int, target: str | None) -> list[Stretch]:
+    """The subject looks at a target from one position to another; None removes the labels.
+
+    Frames that were labelled keep their note and tags.
+    """
+    plain = None if target is None else Mark(target=target)
+    if plain is None or not 0 <= first <= last < len(track):  # the store refuses such positions
+        return [Stretch(first=first, last=last, mark=plain)]
+    new = [replace(plain, note=old.note, tags=old.tags) if old else plain for old in track]
+    return list(stretches(new, first, last))
 
 
 def clear(track: Sequence[Mark | None], at: int) -> list[Stretch]:
     """Remove the labels from a position until the target changes."""
-    return mark_range(at, stretch_at(track, at, same_target=True)[1], None)
+    return mark_range(track, at, stretch_at(track, at, same_target=True)[1], None)
 
 
 def move_change(track: Sequence[Mark | None], at: int, to: int) -> list[Stretch]:

@@ -145,9 +145,10 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     for frame in (correction.first, correction.last):
         if frame not in frames:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
-    stretch = mark_range(frames.index(correction.first), frames.index(correction.last), correction.target)
+    first, last = frames.index(correction.first), frames.index(correction.last)
     with closing(open_store(manifest, directory.read_manifest().get("annotator"), timeline)) as store:
-        store.put(correction.subject, stretch)
+        corrected = mark_range(store.track(correction.subject), first, last, correction.target)
+        store.put(correction.subject, corrected)
         path = store.path
     rescore(directory)
     return path

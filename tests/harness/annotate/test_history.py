@@ -79,7 +79,9 @@ class Clip:
             for frame in FRAMES
         )
         changes: dict[Callable[[History], Any], float] = {
-            lambda made: made.labels.put("ann", actions.mark_range(at, min(at + 4, LAST), free)): 6,
+            lambda made: made.labels.put(
+                "ann", actions.mark_range(made.labels.track("ann"), at, min(at + 4, LAST), free)
+            ): 6,
             lambda made: made.labels.put("ann", actions.look(made.labels.track("ann"), at, name), seen=at): 3,
             lambda made: made.labels.put_labels(labels, ["ann"]): 1,
             lambda made: made.drawing.draw(Draw(name=name, at=at, place=shape)): 3,

@@ -79,8 +79,8 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
     tmp_path: Path,
 ) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
-    store.put("ann", actions.mark_range(5, 6, "book"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 5, 6, "book"))
     assert _targets(_file(tmp_path)) == ["cup", "cup", "ignore", "ignore", "ignore", "book", "book", None]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
@@ -118,7 +118,7 @@ def test_only_suggestions_with_enough_attention_are_accepted(attention: float, a
 
 def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(1, 2, "none"))
+    store.put("ann", actions.mark_range(store.track("ann"), 1, 2, "none"))
     store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
     found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
     assert found == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
@@ -134,8 +134,8 @@ def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> Non
 
 def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, LAST, "cup"))
-    store.put("ann", actions.mark_range(3, 4, "ignore"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
     store.put("ann", actions.annotate(store.track("ann"), 4, "eyes shut, blinks"))
     assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
@@ -144,8 +144,8 @@ def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
 
 def test_tags_stay_with_their_label_in_the_file_and_after_a_restart(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, LAST, "cup"))
-    store.put("ann", actions.mark_range(3, 4, "ignore"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
     store.put("ann", actions.annotate(store.track("ann"), 4, "", ("child", "far")))
     store.put("ann", actions.annotate(store.track("ann"), 4, "blinks"))
     tagged = Label(target="ignore", note="blinks", tags=("child", "far"))
@@ -153,6 +153,21 @@ def test_tags_stay_with_their_label_in_the_file_and_after_a_restart(tmp_path: Pa
     assert _file(tmp_path).at(3, "ann") == Label(target="cup")
     store.close()
     assert _open(tmp_path).track("ann")[3] == Mark(target="ignore", note="blinks", tags=("child", "far"))
+
+
+def test_a_new_target_keeps_the_tags_of_the_frames_and_a_range_their_note(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
+    store.put("ann", actions.annotate(store.track("ann"), 4, "blinks", ("far",)))
+    store.put("ann", actions.mark_range(store.track("ann"), 2, 3, "book"))
+    assert store.track("ann")[2:5] == [
+        Mark(target="book"),
+        Mark(target="book", note="blinks", tags=("far",)),
+        Mark(target="ignore", note="blinks", tags=("far",)),
+    ]
+    store.put("ann", actions.look(store.track("ann"), 4, "cup"), seen=4)
+    assert store.track("ann")[4] == Mark(target="cup", tags=("far",))
 
 
 def test_a_note_leaves_those_of_its_neighbours(tmp_path: Path) -> None:
@@ -182,8 +197,8 @@ def test_a_confirmed_suggestion_keeps_its_note(tmp_path: Path) -> None:
 def test_the_id_of_a_change_is_known_also_after_a_restart(tmp_path: Path) -> None:
     store = _open(tmp_path)
     with store.under("a"):
-        store.put("ann", actions.mark_range(0, 1, "cup"))
-    store.put("ann", actions.mark_range(2, 3, "cup"))
+        store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 2, 3, "cup"))
     assert store.requests == {"a"}
     store.close()
     assert _open(tmp_path).requests == {"a"}
@@ -210,7 +225,7 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
         store = _open(tmp_path)
     else:
         with pytest.raises(StaleRevisionError):
-            store.put("ann", actions.mark_range(0, 0, "book"))
+            store.put("ann", actions.mark_range(store.track("ann"), 0, 0, "book"))
     assert store.revision > revision
     assert [mark and mark.note for mark in store.track("ben")] == ["by hand"] * 8
     assert (tmp_path / "annotations" / "clip.csv").read_text() == text
@@ -218,9 +233,9 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
 
 def test_a_csv_that_is_put_back_to_the_version_before_the_last_change_stays(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 3, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 3, "cup"))
     before = store.path.read_bytes()
-    store.put("ann", actions.mark_range(0, 3, "book"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 3, "book"))
     store.close()
     store.path.write_bytes(before)
     while store.path.stat().st_ctime_ns <= (tmp_path / "journal.jsonl").stat().st_ctime_ns:  # in one tick of its clock
@@ -265,13 +280,13 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     files = [tmp_path / "journal.jsonl", tmp_path / "annotations" / "clip.csv"]
     before, shown = [path.read_bytes() for path in files], store.state()
     with monkeypatch.context() as patch:
         patch.setattr("harness.annotate.label_store.write_annotations", lambda path, labels: _refuse(0))
         for change in (
-            lambda: store.put("ann", actions.mark_range(4, 5, "book")),
+            lambda: store.put("ann", actions.mark_range(store.track("ann"), 4, 5, "book")),
             lambda: store.step_back("undo"),
             lambda: store.set_changes(store.reassigned("cup", "book")),
         ):
@@ -282,7 +297,7 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
             assert [path.read_bytes() for path in files] == before
             assert store.state() == shown
     assert store.names() == (*TARGETS, *SUBJECTS, "none", "ignore")
-    store.put("ann", actions.mark_range(6, 6, "book"))
+    store.put("ann", actions.mark_range(store.track("ann"), 6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -291,14 +306,14 @@ def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", _refuse)
         with pytest.raises(VfoaError, match=r"journal\.jsonl: cannot be written: No space left on device"):
-            store.put("ann", actions.mark_range(4, 5, "book"))
+            store.put("ann", actions.mark_range(store.track("ann"), 4, 5, "book"))
     assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
-    store.put("ann", actions.mark_range(6, 6, "book"))
+    store.put("ann", actions.mark_range(store.track("ann"), 6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -329,7 +344,7 @@ def _refuse(handle: int) -> None:
 )
 def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     store.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write(f"{line}\n")
@@ -339,7 +354,7 @@ def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: st
 
 def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     store.close()
     journal = tmp_path / "journal.jsonl"
     journal.write_text(journal.read_text().replace('"before"', '"earlier"'))
@@ -352,7 +367,7 @@ def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(tmp_path: Pat
 
 def test_a_note_may_hold_whatever_a_line_may(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     note = "à\u00a0gauche \u200d 目"
     store.put("ann", actions.annotate(store.track("ann"), 0, note))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", note=note)
@@ -377,13 +392,13 @@ def test_wrong_names_and_positions_are_refused_in_one_line(tmp_path: Path) -> No
         ("ann", 3, 2, "cup", "position 3 comes after position 2"),
     ):
         with pytest.raises(VfoaError, match=found):
-            store.put(subject, actions.mark_range(first, last, target))
+            store.put(subject, actions.mark_range(store.track("ann"), first, last, target))
     assert not (tmp_path / "annotations").exists()
 
 
 def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_believed(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 1, "cup"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
     store.close()
     longer = _open(tmp_path, (*FRAMES, 11), ("ann",))
     assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
@@ -459,6 +474,6 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
 
 def test_a_label_over_labels_that_a_person_gave_counts_at_once(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put("ann", actions.mark_range(0, 5, "book"))
+    store.put("ann", actions.mark_range(store.track("ann"), 0, 5, "book"))
     _look(store, 2, "cup")
     assert _targets(_file(tmp_path)) == ["book"] * 2 + ["cup"] * 4 + [None] * 2
