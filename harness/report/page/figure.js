@@ -3,8 +3,8 @@
 import { copyCsv, copyPng, copySvg } from "./copying.js";
 import { button, drawn, element } from "./dom.js";
 
-// `draw(width)` returns an <svg>; `csv()` returns rows of cells. Where a pager shows a part, `all(width)` returns the <svg> of
-// every part: copies and prints have them. Returns a function that draws the figure again.
+// `draw(width)` returns an <svg>; `csv()` returns rows of cells. Where a pager shows a part, `all(width, isPrint)` returns the
+// <svg> of every part: copies and prints have them. Returns a function that draws the figure again.
 export function figure(place, { title, notes = [], controls = [], legend = null, draw, all = (width) => [draw(width)], csv }) {
   const drawing = element("div", { class: "drawing" });
   const copies = element("span", { class: "copies" }, "Copy as ",
@@ -27,7 +27,7 @@ export function figure(place, { title, notes = [], controls = [], legend = null,
   };
   const again = () => {
     const focused = drawing.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-    drawing.replaceChildren(...(printing ? all(width) : [draw(width)]));
+    drawing.replaceChildren(...(printing ? all(width, true) : [draw(width)]));
     if (focused) [...drawing.querySelectorAll("[aria-label]")].find((each) => each.getAttribute("aria-label") === focused)?.focus();
   };
   new ResizeObserver(() => {

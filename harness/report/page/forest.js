@@ -8,6 +8,7 @@ import { data } from "./packs.js";
 import { numberOf, overall, rowsByClip } from "./store.js";
 
 const PAGE = 8;
+const SHORT = 12; // intervals on one axis of a print, so that its parts fill each sheet
 const plain = (rows) => rows.filter((each) => !each.oracle);
 const ends = (each) => (each.low === null ? "no interval" : `95 % ${percent(each.low, 0)}–${percent(each.high, 0)}`);
 const inWords = (each) => `${each.name}${each.clip < 0 ? "" : ` on ${data.clips[each.clip].name}`}: FRR ${percent(each.frr)} %, ` +
@@ -89,7 +90,7 @@ export async function drawForest(place) {
     return ORDERS[order][1] ? found.sort(ORDERS[order][1]) : found;
   };
   const same = { names: groups.map((each) => each.name), from: lowest(byClip) }; // on every page
-  const drawPage = (width, page) => drawByClip(chosen().slice(page * PAGE, (page + 1) * PAGE), width, same);
+  const drawFrom = (first, number, width) => drawByClip(chosen().slice(first, first + number), width, same);
   const turn = (by) => {
     at = Math.min(Math.max(at + by, 0), Math.max(Math.ceil(chosen().length / PAGE) - 1, 0));
     const [from, all] = [at * PAGE, chosen().length];
@@ -105,7 +106,11 @@ export async function drawForest(place) {
     title: "By clip", notes: ["FRR %, 95 % interval of each clip's looks"],
     controls: [choice("Order", Object.entries(ORDERS).map(([key, [words]]) => [key, words]), order, (key) => { order = key; at = 0; turn(0); }), ...many],
     legend: legendOf(rows.map(({ name }) => ({ name, number: numberOf(name) }))),
-    draw: (width) => drawPage(width, at), all: (width) => Array.from({ length: Math.ceil(chosen().length / PAGE) }, (_, page) => drawPage(width, page)),
+    draw: (width) => drawFrom(at * PAGE, PAGE, width),
+    all: (width, isPrint = false) => {
+      const most = isPrint ? Math.max(1, Math.floor(SHORT / rows.length)) : PAGE;
+      return Array.from({ length: Math.ceil(chosen().length / most) }, (_, part) => drawFrom(part * most, most, width));
+    },
     csv: () => asCsv(byClip),
   });
   turn(0);

@@ -583,12 +583,19 @@ def test_copies_of_figures_hold_every_clip_and_the_legend(session: Chrome, many_
     assert not session.find_elements("css selector", "[style*='visibility: hidden']")
 
 
-def test_a_print_holds_every_clip(session: Chrome, many_clips: Path) -> None:
+def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(session: Chrome, many_clips: Path) -> None:
     session.get("about:blank")
     _open(session, many_clips)
+    session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     session.execute_script("window.dispatchEvent(new Event('beforeprint'))")
     figure = session.find_element("css selector", "#draw-forest > :last-child .drawing")
     assert [f"clip {number:02d}" in figure.text for number in range(20)] == [True] * 20
+    for place in ("errors", "timeline", "confusion"):
+        chosen = session.find_element("css selector", f"#draw-{place} select")
+        assert chosen.is_displayed()
+        assert chosen.get_attribute("value") == ("-1" if place == "errors" else "0")
+    assert not any(each.is_displayed() for each in session.find_elements("css selector", "button"))
+    session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
     session.execute_script("window.dispatchEvent(new Event('afterprint'))")
     assert "clip 08" not in figure.text
 
