@@ -125,6 +125,15 @@ def code_digest(modules: tuple[str, ...]) -> str:
     return _digest_of_all(sorted(import_closure(modules)[0].items()))
 
 
+@cache
+def own_code_digest(modules: tuple[str, ...]) -> str:
+    """The digest of the source of several modules, without what they import."""
+    sources = {name: _source(name) for name in modules}
+    if missing := [name for name, path in sources.items() if path is None]:
+        raise ValueError(f"no such module: {missing[0]}")
+    return _digest_of_all([(name, path) for name, path in sources.items() if path])
+
+
 def import_closure(modules: Iterable[str]) -> tuple[dict[str, Path], set[str]]:
     """The source files by module that these modules depend on, themselves included, and the other packages' names."""
     pending = list(modules)

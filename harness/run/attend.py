@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -286,6 +286,20 @@ class Answering:
                     sink.write(finished)
 
 
+_Name = TypeVar("_Name")
+
+
+def _read_together(
+    tables: Mapping[_Name, Mapping[str, Path]], settings: Mapping[_Name, AttendSettings]
+) -> Iterator[list[_Name]]:
+    """Group the names whose scene, directions and number of points of a cloud are the same: they are read once."""
+    alike: dict[tuple[Path, Path, int], list[_Name]] = {}
+    for name, paths in tables.items():
+        key = paths["frames"], paths["directions"], settings[name].attention.cloud_points
+        alike.setdefault(key, []).append(name)
+    yield from alike.values()
+
+
 def attend_clip(
     clip: Clip | MeasuredClip,
     context: ClipContext,
@@ -305,13 +319,11 @@ def attend_clip(
     check
         Called after each frame; an error of it ends all.
     """
-    alike: dict[tuple[object, ...], list[Configuration]] = {}
-    for configuration in configurations:
-        of_scene = sorted(keys[configuration.name].items())
-        alike.setdefault((*of_scene, configuration.attend.attention.cloud_points), []).append(configuration)
+    named = {configuration.name: configuration for configuration in configurations}
+    tables = {name: paths_of(context.directory, context.manifest.name, keys[name]) for name in named}
     errors: dict[str, VfoaError] = {}
-    for group in alike.values():
-        paths = paths_of(context.directory, context.manifest.name, keys[group[0].name])
+    for names in _read_together(tables, {name: each.attend for name, each in named.items()}):
+        group, paths = [named[name] for name in names], tables[names[0]]
         answering = [Answering(clip, context, of, keys[of.name], sinks) for of in group]
         with ExitStack() as opened:
             for each in answering:
@@ -347,12 +359,8 @@ def attend_again(
     tables = dict(find_tables(directory))
     pairs = [pair for pair in tables if not configurations or pair[1] in configurations]
     settings = {name: _changed(plain[name], changes, name) for name in dict.fromkeys(name for _, name in pairs)}
-    alike: dict[tuple[Path, Path, int], list[Pair]] = {}
-    for pair in pairs:
-        paths, points = tables[pair], settings[pair[1]].attention.cloud_points
-        alike.setdefault((paths["frames"], paths["directions"], points), []).append(pair)
     rows: dict[Pair, list[Row]] = {pair: [] for pair in pairs}
-    for group in alike.values():
+    for group in _read_together({pair: tables[pair] for pair in pairs}, {pair: settings[pair[1]] for pair in pairs}):
         clip = group[0][0]
         of_clip = {name: _of_clip(settings[name], clip) for _, name in group}
         filtered = {name: filtered_cues(each.model_dump(mode="json")) for name, each in of_clip.items()}

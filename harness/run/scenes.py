@@ -24,8 +24,7 @@ from uuid import uuid4
 import numpy as np
 
 from harness.clips.manifest import ClipManifest
-from harness.files.digests import code_of, file_digest
-from harness.pipeline import ground_truth, measures
+from harness.files.digests import code_of, own_code_digest
 from harness.pipeline.cache import identify, parts_of_clip
 from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn import DrawnClip
@@ -88,15 +87,24 @@ def identities(
         "tracking": configuration.attend.tracking.model_dump(mode="json"),
         "clouds": list(clouds),
         "answers": _answers(configuration.attend.attention, manifest, clip),
-        "code": [code_of(name) for name in ("vfoa.reconstruction", "vfoa.tracking", "harness.clips.naming")],
-        "measures": file_digest(Path(measures.__file__)),
+        "code": [code_of(name) for name in _PLACED_BY],
+        "own code": own_code_digest(_WRITTEN_BY),
     }
     directions = {
         **{slot: stages[slot] for slot in ("head_pose", "gaze")},
         "code": [code_of(name) for name in ("vfoa.eye_origin", "vfoa.gaze.temporal")],
-        "ground truth": file_digest(Path(ground_truth.__file__)),
+        "own code": own_code_digest(("harness.pipeline.ground_truth", "harness.run.records")),
     }
     return scene, directions
+
+
+_PLACED_BY = ("vfoa.reconstruction", "vfoa.tracking", "vfoa.drawn", "vfoa.visible", "harness.clips.naming")
+"""Code that decides the values of a scene, with all that it imports."""
+_WRITTEN_BY = (
+    *("vfoa.pipeline", "harness.pipeline.perception", "harness.pipeline.drawn", "harness.pipeline.measures"),
+    *("harness.pipeline.frame_measures", "harness.run.scenes", "harness.run.tables"),
+)
+"""Code that decides them alone: among what it imports are the methods of attention, which do not."""
 
 
 def _answers(settings: MethodSettings, manifest: ClipManifest, clip: Clip | MeasuredClip) -> Identity | None:

@@ -71,7 +71,7 @@ class AnyClip(Protocol):
         """Return the ground truth of one frame. Read by scoring, and by stages configured as ``truth``."""
 
     def digest(self) -> str:
-        """Hexadecimal sha256 of everything that a frame depends on: files' content or settings, not their paths."""
+        """Hexadecimal sha256 of all that a frame and its truth depend on: contents or settings, not paths of files."""
 
 
 class Clip(AnyClip, Protocol):

@@ -69,6 +69,9 @@ _HOLDERS = {
 }
 """The archive of each folder; the views are in the stereo set."""
 
+_TRUTH = {"disparities": "disparity", "segmentation": "instances"}
+"""What each optional folder is the truth of."""
+
 
 class SintelSettings(Settings):
     """The scene and the render pass: ``clean`` (no fog, no blur) or ``final``."""
@@ -148,7 +151,7 @@ class SintelClip:
         check_number(number, self.frames, self._scene)
         missing = {
             name: f"{path}: {_expected(kind)}"
-            for name, kind in (("disparity", "disparities"), ("instances", "segmentation"))
+            for kind, name in _TRUTH.items()
             if not (path := self._path(kind, number)).is_file()
         }
         return Truth(
@@ -158,9 +161,12 @@ class SintelClip:
         )
 
     def digest(self) -> str:
-        """Digest of the images' and cameras' bytes and the frames' numbers."""
-        kinds = f"{self._pass}_left", f"{self._pass}_right", "camdata_left"
-        return digest_files((f"{number} {kind}", self._path(kind, number)) for number in self.frames for kind in kinds)
+        """Digest of the bytes of the images, the cameras and the truth, and the frames' numbers."""
+        kinds = f"{self._pass}_left", f"{self._pass}_right", "camdata_left", *_TRUTH
+        paths = ((number, kind, self._path(kind, number)) for number in self.frames for kind in kinds)
+        return digest_files(
+            (f"{number} {kind}", path) for number, kind, path in paths if kind not in _TRUTH or path.is_file()
+        )
 
     def _path(self, kind: str, number: int) -> Path:
         suffix = "cam" if kind == "camdata_left" else "png"

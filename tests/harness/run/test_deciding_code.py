@@ -5,7 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from harness.files.digests import code_digest, import_closure
+import pytest
+
+from harness.files.digests import code_digest, import_closure, own_code_digest
+from harness.pipeline.configuration import METHODS
+from harness.run import scenes
 from harness.run.experiment import load_experiment
 from harness.run.plan import describe, prepare
 
@@ -18,6 +22,14 @@ def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
     rooms = {name.split(".")[1] for name in modules if name.startswith("harness.")}
     assert not rooms & {"annotate", "bench", "cli", "score", "record", "report", "api"}
     assert describe(plan)["source_sha256"] == code_digest(plan.deciding_modules)
+
+
+def test_scenes_depend_on_what_perceives_and_on_no_method() -> None:
+    modules = import_closure(scenes._PLACED_BY)[0].keys() | {*scenes._WRITTEN_BY}
+    assert {"vfoa.eye_origin", "vfoa.boxes", "harness.run.scenes", "harness.pipeline.perception"} <= modules
+    assert not modules & {place.partition(":")[0] for place in METHODS.builtin.values()}
+    with pytest.raises(ValueError, match=r"no such module: harness\.run\.seens"):
+        own_code_digest(("harness.run.scenes", "harness.run.seens"))
 
 
 def test_modules_of_folders_without_init_count_though_nothing_has_imported_them(tmp_path: Path, monkeypatch) -> None:

@@ -83,8 +83,11 @@ def test_the_digest_follows_the_contents_and_not_the_path(root: Path, tmp_path: 
     moved = tmp_path / "moved"
     shutil.copytree(root / "training", moved / "training")
     assert SintelClip(SETTINGS, moved).digest() == before
-    write_image(moved / "training/clean_right/alley/frame_0003.png", picture(7))
-    assert SintelClip(SETTINGS, moved).digest() != before
+    digests = {before}
+    for changed in ("clean_right/alley/frame_0003", "segmentation/alley/frame_0002", "disparities/alley/frame_0001"):
+        write_image(moved / f"training/{changed}.png", picture(7))
+        digests.add(SintelClip(SETTINGS, moved).digest())
+    assert len(digests) == 4
 
 
 @pytest.mark.parametrize("kind", ["clean_right", "camdata_left"])
