@@ -16,6 +16,7 @@ from harness.files.parsing import toml_value
 from harness.remote import local_folder
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
+from harness.report.frames_csv import run_frames
 from harness.report.write import rescore
 from harness.run.directory import MOST, RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
@@ -49,7 +50,7 @@ class IncompleteRunWarning(UserWarning):
 
 
 class RunResults:
-    """A finished run. Its tables are those on disk, as the run or the last ``vfoa score`` wrote them.
+    """A finished run. Its tables of rates are those on disk, as the run or the last ``vfoa score`` wrote them.
 
     Parameters
     ----------
@@ -93,8 +94,11 @@ class RunResults:
 
     @cached_property
     def frames(self) -> pd.DataFrame:
-        """``frames.csv``: every attention value. Columns: :data:`harness.report.csv_tables.FRAMES_COLUMNS`."""
-        return self._table("frames.csv", "predicted")
+        """Every attention value, judged by the present labels: made when asked for, in seconds for minutes of video.
+
+        Columns: :data:`harness.report.frames_csv.FRAMES_COLUMNS`. Raises the errors of :meth:`rescore`.
+        """
+        return _read(io.StringIO("".join(run_frames(self.directory))), "predicted")
 
     @cached_property
     def comparisons(self) -> pd.DataFrame:
@@ -208,11 +212,11 @@ class RunResults:
         rescore(self.directory)
         return RunResults(self.path)
 
-    def _table(self, name: str, *words: str) -> pd.DataFrame:
+    def _table(self, name: str) -> pd.DataFrame:
         path = self.path / name
         if not path.is_file():
             raise VfoaError(f"{path}: no such table; `vfoa score {self.path}` writes it")
-        return _read(path, *words)
+        return _read(path)
 
     def _parquet(self, name: str) -> pd.DataFrame:
         return _frame_of(read_table(self.directory, name))

@@ -162,11 +162,15 @@ _OF_FRAMES = {
 def columns_page() -> str:
     """Every column of the tables for programs."""
     from harness.report import csv_tables as columns
+    from harness.report.frames_csv import FRAMES_COLUMNS
     from harness.run.tables import TABLES
 
     tables = {
         "frr.csv": (columns.frr_columns(), "A row is a subject, a clip, or all of them, under one configuration."),
-        "frames.csv": (columns.FRAMES_COLUMNS, "A row is one target of one subject in one frame."),
+        "frames.csv": (
+            FRAMES_COLUMNS,
+            "Written by `vfoa answers export RUN --format frames`. A row is one target of one subject in one frame.",
+        ),
         "comparisons.csv": (columns.COMPARISON_COLUMNS, "A row is a pair of configurations."),
     }
     lines = ["# Columns", "", "The tables of a run's directory, and the DataFrames of `harness.load_run`.", ""]

@@ -167,7 +167,7 @@ def score_run(folder: Path, records: Iterable[FrameRecord], reference: Reference
 
 
 def texts_of(scores: Scores) -> dict[str, str]:
-    """Every table of a run but ``frames.csv``, by file name."""
+    """Every table of a run, by file name."""
     return render_tables(scores, run_tables(scores))
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tests.recorded import values_of
 
-TABLES = ("frr.csv", "comparisons.csv", "measures.csv", "objects.csv", "oracle_ablation.csv", "frames.csv")
+TABLES = ("frr.csv", "comparisons.csv", "measures.csv", "objects.csv", "oracle_ablation.csv")
 
 RUNS = {
     "demo": ("demo", "--limit", "6"),

@@ -18,6 +18,7 @@ from urllib.request import HTTPCookieProcessor, ProxyHandler, Request, build_ope
 
 import pytest
 
+from harness.report.frames_csv import export_frames
 from tests import own_recordings
 from tests.annotating import served_by_the_program
 from tests.command import vfoa
@@ -109,7 +110,7 @@ def test_a_recording_becomes_a_table_by_the_commands_that_adding_it_prints(
                 commands += others
     assert source.exists()
     assert len(list((home / ".cache" / "vfoa" / "models").iterdir())) == len(NEEDED)
-    rows = csv.DictReader(Path("runs/desk/frames.csv").read_text().splitlines())
+    rows = csv.DictReader(export_frames(Path("runs/desk")).read_text().splitlines())
     answers = {row["frame"]: (row["truth"], row["predicted"]) for row in rows}
     assert [*answers.values()] == [("screen", "screen")] * 2 + [("shelf", "shelf")] * 2
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.report.frames_csv import export_frames
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.pages import BLOCK
@@ -21,7 +22,7 @@ ROW = re.compile(r"^\| ([\w-]+)(?: \(.*?\))? \| 1 \| (\d+) \| (.*?) \|$", re.MUL
 
 def answers(run: str) -> dict[str, tuple[str, str]]:
     """The rate and the answer in the labelled frame of a run, by configuration."""
-    frames = csv.DictReader(Path("runs", run, "frames.csv").read_text().splitlines())
+    frames = csv.DictReader(export_frames(Path("runs", run)).read_text().splitlines())
     rows = [row for row in frames if row["truth"] == "monitor"]
     return {
         row["configuration"]: ("100" if row["outcome"] == "correct" else "0", row["predicted"].strip("()"))

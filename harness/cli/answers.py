@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -18,22 +19,46 @@ def _answers() -> None:
     """Write a run's answers for another program, or another run."""
 
 
-@app.command(name="export", short_help="Write who looks at what as a table for each clip.")
+class Format(StrEnum):
+    """What ``export`` writes."""
+
+    answers = "answers"
+    frames = "frames"
+
+
+@app.command(name="export", short_help="Write who looks at what as tables.")
 def export(
     run: Run,
     config: RunConfiguration = None,
+    format: Annotated[
+        Format,
+        typer.Option(
+            help="answers: one configuration's, CLIP.csv for each clip. frames: frames.csv with every attention value "
+            "and verdict of all clips and configurations.",
+        ),
+    ] = Format.answers,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of the tables, CLIP.csv. Default: RUN/exported/CONFIGURATION."),
+        typer.Option(
+            metavar="FOLDER", help="Folder of the tables. Default: RUN/exported/CONFIGURATION, for frames RUN/exported."
+        ),
     ] = None,
     *,
     replace: Replace = False,
 ) -> None:
     """Write one configuration's answers as a table for each clip: frame, subject, target, and probabilities.
 
-    attention.method = "answers" reads such tables, also those of other systems.
+    attention.method = "answers" reads such tables, also those of other systems. With --format frames, write every
+    attention value and verdict of the run as one table.
     """
+    from harness.report.frames_csv import export_frames
     from harness.run.exported_answers import export_answers
+    from vfoa.errors import VfoaError
 
+    if format is Format.frames:
+        if config is not None:
+            raise VfoaError("answers export: --config does not go with --format frames, which has all of them")
+        say(str(export_frames(run_folder(run), out, replace=replace)))
+        return
     for path in export_answers(run_folder(run), config, folder=out, replace=replace):
         say(str(path))

@@ -1,45 +1,19 @@
-"""The tables for programs, and the meaning of their columns: ``frr.csv``, ``frames.csv`` and ``comparisons.csv``."""
+"""The tables for programs, and the meaning of their columns: ``frr.csv`` and ``comparisons.csv``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
-from operator import attrgetter
+from collections.abc import Mapping
 
-from harness.report.formats import Table, csv_cell, csv_share
-from harness.run.directory import Pair
-from harness.run.records import FrameRecord, SubjectRecord
+from harness.report.formats import Table, csv_share
 from harness.score.baselines import BASELINES
 from harness.score.metrics import load_metrics
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set
+from harness.score.verdicts import ERROR_TYPES
 from vfoa.errors import VfoaError
 
 ALL = "(all)"
 """The clip, or the subject, in a row over all of them."""
-
-FRAMES_COLUMNS: Mapping[str, str] = {
-    "clip": "clip",
-    "configuration": "configuration",
-    "frame": "the source's own frame number",
-    "time_s": "time of the frame on the source's clock, s; NaN for a frame without a record",
-    "subject": "subject's name; missing for a person the manifest does not know",
-    "track": "number of the person's track; missing where nobody was tracked",
-    "target": "name of one target; missing where the subject has no attention values",
-    "instance": "the target's instance number in the frame's masks",
-    "gaze": "the gaze's part of the attention, in [0, 1]; NaN where gaze was not measured",
-    "head": "the head's part of the attention, in [0, 1]; NaN where head pose was not measured",
-    "total": "attention of the subject to the target, in [0, 1]",
-    "focus": "1 for the target with the most attention, else 0",
-    "set_90": "1 for the targets of the smallest set with 90 % of the probability, else 0; NaN without probabilities",
-    "truth": "label of the frame; missing where there is none",
-    "predicted": "answer of the configuration; missing without one",
-    "confidence": "probability of the answer, in [0, 1]; NaN without an answer or without probabilities",
-    "outcome": "correct, wrong or unscored; missing for a person without a name",
-    "error_type": "why a wrong frame is wrong, one of the names in frr.csv",
-}
-"""Column of ``frames.csv`` to its meaning. A row is one target of one subject in one frame of one configuration."""
 
 COMPARISON_COLUMNS: Mapping[str, str] = {
     "reference": "the configuration that is compared with",
@@ -167,70 +141,3 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
 def _unknown_names(row: ScoreRow, scores: Scores) -> str:
     clips = scores.unknown_names if row.clip is None else (row.clip,)
     return " ".join(dict.fromkeys(name for clip in clips for name in scores.unknown_names.get(clip, ())))
-
-
-_cell = lru_cache(maxsize=None)(csv_cell)
-_JUDGED = attrgetter("clip", "configuration", "frame", "subject")
-FrameLines = tuple[int, str | None, list[str]]
-"""A frame, a subject in it, and the beginnings of their rows."""
-
-
-def frame_lines(record: FrameRecord, *, has_probabilities: bool) -> Iterator[FrameLines]:
-    """Yield the beginnings of a record's rows in ``frames.csv``, subject by subject."""
-    start = _start(record.clip, record.configuration, record.frame, time=f"{record.time_ns / 1e9:.3f}")
-    names = {target.instance_id: _cell(target.name) for target in record.targets}
-    for subject in record.subjects:
-        lines = _subject_lines(
-            f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names, has_probabilities
-        )
-        yield record.frame, subject.name, lines
-
-
-def frames_csv(begun: Mapping[Pair, Iterable[FrameLines]], verdicts: Iterable[Verdict]) -> str:
-    """Return ``frames.csv`` in the order of the records: one row per target, ``focus`` 1 for the one looked at.
-
-    A subject without attention values has one row without a target. Labelled frames that have no such subject, or
-    no record, come last. ``set_90`` is 1 for the targets of the smallest set with 90 % of the probability, and
-    blank if attention is no probability. Attention has four decimals, time three. A person that the manifest does
-    not know has a track and no name.
-    """
-    judged = {_JUDGED(verdict): verdict for verdict in verdicts}
-    text = [",".join(FRAMES_COLUMNS) + "\n"]
-    for pair, rows in begun.items():
-        for frame, subject, lines in rows:
-            # removed when used: if tracks share a name, the first is the one that was judged
-            end = _judgement(judged.pop((*pair, frame, subject), None) if subject is not None else None)
-            text += (end.join(lines), end) if lines else ()
-    for verdict in judged.values():
-        start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
-        text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")
-    return "".join(text)
-
-
-def _start(clip: str, configuration: str, frame: int, time: str) -> str:
-    return f"{_cell(clip)},{_cell(configuration)},{frame},{time},"
-
-
-def _subject_lines(start: str, subject: SubjectRecord, names: dict[int, str], has_probabilities: bool) -> list[str]:
-    if not subject.attention:
-        return [f"{start},,,,,,,"]
-    held = prediction_set(subject) if has_probabilities else None
-    return [
-        f"{start}{names[value.instance_id]},{value.instance_id},{_number(value.gaze)},{_number(value.head)},"
-        f"{value.total:.4f},{1 if value.instance_id == subject.focus else 0},"
-        f"{'' if held is None else int(value.instance_id in held)},"
-        for value in subject.attention
-    ]
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4f}"
-
-
-def _judgement(verdict: Verdict | None) -> str:
-    if verdict is None:
-        return ",,,,\n"
-    return (
-        f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{_number(verdict.confidence)},"
-        f"{verdict.outcome},{verdict.error_type or ''}\n"
-    )

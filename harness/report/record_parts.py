@@ -24,7 +24,6 @@ import harness
 import vfoa
 from harness.files.digests import file_digest
 from harness.files.folders import kept_while_unchanged, read_value, write_value
-from harness.report.csv_tables import FrameLines, frame_lines
 from harness.report.page.packing import AttentionPart
 from harness.report.stages import StageTimes, stage_times
 from harness.run.directory import Pair
@@ -43,15 +42,12 @@ class Part:
 
     judged: JudgedPart = field(default_factory=JudgedPart)
     measured: MeasuredPart = field(default_factory=MeasuredPart)
-    frames: list[FrameLines] = field(default_factory=list)
     attention: AttentionPart = field(default_factory=AttentionPart)
 
     def take(self, record: FrameRecord, reference: Reference) -> None:
         """Add a record."""
         self.judged.take(record, reference)
         self.measured.take(record)
-        traits = reference.traits.get(record.configuration, PLAIN)
-        self.frames.extend(frame_lines(record, has_probabilities=traits.probabilistic))
         self.attention.take(record)
 
 

@@ -17,7 +17,7 @@ from harness.report.comparisons import (
     factors_table,
     published_table,
 )
-from harness.report.csv_tables import frames_csv, scores_table
+from harness.report.csv_tables import scores_table
 from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
 from harness.report.page.render import RunTables, render_page
@@ -57,15 +57,14 @@ from harness.score.subset import conditions_of
 def write_scores(directory: RunDirectory, run: RecordParts, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
     """Write the tables and the page of a run's records into its directory, all or none.
 
-    ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
-    ``comparisons.csv .md`` and ``report.html``. ``manifest`` and ``times`` are as for
+    ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``comparisons.csv .md`` and
+    ``report.html``. ``manifest`` and ``times`` are as for
     :func:`harness.report.page.render.render_page`.
     """
     scores = run.scores()
     tables = run_tables(scores)
     texts = {
         **render_tables(scores, tables),
-        "frames.csv": frames_csv(run.of("frames"), scores.verdicts),
         "report.html": _page(directory, run, scores, tables, manifest, times),
     }
     write_together({directory.path / name: text for name, text in texts.items()})
@@ -176,7 +175,7 @@ _ALWAYS = ("frr.csv", "comparisons.csv")
 
 
 def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; tables without rows are left out."""
+    """Every table by file name; those without rows are left out."""
     first, *others = (table for name, table in tables.items() if name not in _NOT_IN_MARKDOWN)
     programs = {
         **{name: table for name, table in tables.items() if name.endswith(".csv")},

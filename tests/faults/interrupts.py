@@ -31,7 +31,7 @@ from tests.repository import REPOSITORY
 
 LONGEST_S = 5.0
 FRAMES = range(1, 9)
-TABLES = ("frr.csv", "frames.csv", "comparisons.csv")
+TABLES = ("frr.csv", "comparisons.csv")
 IN_A_ROW = 8
 """Interrupts of one run before it is left to end."""
 CLOSING_S = 0.5

@@ -13,7 +13,8 @@ import pytest
 
 import harness
 from harness.clips.add import add_clip
-from harness.report.csv_tables import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
+from harness.report.csv_tables import COMPARISON_COLUMNS, frr_columns
+from harness.report.frames_csv import FRAMES_COLUMNS
 from harness.run.directory import RunDirectory
 from harness.run.experiment import RecordingKind
 from harness.run.table_records import read_records

@@ -84,7 +84,7 @@ def _add(folder: Path, name: str, texts: dict[str, str], begun: set[str]) -> Non
 Bytes = NDArray[np.uint8]
 
 SCALE = 250
-"""Attention is stored in steps of 1 / SCALE; ``frames.csv`` has more digits."""
+"""Attention is stored in steps of 1 / SCALE; the run's tables have all digits."""
 UNKNOWN = 255
 """Not measured, or no attention in this frame."""
 PARTS = ("total", "gaze", "head")

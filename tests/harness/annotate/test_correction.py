@@ -209,11 +209,11 @@ def test_names_in_the_results_that_the_labels_do_not_know_are_told(
     ],
 )
 def test_what_the_clip_does_not_have_is_refused(run: RunResults, changed: dict[str, object], says: str) -> None:
-    before = run.path.joinpath("frames.csv").read_bytes()
+    before = run.path.joinpath("report.html").read_bytes()
     given = {"clip": "desk", "subject": "anna", "target": "vase", "first": 2, "last": 3, **changed}
     with pytest.raises(VfoaError, match=re.escape(says)):
         correct(run.directory, Correction(**given))  # type: ignore[arg-type]
-    assert run.path.joinpath("frames.csv").read_bytes() == before
+    assert run.path.joinpath("report.html").read_bytes() == before
 
 
 def test_the_label_is_set_right_in_a_form_of_the_served_report(run: RunResults) -> None:

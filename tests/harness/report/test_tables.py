@@ -12,8 +12,8 @@ import pytest
 from rich.console import Console
 
 from harness.labels.labels import Labels
-from harness.report.csv_tables import frames_csv
 from harness.report.formats import to_rich
+from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
 from harness.report.record_parts import RecordParts
@@ -68,7 +68,6 @@ def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(tmp_path: Path)
             "frr.csv",
             "frr.md",
             "frr.tex",
-            "frames.csv",
             "comparisons.csv",
             "comparisons.md",
             "report.html",
@@ -183,7 +182,12 @@ def test_the_oracle_ablation_has_a_table_of_its_own_and_is_not_between_the_confi
     assert pair["p"] == pair["p_holm"]  # one comparison needs no correction
 
 
-def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> None:
+def _frames(records: list[FrameRecord], reference: Reference) -> list[dict[str, str]]:
+    """The rows of ``frames.csv``."""
+    return _csv("".join(frames_csv(records, score(records, reference).verdicts, reference.traits)))
+
+
+def test_frames_csv_has_a_row_per_frame_subject_and_target() -> None:
     cup, can = target_record(1, "cup"), target_record(2, 'can, "old"')
     girl = subject_record("girl", totals={1: 0.25, 2: 0.5}, focus=2)
     records = [
@@ -191,8 +195,7 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
         frame_record([cup], [subject_record("girl", missing="no_eyes_3d")], frame=2),
         frame_record([cup], frame=3),
     ]
-    score_run(tmp_path, records, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
-    rows = _csv((tmp_path / "frames.csv").read_text(encoding="utf-8"))
+    rows = _frames(records, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
     shown = [
         [row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "error_type")] for row in rows
     ]
@@ -220,10 +223,8 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
         for name in ("sure", "cones")
         for frame, subject in enumerate(subjects, start=1)
     ]
-    run = RecordParts(
-        Reference(labels={"clip": labels("cup")}, traits={"sure": AnswerTraits(probabilistic=True)}), records
-    )
-    rows = _csv(frames_csv(run.of("frames"), run.scores().verdicts))
+    reference = Reference(labels={"clip": labels("cup")}, traits={"sure": AnswerTraits(probabilistic=True)})
+    rows = _frames(records, reference)
     shown = [(row["configuration"], row["frame"], row["target"], row["set_90"], row["confidence"]) for row in rows]
     assert shown[:5] == [
         ("sure", "1", "cup", "1", "0.7500"),
@@ -233,6 +234,7 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
         ("sure", "3", "", "", ""),
     ]
     assert {row[3:] for row in shown[5:]} == {("", "")}
+    run = RecordParts(reference, records)
     data, packs = page_data(run.scores(), run.of("attention"), NO_THUMBNAILS, None, {})
     (track,) = json.loads(zlib.decompress(base64.b64decode(packs["clip-0"])))["tracks"]
     found = {
@@ -243,9 +245,8 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
 
 def test_frames_csv_judges_one_track_of_a_name() -> None:
     twins = [subject_record("girl", track_id=track, totals={1: 0.5}, focus=1) for track in (1, 2)]
-    run = RecordParts(Reference(labels={"clip": labels("cup")}), [frame_record([target_record(1, "cup")], twins)])
-    written = frames_csv(run.of("frames"), run.scores().verdicts)
-    shown = [(row["track"], row["outcome"]) for row in _csv(written)]
+    rows = _frames([frame_record([target_record(1, "cup")], twins)], Reference(labels={"clip": labels("cup")}))
+    shown = [(row["track"], row["outcome"]) for row in rows]
     assert shown == [("1", "correct"), ("2", "")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -379,6 +380,19 @@ def test_an_export_overwrites_nothing_unasked(talk: Path) -> None:
     assert written.read_text() == "mine"
     assert CliRunner().invoke(program, [*given, "--replace"]).exit_code == 0
     assert written.read_text().startswith("frame,subject,target,instance_id\n1,anna,ben,\n")
+
+
+def test_every_attention_value_is_written_as_one_table(talk: Path) -> None:
+    _answer(f"{frame},{subject},{target}" for frame, subject, target in _labels(talk))
+    directory, scores = _run(talk)
+    given = ["answers", "export", str(directory.path), "--format", "frames"]
+    assert CliRunner().invoke(program, given, catch_exceptions=False).exit_code == 0
+    with (directory.path / "exported" / "frames.csv").open(newline="") as file:
+        rows = [*csv.DictReader(file)]
+    judged = {(row["configuration"], row["frame"], row["subject"]): row["outcome"] for row in rows}
+    assert judged == {(v.configuration, str(v.frame), v.subject): v.outcome for v in scores.verdicts}
+    for more, says in (((), "exists already"), (("--config", "cones"), "does not go with --format frames")):
+        assert says in str(CliRunner().invoke(program, [*given, *more]).exception)
 
 
 def test_an_object_without_a_name_can_be_an_answer(talk: Path) -> None:

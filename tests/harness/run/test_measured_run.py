@@ -70,7 +70,7 @@ def test_a_run_answers_for_people_the_origin_and_scores_all_of_it(talk: Path) ->
     record = next(iter(read_records(directory)))
     assert [subject.head_box_px for subject in record.subjects] == [None, None]
     assert {target.name for target in record.targets} == {"anna", "ben", "robot", "cup"}
-    assert all((directory.path / name).is_file() for name in ("frr.md", "frames.csv", "report.html"))
+    assert all((directory.path / name).is_file() for name in ("frr.md", "report.html"))
 
 
 def test_a_recording_has_the_scene_and_the_curves_and_no_image(talk: Path) -> None:

@@ -37,7 +37,7 @@ from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
 
 FRAMES = 8
-TABLES = ("frr.csv", "frames.csv", "comparisons.csv", "frr.tex")
+TABLES = ("frr.csv", "comparisons.csv", "frr.tex")
 
 # one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
 EXPERIMENT = """

@@ -33,7 +33,7 @@ from vfoa.errors import VfoaError
 
 KILLS = int(os.environ.get("VFOA_KILLS", "2"))
 FRAMES = 7
-TABLES = ("frr.csv", "frames.csv", "comparisons.csv")
+TABLES = ("frr.csv", "comparisons.csv")
 
 # tracks, filtered gazes, a window over frames, beliefs: all that a stage can carry from frame to frame
 EXPERIMENT = """

@@ -27,7 +27,7 @@ from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
 
-TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
+TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "comparisons.csv")
 
 
 CONFIGURATIONS = ("bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from harness.report.write import rescore
+from harness.report.frames_csv import run_frames
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.sources.recordings.clip import McapClip
@@ -107,20 +107,18 @@ def _add(work: Path, sintel: SintelClip, name: str, pixels: Pixels, numbers: ran
     write_pairs(work / "datasets" / f"{name}.mcap", _pairs(sintel, numbers), "ros2", pixels)
 
 
-def _run(work: Path, clips: tuple[str, ...], frames: range, table: str) -> list[dict[str, str]]:
-    """The rows of one of the run's tables."""
+def _run(work: Path, clips: tuple[str, ...], frames: range) -> list[dict[str, str]]:
+    """The rows of every attention value of a run."""
     plan = prepare(load_experiment("both.toml", clips=clips), limit=len(frames))
     directory = run_plan(plan, work / "run", workers=1, progress=lambda clip: None)
-    rescore(directory)
-    with (directory.path / table).open(newline="") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader(run_frames(directory)))
 
 
 def test_a_run_on_the_recording_gives_the_same_table(sintel: SintelClip, work: Path) -> None:
     _add(work, sintel, "png", "png", NUMBERS)
     clips = ("png", "sintel_bandage_2")
     rows: dict[str, list[dict[str, str]]] = {clip: [] for clip in clips}
-    for row in _run(work, clips, NUMBERS, "frames.csv"):
+    for row in _run(work, clips, NUMBERS):
         rows[row.pop("clip")].append(row)
     wide = [row for row in rows["png"] if row["configuration"] == "wide"]
     assert len(wide) == len(NUMBERS)
