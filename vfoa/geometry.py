@@ -105,11 +105,29 @@ def left_from_crop(ray_left: ArrayLike) -> Float:
 
 def _frame_of_units(rays: Float) -> Float:
     x, y, z = rays.T
-    level = np.hypot(x, z)
-    length = np.where(level > 0, level, 1)
-    sine, cosine = x / length, np.where(level > 0, z, 1) / length
+    level, sine, cosine = _bearing(x, z)
     right, down = (cosine, np.zeros_like(y), -sine), (-y * sine, level, -y * cosine)
     return np.array([right, down, (x, y, z)]).T
+
+
+def _bearing(x: Float, z: Float) -> tuple[Float, Float, Float]:
+    """Length (...) of the level part of unit vectors, and sine and cosine of its turn from z to x; 0, 1 without one."""
+    level = np.hypot(x, z)
+    steep = level == 0
+    length = np.where(steep, 1, level)
+    return level, x / length, np.where(steep, 1, z) / length
+
+
+def _components(vectors: Float) -> tuple[Float, Float, Float]:
+    return vectors[..., 0], vectors[..., 1], vectors[..., 2]
+
+
+def _vectors(*components: Float) -> Float:
+    """Vectors (..., N) of N components (...), which are broadcast."""
+    vectors = np.empty((*np.broadcast(*components).shape, len(components)))
+    for axis, component in enumerate(components):
+        vectors[..., axis] = component
+    return vectors
 
 
 def direction_from_crop(direction_crop: ArrayLike, ray_left: ArrayLike) -> Float:
@@ -161,12 +179,17 @@ def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> 
 
     The exponential map on the sphere, with the tangent axes of :func:`left_from_crop`.
     """
-    frame = left_from_crop(direction)
+    x, y, z = _components(unit(direction))
+    level, sine, cosine = _bearing(x, z)
     right, down = np.asarray(right_rad, dtype=np.float64), np.asarray(down_rad, dtype=np.float64)
     angle = np.hypot(right, down)
     scale = np.sinc(angle / np.pi)
-    tangent = np.stack([right * scale, down * scale, np.cos(angle)], axis=-1)
-    return np.einsum("...ij,...j->...i", frame, tangent)
+    right, down, ahead = right * scale, down * scale, np.cos(angle)
+    return _vectors(
+        cosine * right - y * sine * down + x * ahead,
+        level * down + y * ahead,
+        z * ahead - sine * right - y * cosine * down,
+    )
 
 
 def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
@@ -174,19 +197,23 @@ def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
 
     The logarithmic map on the sphere. For the opposite direction, where it is ambiguous, the result points right.
     """
-    direction, other = unit(direction), unit(other)
-    right, down, _ = np.moveaxis(np.einsum("...ji,...j->...i", _frame_of_units(direction), other), -1, 0)
+    x, y, z = _components(unit(direction))
+    p, q, r = _components(unit(other))
+    level, sine, cosine = _bearing(x, z)
+    along = sine * p + cosine * r
+    right, down = cosine * p - sine * r, level * q - y * along
     aside = np.hypot(right, down)
-    length = np.where(aside > 0, aside, 1)
-    angle = _angle_of_units(direction, other)
-    return np.stack([angle * np.where(aside > 0, right / length, 1), angle * down / length], axis=-1)
+    angle = np.arctan2(aside, y * q + level * along)
+    straight = aside == 0
+    scale = angle / np.where(straight, 1, aside)
+    return _vectors(np.where(straight, angle, scale * right), scale * down)
 
 
 def on_the_way(start: ArrayLike, ends: ArrayLike, share: ArrayLike) -> Float:
     """Unit vectors (..., 3) at shares (...) of the great circles from one unit vector to others."""
     start, ends, share = np.asarray(start), np.asarray(ends), np.asarray(share)[..., None]
-    angle = np.maximum(angle_between(start, ends), 1e-6)[..., None]
-    return unit((np.sin((1 - share) * angle) * start + np.sin(share * angle) * ends) / np.maximum(np.sin(angle), 1e-9))
+    angle = np.maximum(_angle_of_units(start, ends), 1e-6)[..., None]
+    return unit(np.sin((1 - share) * angle) * start + np.sin(share * angle) * ends)
 
 
 def turn_about_z(angle_rad: float) -> Float:

@@ -26,6 +26,7 @@ from vfoa.geometry import (
     gaze_direction_crop,
     head_direction_crop,
     left_from_crop,
+    on_the_way,
     own_entry_distance,
     perturb,
     pixel_ray,
@@ -199,6 +200,42 @@ def test_a_tangent_offset_is_the_perturbation_that_leads_there(towards_rad, angl
     offset = angle_rad * np.array([math.cos(towards_rad), math.sin(towards_rad)])
     np.testing.assert_allclose(tangent_offset(direction, 3 * perturb(direction, *offset)), offset, atol=1e-6)
     np.testing.assert_allclose(perturb(direction, *tangent_offset(direction, other)), unit(other), atol=1e-9)
+
+
+@given(SEEDS)
+def test_many_offsets_and_perturbations_are_those_of_each_pair(seed):
+    rng = np.random.default_rng(seed)
+    directions, others, angles = rng.normal(size=(2, 7, 3)), rng.normal(size=(7, 3)), rng.uniform(-1, 1, (2, 7))
+    offsets, turned = tangent_offset(directions, others), perturb(directions, *angles)
+    for row, column in product(range(2), range(7)):
+        one = directions[row, column]
+        np.testing.assert_allclose(offsets[row, column], tangent_offset(one, others[column]), atol=1e-15)
+        np.testing.assert_allclose(turned[row, column], perturb(one, *angles[:, column]), atol=1e-15)
+        local = direction_to_crop(unit(others[column]), one)
+        assert math.atan2(offsets[row, column, 1], offsets[row, column, 0]) == pytest.approx(
+            math.atan2(local[1], local[0]), abs=1e-6
+        )
+        assert math.hypot(*offsets[row, column]) == pytest.approx(angle_between(one, others[column]), abs=1e-12)
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_offsets_from_straight_up_and_to_the_opposite_point_right(up):
+    np.testing.assert_allclose(tangent_offset((0, up, 0), (1, 0, 0)), (math.pi / 2, 0), atol=1e-15)
+    np.testing.assert_array_equal(tangent_offset((0, up, 0), (0, -up, 0)), (math.pi, 0))
+    np.testing.assert_array_equal(tangent_offset((0, up, 0), (0, up, 0)), (0, 0))
+
+
+@given(SEEDS, st.floats(0, 1.5))
+def test_a_share_of_the_way_is_that_share_of_the_angle_in_the_same_plane(seed, share):
+    start, *ends = unit(vectors(seed, 5))
+    ways = on_the_way(start, ends, np.full((2, 1), share))
+    assert ways.shape == (2, 4, 3)
+    for end, way in zip(ends, ways[1], strict=True):
+        assert np.linalg.norm(way) == pytest.approx(1)
+        assert way @ np.cross(start, end) == pytest.approx(0, abs=1e-9)
+        angle = float(angle_between(start, end))
+        if share * angle < math.pi:
+            assert float(angle_between(start, way)) == pytest.approx(share * angle, abs=1e-7)
 
 
 def test_the_opposite_direction_lies_to_the_right_and_the_same_nowhere():
