@@ -66,13 +66,15 @@ def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: Nea
     total = sum(weights[cue] for cue in cues)
     parts = {cue: weights[cue] / total for cue in cues}
     mean = np.sum([parts[cue] * axis for cue, axis in cues.items()], axis=0)
-    direction = unit(mean) if np.linalg.norm(mean) > 0 else next(iter(cues.values()))
+    direction = unit(mean) if mean.any() else next(iter(cues.values()))
 
     boxes = boxes_of_others(subject, targets)
-    angles = {number: float(angle_between(box.center_m - origin, direction)) for number, box in boxes.items()}
-    nearest = min(angles, key=lambda number: angles[number], default=None)
-    if nearest is not None and settings.limit_deg is not None and angles[nearest] > np.deg2rad(settings.limit_deg):
-        nearest = None
+    nearest = None
+    if boxes:
+        angles = angle_between(np.array([box.center_m for box in boxes.values()]) - origin, direction)
+        first = int(np.where(np.isnan(angles), np.inf, angles).argmin())  # NaN: a box about the very point of the eyes
+        if settings.limit_deg is None or angles[first] <= np.deg2rad(settings.limit_deg):
+            nearest = tuple(boxes)[first]
     values = tuple(
         TargetAttention(
             instance_id=number,

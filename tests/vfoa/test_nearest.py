@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tests.scenes import make_box, make_subject, make_target
+from tests.scenes import make_box, make_subject, make_target, random_room
+from vfoa.geometry import angle_between
 from vfoa.nearest import NearestSettings, look_at_nearest
 from vfoa.types import NoAttention
 
@@ -41,3 +44,22 @@ def test_beyond_the_limit_nothing_is_looked_at() -> None:
 def test_what_is_missing_is_said() -> None:
     assert look_at_nearest(make_subject(eyes=None, gaze=(0, 0, 1)), (), NEAREST).missing is NoAttention.NO_EYES_3D
     assert look_at_nearest(make_subject(gaze=(0, 0, 1)), (), NEAREST).focus is None
+
+
+@given(st.integers(0, 10_000), st.floats(1, 180))
+def test_it_is_the_box_with_the_least_angle_of_all(seed: int, limit_deg: float) -> None:
+    subject, targets = random_room(seed)
+    mean = 0.6 * subject.direction("gaze") + 0.4 * subject.direction("head")
+    origin = subject.person.eye_origin_left
+    angle_deg, number = min(
+        (float(np.degrees(angle_between(each.box.center_m - origin, mean))), each.instance.id) for each in targets
+    )
+    found = look_at_nearest(subject, targets, NEAREST.model_copy(update={"limit_deg": limit_deg}))
+    assert found.focus == (number if angle_deg <= limit_deg else None)
+    assert [value.instance_id for value in found.values if value.total] == ([number] if found.focus else [])
+
+
+def test_a_box_about_the_very_point_of_the_eyes_has_no_angle() -> None:
+    with np.errstate(invalid="ignore"):
+        found = look_at_nearest(make_subject(gaze=(0, 0, 1)), (make_target(1, make_box((0, 0, 0))), RIGHT), NEAREST)
+    assert found.focus == 2
