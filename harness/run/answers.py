@@ -10,7 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import fields
+from operator import attrgetter
 from types import TracebackType
 from typing import Any, Self
 
@@ -20,7 +21,7 @@ from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
 from harness.run.tables import Row, TableWriter
 from vfoa.errors import VfoaError
-from vfoa.types import CUES, Cue
+from vfoa.types import CUES, Cue, DirectionFit
 
 LOCK_SECONDS = 10.0
 """Seconds that the last writer of a file may take to end before it counts as another run."""
@@ -97,6 +98,10 @@ def time_rows(pair: Pair, frame: int, timings: Mapping[str, float]) -> bytes:
     return "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in timings.items()).encode()
 
 
+_OF_FIT = tuple(each.name for each in fields(DirectionFit))
+_FIT = attrgetter(*_OF_FIT)
+
+
 def answer_rows(record: FrameRecord, filtered: tuple[Cue, ...]) -> Iterator[Row]:
     """The rows of a frame's answers."""
     for subject in record.subjects:
@@ -107,6 +112,6 @@ def answer_rows(record: FrameRecord, filtered: tuple[Cue, ...]) -> Iterator[Row]
             [value.gaze for value in attention],
             [value.head for value in attention],
             [value.total for value in attention],
-            asdict(subject.fit) if subject.fit else None,
+            dict(zip(_OF_FIT, _FIT(subject.fit), strict=True)) if subject.fit else None,
             *((getattr(subject, cue) if cue in filtered else None) for cue in CUES),
         )

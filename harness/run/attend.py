@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeVar
@@ -21,9 +22,9 @@ from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.answers import AnswerWriter, answer_rows, filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import Camera, ClipContext, FinishedFrame, FrameSink, SinkContext, SinkFactory
-from harness.run.records import to_record
+from harness.run.records import TargetRecord, to_record
 from harness.run.scenes import Keys, paths_of
-from harness.run.table_records import frames_of, rows_by_frame
+from harness.run.table_records import frames_of, rows_by_frame, target_record
 from harness.run.tables import Row, find_tables, read_columns
 from harness.sources import Clip, MeasuredClip
 from vfoa.config import dotted_tables, read_steps
@@ -54,15 +55,15 @@ CHANGEABLE = ("attention", "gaze_filter")
 class SceneFrame(NamedTuple):
     """A frame of a run's tables: the scene, the tracks of its people, and the names of people by track.
 
-    ``camera`` is None for a clip without images. ``points`` are the numbers of 3D points by instance, of which the
-    scene has fewer.
+    ``camera`` is None for a clip without images. ``targets`` are the records of the scene's targets, which have the
+    numbers of all 3D points; the scene has fewer.
     """
 
     scene: Scene
     tracked: Tracked
     names: Mapping[int, str]
     camera: Camera | None
-    points: Mapping[int, int]
+    targets: tuple[TargetRecord, ...]
 
 
 def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[SceneFrame]:
@@ -90,7 +91,10 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
             numbers, frames, *parts, strict=True
         ):
             points = {row[0]: row[2] for row in clouds[0] if row[1] == cloud_points} if clouds else None
-            targets = tuple(_target(row, points, paths["clouds"], cloud_points) for row in instances)
+            targets = tuple(
+                _bare_target(row) if points is None else _target(row, points, paths["clouds"], cloud_points)
+                for row in instances
+            )
             names = {row[0]: row[1] for row in instances}
             ids = tuple(row[0] for row in people)
             if ids != tuple(row[0] for row in looks):
@@ -110,7 +114,7 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
                 tracked=Tracked(ids=ids, open=followed),
                 names={row[0]: row[1] for row in people if row[1] is not None},
                 camera=_camera(*more[4:]),
-                points={row[0]: row[8] for row in instances},
+                targets=tuple(map(target_record, instances)),
             )
             followed -= {track for track in ids if last[track] == number}
 
@@ -133,19 +137,27 @@ def _last_frames(path: Path, groups: int) -> dict[int, int]:
     return last
 
 
-def _target(row: Row, points: Mapping[int, Any] | None, path: Path, cloud_points: int) -> Target:
-    number, _, label, own_name, category_id, is_thing, score, box_px, count, center_m, half_size_m, axes = row
-    if points is not None and count and number not in points:
+def _target(row: Row, clouds: Mapping[int, Any], path: Path, cloud_points: int) -> Target:
+    """The target of a row of ``instances``, with its cloud."""
+    number, count = row[0], row[8]
+    if count and number not in clouds:
         raise VfoaError(
             f"{path}: found no clouds of {cloud_points} points, which the method asks for; run the experiment with "
             "these settings"
         )
+    return replace(_bare_target(row), points_left=np.array(clouds.get(number, ()), dtype=np.float32).reshape(-1, 3))
+
+
+@lru_cache(maxsize=1024)
+def _bare_target(row: Row) -> Target:
+    """The target of a row of ``instances``, without a cloud: the same one for rows that are equal."""
+    number, _, label, own_name, category_id, is_thing, score, box_px, _, center_m, half_size_m, axes = row
     return Target(
         instance=Instance(
             id=number, label=label, category_id=category_id, is_thing=is_thing, score=score, name=own_name
         ),
         box_px=None if box_px is None else np.array(box_px),
-        points_left=np.array((points or {}).get(number, ()), dtype=np.float32).reshape(-1, 3),
+        points_left=np.zeros((0, 3), dtype=np.float32),
         box=None
         if center_m is None
         else Box3D(
@@ -279,7 +291,7 @@ class Answering:
         for result in ready:
             frame, timings = self._waiting.popleft()
             fx_px = frame.camera.rig.fx_px if frame.camera else None
-            record = to_record(*self._pair, result, fx_px, frame.points)
+            record = to_record(*self._pair, result, fx_px, frame.targets)
             finished = FinishedFrame(camera=frame.camera, result=result, record=record, timings=timings)
             for sink in self._sinks:
                 with timed(timings, "answers"):

@@ -130,36 +130,35 @@ def to_record(
     configuration: str,
     result: FrameResult,
     fx_px: float | None = None,
-    points: Mapping[int, int] | None = None,
+    targets: tuple[TargetRecord, ...] | None = None,
 ) -> FrameRecord:
     """The record of one frame without its measures, every number exactly as computed.
 
     The scene has the names of targets, and each subject its own. ``fx_px`` is the focal length; None without images.
-    ``points`` are the numbers of 3D points by instance; None: those of the scene.
+    ``targets`` are the records of the scene's targets, if they are known.
     """
+    if targets is None:
+        targets = tuple(_target(target, result.scene.names[target.instance.id]) for target in result.scene.targets)
     return FrameRecord(
         clip=clip,
         configuration=configuration,
         frame=result.scene.index,
         time_ns=result.scene.time_ns,
-        targets=tuple(
-            _target(target, result.scene.names[target.instance.id], (points or {}).get(target.instance.id))
-            for target in result.scene.targets
-        ),
+        targets=targets,
         subjects=tuple(_subject(attention, fx_px) for attention in result.attentions),
         masks_from=result.scene.masks_from,
         masks_age_s=result.scene.masks_age_s,
     )
 
 
-def _target(target: Target, name: str, points: int | None) -> TargetRecord:
+def _target(target: Target, name: str) -> TargetRecord:
     return TargetRecord(
         instance_id=target.instance.id,
         name=name,
         label=target.instance.label,
         score=float(target.instance.score),
         box_px=None if target.box_px is None else _box_px(target.box_px),
-        points=len(target.points_left) if points is None else points,
+        points=len(target.points_left),
         box=None if target.box is None else _box(target.box),
     )
 

@@ -151,7 +151,7 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
             time_ns=time_ns,
             masks_from=masks_from,
             masks_age_s=masks_age_s,
-            targets=tuple(_target(row) for row in targets),
+            targets=tuple(map(target_record, targets)),
             people=persons,
             measures=_scene_measures(more[:3], things) if has_truth else None,
         )
@@ -182,7 +182,9 @@ def rows_by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> 
     return list(found.values())
 
 
-def _target(row: Row) -> TargetRecord:
+@lru_cache(maxsize=1024)
+def target_record(row: Row) -> TargetRecord:
+    """The record of a row of ``instances``: the same one for rows that are equal, as those of things at rest are."""
     instance_id, name, label, _, _, _, score, box_px, points, center_m, half_size_m, axes = row
     box = None
     if None not in (center_m, half_size_m, axes):

@@ -18,7 +18,9 @@ from harness.run.attend import attend_scenes, read_scenes
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.plan import Plan
+from harness.run.records import TargetRecord
 from harness.run.runner import prepare, run_plan
+from harness.run.table_records import read_records
 from harness.run.tables import find_tables, read_table
 from harness.sources import Clip
 from tests import graphs
@@ -208,6 +210,26 @@ def test_scenes_are_read_with_and_without_their_clouds(images: Finished) -> None
     assert {len(target.points_left) for frame in without for target in frame.scene.targets} == {0}
     assert set(read_table(images.directory, "clouds")["points"].to_pylist()) == {40, 128}
     assert [frame.scene.index for frame in with_clouds] == list(range(1, FRAMES + 1))
+
+
+def test_the_records_of_targets_are_those_that_are_read_with_the_answers(images: Finished, poses: Finished) -> None:
+    for run, pair in ((images, ("studio_talk", "forward")), (poses, ("talk", "bayes"))):
+        frames = list(read_scenes(dict(find_tables(run.directory))[pair], 0))
+        read = [each.targets for each in read_records(run.directory) if each.configuration == pair[1]]
+        assert [frame.targets for frame in frames] == read
+        assert [[each.instance_id for each in frame.targets] for frame in frames] == [
+            [target.instance.id for target in frame.scene.targets] for frame in frames
+        ]
+
+
+def test_a_target_that_is_at_rest_is_one_object_in_all_frames(poses: Finished) -> None:
+    frames = list(read_scenes(dict(find_tables(poses.directory))["talk", "bayes"]))
+    by_row: dict[TargetRecord, set[int]] = defaultdict(set)
+    for frame in frames:
+        for record, target in zip(frame.targets, frame.scene.targets, strict=True):
+            by_row[record].add(id(target))
+    assert {len(objects) for objects in by_row.values()} == {1}
+    assert len(by_row) < sum(len(frame.targets) for frame in frames)
 
 
 def test_a_person_is_remembered_over_a_gap_and_until_the_last_frame(
