@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
+from vfoa.recent import Recent
 from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 from vfoa.visible import SurfaceSettings, views_of
 
@@ -145,7 +147,12 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
         return {}
     beliefs = [belief for _, _, belief in known]
     return {
-        index: _with_probabilities(attention, belief.keys, answered(belief, probability, settings, later_known=True))
+        index: _with_probabilities(
+            attention,
+            belief.keys,
+            answered(belief, probability, settings, later_known=True),
+            ((value.instance_id, value.gaze, value.head) for value in attention.values),
+        )
         for (index, attention, belief), probability in zip(known, smoothed(beliefs), strict=True)
     }
 
@@ -163,12 +170,14 @@ def _infer(
         return Attention(subject=subject, missing=found)
     belief, cues = found
     shares = cue_shares(cues, belief, settings)
-    unknown = tuple(
-        TargetAttention(instance_id=number, gaze=shares[0], head=shares[1], total=1.0)
-        for number in boxes_of_others(subject, targets)
-    )
-    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, cues))
-    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings))
+    parts = ((number, *shares) for number in boxes_of_others(subject, targets))
+    attention = Attention(subject=subject, belief=belief, fit=fit_of(belief, cues))
+    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings), parts)
+
+
+_ASSUMPTIONS = attrgetter(*PosteriorSettings.model_fields)
+_RECENT: Recent[Belief] = Recent(16)
+"""The last beliefs of all configurations: those that differ in what they make of a belief share it."""
 
 
 def believed(
@@ -196,7 +205,10 @@ def believed(
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
-    return update(last, scenery, cues, seconds_between(last_ns, time_ns, settings.frame_rate_hz), settings), cues
+    dt_s = seconds_between(last_ns, time_ns, settings.frame_rate_hz)
+    measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
+    asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, _ASSUMPTIONS(settings)
+    return _RECENT.get((views, last), asked, lambda: update(last, scenery, cues, dt_s, settings)), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:
@@ -233,16 +245,20 @@ def seconds_between(before_ns: int | None, now_ns: int | None, frame_rate_hz: fl
     return (now_ns - before_ns) / 1e9
 
 
-def _with_probabilities(attention: Attention, keys: Keys, probabilities: Float) -> Attention:
-    """Return the attention with these probabilities (T,), the matching focus, and each total divided as before."""
+def _with_probabilities(
+    attention: Attention, keys: Keys, probabilities: Float, parts: Iterable[tuple[int, float, float]]
+) -> Attention:
+    """Return the attention with these probabilities (T,) and the matching focus.
+
+    ``parts`` are the instances with the parts of gaze and head, in which each total is divided.
+    """
     probability = dict(zip(keys, probabilities.tolist(), strict=True))
     values = []
-    for value in attention.values:
-        total = probability.get(value.instance_id, 0.0)
-        parts = (value.gaze, value.head)
-        whole = sum(part for part in parts if not math.isnan(part))
-        gaze, head = (part / whole * total if whole > 0 else part for part in parts)
-        values.append(replace(value, gaze=gaze, head=head, total=total))
+    for number, *both in parts:
+        total = probability.get(number, 0.0)
+        whole = sum(part for part in both if not math.isnan(part))
+        gaze, head = (part / whole * total if whole > 0 else part for part in both)
+        values.append(TargetAttention(instance_id=number, gaze=gaze, head=head, total=total))
     best = max(probability.values())
     if probability[None] == best:
         return replace(attention, values=tuple(values), focus=None, tied=())
@@ -262,7 +278,7 @@ def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> t
         scale = float(weights.sum(axis=1) @ belief.gaze.scale)
         precision["gaze"] = 1 / (scale * cues.gaze_sigma_rad) ** 2
     if cues.head is not None:
-        share = float(weights.sum(axis=0) @ belief.head.share)
+        share = belief.implied_share
         around = sigma_rad(settings.aside_deg) ** 2 + ((1 - share) * sigma_rad(settings.rest_deg)) ** 2
         precision["head"] = share**2 / (cues.head_sigma_rad**2 + around)
     total = sum(precision.values())

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
@@ -31,7 +31,9 @@ from vfoa.bayes import BayesSettings, Held, believed, eyes_of, seconds_between
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings
+from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
+from vfoa.recent import Recent
 from vfoa.settings import Settings
 from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 
@@ -253,12 +255,37 @@ def weigh_attentions(
             after.append(before)
             continue
         belief, _ = found
-        chance = dict(zip(belief.keys, answered(belief, belief.probabilities, posterior).tolist(), strict=True))
-        dt_s = seconds_between(before.means.time_ns, time_ns, settings.frame_rate_hz)
-        seen, means = observe(subject, targets, eyes, before.means, dt_s, chance)
+        seen, means = _observed(subject, targets, eyes, before.means, belief, settings.frame_rate_hz, time_ns)
         attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
-        after.append(Remembered(replace(means, time_ns=time_ns), (belief, time_ns)))
+        after.append(Remembered(means, (belief, time_ns)))
     return tuple(attentions), tuple(after)
+
+
+_RECENT: Recent[tuple[Seen, Means]] = Recent(16)
+"""The last features of all configurations: those that differ in their weights share them."""
+
+
+def _observed(
+    subject: Subject,
+    targets: tuple[Target, ...],
+    eyes: Mapping[int, Float],
+    means: Means,
+    belief: Belief,
+    frame_rate_hz: float,
+    time_ns: int | None,
+) -> tuple[Seen, Means]:
+    """:func:`observe` with the posterior's belief of the same frame, which is that of these targets and directions."""
+
+    def compute() -> tuple[Seen, Means]:
+        answer = answered(belief, belief.probabilities, _posterior(frame_rate_hz))
+        chance = dict(zip(belief.keys, answer.tolist(), strict=True))
+        dt_s = seconds_between(means.time_ns, time_ns, frame_rate_hz)
+        return observe(subject, targets, eyes, means, dt_s, chance, time_ns)
+
+    claimed = None if subject.gaze is None else subject.gaze.sigma_rad
+    return _RECENT.get(
+        (belief, means, *targets), (subject.person.instance_id, claimed, frame_rate_hz, time_ns), compute
+    )
 
 
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:

@@ -93,12 +93,13 @@ def observe(
     means: Means,
     dt_s: float,
     posterior: Mapping[int | None, float],
+    time_ns: int | None = None,
 ) -> tuple[Seen, Means]:
     """Compute a subject's features in a frame, and the running means after it.
 
     The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id:
-    people are looked at in the face. ``dt_s`` is the time since the frame of ``means``, seconds. ``posterior`` are the
-    posterior's probabilities by target; one that it does not see has none.
+    people are looked at in the face. ``dt_s`` is the time since the frame of ``means``, seconds; ``time_ns`` is that of
+    this frame. ``posterior`` are the posterior's probabilities by target; one that it does not see has none.
     """
     origin, gaze, head = (
         np.asarray(subject.person.eye_origin_left),
@@ -126,7 +127,7 @@ def observe(
     now = np.vstack([angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
-    return seen, Means(ids=ids, head=head_sum, sums=sums)
+    return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vfoa.geometry import angle_between, box_corners, left_from_crop, own_entry_distance, unit
+from vfoa.recent import Recent
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
 
@@ -42,8 +41,7 @@ class Views:
     variances: Float
 
 
-_recent: deque[tuple[tuple[Target, ...], object, Views]] = deque(maxlen=8)
-"""The last answers of :func:`views_of` with what was asked; targets are compared by identity."""
+_RECENT: Recent[Views] = Recent(32)
 
 
 def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
@@ -51,21 +49,17 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
 
     ``eyes`` are the eye origins of other people by instance id. Left out are targets without a box, and targets
     without a cloud if clouds are the surface and other targets have one. Configurations that ask for the same targets
-    one after the other share an answer.
+    one after the other share an answer: also those with clouds and with boxes, where no target has a cloud.
     """
-    asked = (settings.surface, settings.faces, settings.directions)
-    eyes_m = {number: eyes[number].tobytes() for number in sorted(eyes)}
-    key = origin.tobytes(), eyes_m, asked
-    for before, known, views in tuple(_recent):
-        if known == key and len(before) == len(targets) and all(map(operator.is_, before, targets)):
-            return views
-    views = _views(origin, targets, eyes, settings)
-    _recent.append((targets, key, views))
-    return views
-
-
-def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
     clouds = settings.surface == "cloud" and any(len(target.points_left) for target in targets)
+    eyes_m = tuple((number, eyes[number].tobytes()) for number in sorted(eyes))
+    asked = origin.tobytes(), eyes_m, clouds, settings.faces, settings.directions
+    return _RECENT.get(targets, asked, lambda: _views(origin, targets, eyes, clouds, settings))
+
+
+def _views(
+    origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool, settings: SurfaceSettings
+) -> Views:
     targets = tuple(target for target in targets if target.box and (not clouds or len(target.points_left)))
     boxes = tuple(target.box for target in targets if target.box is not None)
     moments: dict[int, tuple[Float, float]] = {}

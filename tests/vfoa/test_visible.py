@@ -48,6 +48,9 @@ def test_an_answer_is_shared_only_by_the_same_question():
     again = [((other,), EYES, {}), ((target,), EYES + 0.1, {}), ((target,), EYES, {1: np.ones(3)})]
     assert all(views_of(eyes, targets, others, BOXES) is not first for targets, eyes, others in again)
     assert views_of(EYES, (target,), {}, BOXES.model_copy(update={"directions": 999})) is not first
+    assert views_of(EYES, (target,), {}, CLOUDS) is not first
+    bare = replace(target, points_left=np.zeros((0, 3), np.float32))
+    assert views_of(EYES, (bare,), {}, CLOUDS) is views_of(EYES, (bare,), {}, BOXES)
 
 
 def test_people_are_looked_at_in_the_face():

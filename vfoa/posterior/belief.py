@@ -87,10 +87,15 @@ class Belief:
         weights = np.exp(self.log_weights - self.log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    @property
+    @cached_property
     def probabilities(self) -> Float:
         """Probabilities (T,) of the targets, summed over the hypotheses."""
         return np.einsum("gk,gkt->t", self.weights, self.looked)
+
+    @cached_property
+    def implied_share(self) -> float:
+        """Mean share of the way to the targets that the head turns, over the hypotheses."""
+        return float(self.weights.sum(axis=0) @ self.head.share)
 
 
 def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
@@ -106,11 +111,6 @@ def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
         leave=np.ones((1, 1)),
         new=np.ones((1, 1, len(keys))),
     )
-
-
-def implied_share(belief: Belief) -> float:
-    """Mean share of the way to the targets that the head turns, over the hypotheses."""
-    return float(belief.weights.sum(axis=0) @ belief.head.share)
 
 
 def with_cues(belief: Belief, cues: MeasuredCues, settings: PosteriorSettings) -> Belief:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, implied_share, pruned, with_cues
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
 from vfoa.posterior.evidence import Flow
 from vfoa.posterior.gaze_cue import weighed_gaze
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
@@ -82,7 +82,7 @@ def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, 
     temperature = 1.0
     if belief.error is not None:
         temperature = _SMOOTHED_TEMPERATURE if later_known else _TEMPERATURE
-    doubt = (implied_share(belief) - PLAUSIBLE_SHARE) / (1 - PLAUSIBLE_SHARE) if belief.motion is not None else 0.0
+    doubt = (belief.implied_share - PLAUSIBLE_SHARE) / (1 - PLAUSIBLE_SHARE) if belief.motion is not None else 0.0
     if doubt > 0:
         temperature *= 1 + doubt * (_SMOOTHED_DOUBT if later_known else _DOUBT)
     flat = probabilities ** (1 / temperature)

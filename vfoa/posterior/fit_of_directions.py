@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.posterior.belief import Belief, MeasuredCues, implied_share
+from vfoa.posterior.belief import Belief, MeasuredCues
 from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
 from vfoa.types import DirectionFit
 
@@ -14,7 +14,7 @@ def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
 
     The implied error is the mean over the hypotheses of the root of the squares of noise and bias, as a mean angle.
     """
-    share = None if belief.motion is None else implied_share(belief)
+    share = None if belief.motion is None else belief.implied_share
     if cues.gaze is None or belief.error is None:
         return DirectionFit(tail=belief.tail, implied_share=share)
     weights = belief.weights
