@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import quote, urlencode
 
 import typer
 
@@ -15,6 +17,7 @@ from harness.cli.options import Json, NoOpen, Port, Run, Verbose, Where, run_fol
 from harness.cli.terminal import print_json, print_reports, say
 
 if TYPE_CHECKING:
+    from harness.run.directory import RunDirectory
     from harness.score.compared_runs import ComparedRuns
     from harness.score.comparison import Comparison
     from harness.score.subset import Condition
@@ -59,6 +62,9 @@ def score(
 
 def report(
     run: Run,
+    page: Annotated[
+        Path | None, typer.Option("--page", metavar="HTML", help="Write the page there, and no other file.")
+    ] = None,
     serve: Annotated[
         bool,
         typer.Option(
@@ -67,29 +73,55 @@ def report(
     ] = False,
     port: Port = 0,
     no_open: NoOpen = False,
+    where: Where = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
 ) -> None:
-    """Write a run's report page from its results and the present labels."""
+    """Write a run's report page from its results and the present labels.
+
+    With --where, the page of these frames: to the file of --page, or served.
+    """
+    from harness.files.io import atomic_write, check_new
     from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
-    folder = run_folder(run)
-    directory = RunDirectory(folder)
+    directory = RunDirectory(run_folder(run))
+    chosen = ",".join(where or ())
     if not serve and (port or no_open):
         raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
-    if not serve:
+    if serve and page is not None:
+        raise VfoaError("report: --serve does not go with --page; expected one of them")
+    if chosen and not serve and page is None:
+        raise VfoaError("report: --where needs --page HTML or --serve, since report.html is that of all frames")
+    if serve:
+        _serve_report(directory, chosen, port, no_open=no_open)
+    elif page is not None:
+        check_new(page, replace=replace, hint=", or another --page", inputs=directory.inputs)
+        folder = f"{quote(Path(os.path.relpath(directory.path.resolve(), page.resolve().parent)).as_posix())}/"
+        atomic_write(page, report_page(directory, None, chosen, folder))
+        say(f"Page: {page}")
+    else:
         rescore(directory)
         say(f"Page: {directory.path / 'report.html'}")
-        return
+
+
+def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bool) -> None:
+    """Serve a run's page, with its recordings and the form that sets labels right."""
     from harness.annotate.correction import correction_routes
     from harness.cli.view import browse
     from harness.record.composed import served_recordings
+    from harness.report.write import report_page
 
-    recordings = served_recordings(folder)
+    recordings = served_recordings(directory.path)
     page = partial(report_page, directory, {pair: recording.name for pair, recording in recordings.items()})
-    page("")  # so that an error in the run is reported here, and not in the browser
+    page(where)  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)
-    browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
+    browse(recordings.values(), [_path(where)], page=page, more=more, port=port, no_open=no_open)
+
+
+def _path(where: str) -> str:
+    """The path of a served page whose frames meet these conditions."""
+    return f"/?{urlencode({'where': where})}" if where else "/"
 
 
 def _conditions(where: Sequence[str] | None) -> list[Condition]:
@@ -181,7 +213,6 @@ def compare(
 def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, port: int, *, no_open: bool) -> None:
     """Serve the page of runs side by side, and their recordings; it is made anew for other conditions."""
     from dataclasses import replace
-    from urllib.parse import urlencode
 
     from harness.cli.view import browse
     from harness.record.composed import served_recordings
@@ -207,8 +238,7 @@ def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, p
         return render_comparison(compared, link, is_served=True, where=conditions)
 
     page(where)  # so that an error in a run is reported here, and not in the browser
-    path = f"/?{urlencode({'where': where})}" if where else "/"
-    browse(recordings.values(), [path], page=page, port=port, no_open=no_open)
+    browse(recordings.values(), [_path(where)], page=page, port=port, no_open=no_open)
 
 
 def _as_json(compared: ComparedRuns) -> dict[str, Any]:

@@ -78,12 +78,12 @@ def _page(
     tables: RunTables,
     manifest: Mapping[str, Any],
     times: StageTimes,
-    served: Served | None = None,
+    **of_page: Any,
 ) -> str:
-    budget = SERVED_BYTES if served else BUDGET_BYTES
+    budget = SERVED_BYTES if of_page.get("served") else BUDGET_BYTES
     thumbnails = read_thumbnails(directory.path, scores.verdicts, run.reference.names_now, budget)
     attention = run.of("attention")
-    return render_page(scores, tables, attention, manifest, times=times, thumbnails=thumbnails, served=served)
+    return render_page(scores, tables, attention, manifest, times=times, thumbnails=thumbnails, **of_page)
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -113,18 +113,32 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     return scores
 
 
-def report_page(directory: RunDirectory, recordings: Mapping[Pair, str], where: str) -> str:
-    """Return a finished run's page for a server that opens ``recordings`` by these names; nothing is written.
+def report_page(
+    directory: RunDirectory, recordings: Mapping[Pair, str] | None, where: str, run_folder: str = ""
+) -> str:
+    """Return a finished run's page; nothing is written.
 
-    Only labelled frames that meet the conditions ``where`` are scored: some, separated by commas, or none. Raises the
-    errors of :func:`rescore`, and of :func:`harness.score.subset.subset`.
+    Parameters
+    ----------
+    recordings
+        The names under which a server opens recordings; None for a page on the disk.
+    where
+        Only labelled frames that meet these conditions are scored: some, separated by commas, or none.
+    run_folder
+        As for :func:`harness.report.page.render.render_page`.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`rescore` and :func:`harness.score.subset.subset`.
     """
     run = FinishedRun.read(directory)
     parts = RecordParts(run.reference(where=conditions_of(where)), run.records())
     scores = parts.scores()
-    served = Served(run=str(directory.path.resolve()), recordings=recordings, where=where)
+    served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
+    of_page = {"served": served, "where": where, "run_folder": run_folder}
     times = stage_times(directory.timings)
-    return _page(directory, parts, scores, run_tables(scores), run.manifest, times, served)
+    return _page(directory, parts, scores, run_tables(scores), run.manifest, times, **of_page)
 
 
 @contextmanager

@@ -73,14 +73,10 @@ ERROR_COLOURS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Served:
-    """Data of a page that a server delivers: its run's directory, and the name under which each recording opens.
-
-    ``where`` are the conditions on labelled frames, as their user wrote them.
-    """
+    """Data of a page that a server delivers: its run's directory, and the name under which each recording opens."""
 
     run: str
     recordings: Mapping[Pair, str]
-    where: str = ""
 
 
 class Names(dict[str, int]):
@@ -97,6 +93,7 @@ def page_data(
     thumbnails: Thumbnails,
     served: Served | None,
     rates_hz: Mapping[str, float | None],
+    run_folder: str,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data object, and packs by name.
 
@@ -108,6 +105,7 @@ def page_data(
         clips                          {name, subjects, frames, rate_hz or null}
         stride                         attention is here for every ``stride``-th frame
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
+        pictures                       of a page on the disk without room for all pictures: their folder; else null
         overall                        rows over all clips
         scored                         configurations that rows name: one for all seeds of a configuration
 
@@ -147,7 +145,9 @@ def page_data(
         "clips": clips,
         "stride": stride,
         "run": served and served.run,
-        "pictures_beside": served is None and len(thumbnails.pictures) < thumbnails.wrong,
+        "pictures": f"{run_folder}thumbnails"
+        if served is None and len(thumbnails.pictures) < thumbnails.wrong
+        else None,
         "recordings": served and _recordings(served),
         "overall": [_row(row, {}, scored) for row in scores.overall()],
         "names": list(names),

@@ -98,8 +98,8 @@ function thumbnail(at, found) {
 
 // The file of a picture that the page has no room for; none where the page has left its run's directory.
 function fileBeside(track, frame) {
-  if (!data.pictures_beside) return [];
-  const src = `thumbnails/${encodeURIComponent(data.clips[track.clip].name)}/${frame}.webp`;
+  if (!data.pictures) return [];
+  const src = `${data.pictures}/${encodeURIComponent(data.clips[track.clip].name)}/${frame}.webp`;
   const image = element("img", { src, class: "thumbnail", alt: `The left image of frame ${frame}` });
   const figure = element("figure", {}, image, element("figcaption", {}, "The left image. The recording has boxes and cones."));
   image.addEventListener("error", () => figure.remove());

@@ -44,6 +44,8 @@ def render_page(
     times: StageTimes = NO_TIMES,
     thumbnails: Thumbnails = NO_THUMBNAILS,
     served: Served | None = None,
+    where: str = "",
+    run_folder: str = "",
 ) -> str:
     """Return the page as text; the same arguments give the same text.
 
@@ -61,9 +63,13 @@ def render_page(
         Thumbnails of wrong frames.
     served
         For a page that a server delivers. None: no frame is a link, and the page contains no address.
+    where
+        The conditions on labelled frames, as their user wrote them; "" for all frames.
+    run_folder
+        The address of the run's directory, relative to the page, with a slash at its end; "" for a page inside.
     """
     rates = {clip["name"]: clip.get("rate_hz") for clip in manifest["clips"]}
-    data, packs = page_data(scores, attention, thumbnails, served, rates)
+    data, packs = page_data(scores, attention, thumbnails, served, rates, run_folder)
     panels = draw_panels(scores)
     differing = differing_settings(manifest["configurations"])
     groups, shown = _numbered(
@@ -89,7 +95,7 @@ def render_page(
         drawings=[panel for panel in panels if isinstance(panel, Picture)],
         thumbnails=thumbnails,
         is_served=served is not None,
-        where=served.where if served else "",
+        where=where,
         script=script("main"),
         packs=packs,
         data={**data, **_figures(scores, tables, times)},

@@ -6,8 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from harness.files.io import atomic_write
+from harness.report.thumbnails import Thumbnail, lines_path, picture_path
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, Vector
 from harness.score.finished_run import read_scores
@@ -121,6 +124,30 @@ def test_score_prints_the_subset_and_writes_nothing(
     cells = [line.split()[:3] for line in out.splitlines() if line.split()[:1] in (["one"], ["two"])]
     assert cells[:2] == [["one", "4", "50.0"], ["two", "4", "100.0"]]
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+
+
+def test_report_writes_the_page_of_these_frames_to_a_file_of_its_own(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("harness.report.write.BUDGET_BYTES", 0)
+    for clip in ("a", "b"):
+        seen = Thumbnail(frame=3, size=(2, 2), boxes=[], subjects=[])
+        atomic_write(lines_path(run, clip, "one"), msgspec.json.encode(seen) + b"\n")
+        atomic_write(picture_path(run, clip, 3), b"a picture")
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    page = tmp_path / "pages" / "few.html"
+    page.parent.mkdir()
+    where = ("report", str(run), "--where", "target=cup", "--where", "frame<5")
+    assert vfoa(monkeypatch, capsys, *where, "--page", str(page))[:2] == (0, f"Page: {page}\n")
+    text = page.read_text(encoding="utf-8")
+    assert "Only frames with target=cup,frame&lt;5" in text
+    assert "n = 4 labelled frames" in text
+    assert '"pictures":"../run/thumbnails"' in text  # it has room for one of two
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    code, _, err = vfoa(monkeypatch, capsys, *where)
+    assert (code, err.count("\n"), "--page" in err) == (2, 1, True)
+    assert vfoa(monkeypatch, capsys, *where, "--page", str(page))[0] == 2  # not replaced unasked
+    assert vfoa(monkeypatch, capsys, *where, "--page", str(page), "--serve")[0] == 2
 
 
 def test_compare_counts_these_frames_only(
