@@ -207,8 +207,8 @@ MUTATIONS = (
     Mutation(
         "a clip is perceived again though its scenes are whole",
         "harness/run/loop.py",
-        "    if job.is_perceived(known.values(), context):\n",
-        "    if False:\n",
+        "    if lacking := job.lacking(known, context):\n",
+        "    if lacking := job.configurations:\n",
         "harness/run/test_failing.py",
     ),
     # labels and sources

@@ -20,12 +20,14 @@ import hashlib
 import json
 import logging
 import os
+import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import msgspec
 import numpy as np
@@ -33,7 +35,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from harness.files.folders import cache_root, sealed, unsealed
-from harness.files.io import atomic_write, read_bytes, replacing
+from harness.files.io import atomic_write, opened, read_bytes, replacing
 from harness.files.parsing import parse_json
 from harness.remote import local_folder
 from vfoa.errors import VfoaError
@@ -130,6 +132,34 @@ class Store:
         """
         with suppress(FileNotFoundError), replacing(path) as draft:
             draft.write_bytes(sealed(data))
+
+    def pack(self, path: Path, files: Mapping[str, Path]) -> None:
+        """Store files as one result, by their names in it. Raises as :meth:`save` does."""
+        with suppress(FileNotFoundError), replacing(path) as draft, ZipFile(draft, "w") as packed:
+            for name, file in files.items():
+                packed.write(file, name)
+
+    def unpack(self, path: Path, folder: Path) -> bool:
+        """Write files that were packed into a new folder; False if there are none, or damaged, which is logged.
+
+        Damaged ones are removed, so that they are packed again.
+        """
+        try:
+            with opened(path) as file, ZipFile(file) as packed:
+                if sum(each.file_size for each in packed.infolist()) > path.stat().st_size:
+                    raise BadZipFile("compressed")
+                packed.extractall(folder)
+        except VfoaError:
+            return False
+        except Exception:  # any, in a damaged file
+            shutil.rmtree(folder, ignore_errors=True)
+            warn_damaged(path)
+            with suppress(OSError):
+                path.unlink()
+            return False
+        with suppress(OSError):
+            os.utime(path)
+        return True
 
     def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
         """Write the description of an identity beside its results. Raises as :meth:`save` does."""

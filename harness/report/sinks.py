@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from harness.files.digests import own_code_digest
 from harness.pipeline.configuration import Configuration
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.run.directory import Pair, RunDirectory
@@ -109,8 +110,21 @@ class ThumbnailSinks:
         return PictureWriter(context.directory.path, context.manifest.name)
 
     def is_whole(self, context: ClipContext) -> bool:
-        """Pictures are there as long as the run is."""
-        return True
+        """Whether every picture is there."""
+        from harness.report.thumbnails import picture_path
+
+        run, clip = context.directory.path, context.manifest.name
+        return all(picture_path(run, clip, frame).is_file() for frame in context.image_frames)
+
+    def folder(self, context: ClipContext) -> Path:
+        """The folder of the pictures."""
+        from harness.report.thumbnails import picture_path
+
+        return picture_path(context.directory.path, context.manifest.name, 0).parent
+
+    def code(self) -> str:
+        """The digest of the code that writes pictures."""
+        return own_code_digest(("harness.report.thumbnails.writer",))
 
     def open(self, context: SinkContext) -> ThumbnailWriter:
         """Open what is drawn over them of one configuration on one clip."""

@@ -84,10 +84,14 @@ A configuration that has failed so far has its error in place of what it perceiv
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipContext:
-    """Context of a scene sink: some configurations on one clip. ``run_id`` is the run's, also on another computer."""
+    """Context of a scene sink: some configurations on one clip. ``run_id`` is the run's, also on another computer.
+
+    ``image_frames`` are the frames with images: all of them, or none of recorded 3D poses.
+    """
 
     manifest: ClipManifest
     configurations: tuple[str, ...]
+    image_frames: tuple[int, ...]
     rate_hz: float | None
     directory: RunDirectory
     run_id: str
@@ -122,6 +126,19 @@ class SceneSinkFactory(SinkFactory, Protocol):
 
     def is_whole(self, context: ClipContext) -> bool:
         """Whether all that this sink wrote of the clip is still there, for all of these configurations."""
+        ...
+
+
+@runtime_checkable
+class ImageFiles(SceneSinkFactory, Protocol):
+    """Opens a sink of a clip whose files show the images alone, so that a later run may take a copy of them."""
+
+    def folder(self, context: ClipContext) -> Path:
+        """The folder of these files, which has no others."""
+        ...
+
+    def code(self) -> str:
+        """The digest of the code that writes them."""
         ...
 
 

@@ -6,8 +6,8 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from itertools import chain, repeat
 from pathlib import Path
@@ -62,13 +62,21 @@ def run_jobs(
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
     jobs = [replace(_job(plan, prepared, directory, cache), ahead=ahead) for prepared in plan.clips]
-    for job in jobs:
+    perceived: set[str] = set()
+    for prepared, job in zip(plan.clips, jobs, strict=True):
         if not job.configurations:
             skip(job, progress)
+            continue
+        with suppress(VfoaError):  # run_clip will report it
+            account.add(job.fetch(prepared.clip))
+            if job.is_perceived(prepared.clip):
+                perceived.add(job.manifest.name)
     todo = [job for job in jobs if job.configurations]
     failures: dict[Pair, VfoaError] = {}
     if cache and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
-        todo = _share(todo, executor, account, progress, failures)
+        for job in (job for job in todo if job.manifest.name in perceived):
+            skip(job, progress)
+        todo = _share(todo, perceived, executor, account, progress, failures)
         progress = _silent
     again = zip(_joint_rounds(todo, failures), repeat(_silent))
     for jobs, report in chain(zip(_rounds(todo), repeat(progress)), again):
@@ -80,13 +88,18 @@ def run_jobs(
 
 def _share(
     jobs: Sequence[ClipJob],
+    perceived: Collection[str],
     executor: Executor,
     account: Account,
     progress: Progress,
     failures: dict[Pair, VfoaError],
 ) -> list[ClipJob]:
-    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs."""
-    warm_up, left = WarmUp(jobs, executor, account, progress), list[ClipJob]()
+    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs.
+
+    Clips whose names are in ``perceived`` have their scenes.
+    """
+    to_perceive = [job for job in jobs if job.manifest.name not in perceived]
+    warm_up, left = WarmUp(to_perceive, executor, account, progress), list[ClipJob]()
     compute_with(executor.threads)
     for job in jobs:
         can_follow = len(_together(job)) == 1 or len(job.configurations) * (executor.workers - 1) <= FOLLOWING
@@ -197,6 +210,7 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         clouds=clouds_of(configuration.for_clip(clip) for configuration in configurations),
         digest=prepared.digest,
         known=dict(KNOWN),
+        store=store,
         cache=cache,
     )
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
 from harness.files.io import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
+from harness.pipeline.cache import Identity as StageIdentity
+from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.measures import Measurer
@@ -23,7 +25,8 @@ from harness.pipeline.stage_runner import timed
 from harness.run.attend import attend_clip
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import GOES_ON, Progress
-from harness.run.frame_sink import ClipContext, SceneSink, SceneSinkFactory, SinkFactory
+from harness.run.frame_sink import ClipContext, ImageFiles, SceneSinkFactory, SinkFactory
+from harness.run.scene_cache import SceneCache
 from harness.run.scenes import Identity, Keys, SceneTimes, SceneWriters, has_scene, identities, keys_of
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
@@ -35,10 +38,10 @@ class ClipJob:
 
     ``run_id`` is the random id of the run, for its recordings. Finished frames go to the ``sinks`` in their order.
     ``drawn`` holds the shapes drawn on the clip, ``clouds`` the numbers of points that methods of the run use of a
-    target's cloud. ``digest`` is that of the clip's content, of which every frame must be
-    read (None: not checked), and ``known`` are digests by the stamp of their files. ``cache`` is None if no output of a
-    stage is stored. ``ahead`` is the number of frames that one thread reads, and another one perceives, in advance; 0
-    for no threads.
+    target's cloud. ``digest`` is that of the clip's content, of which every frame must be read (None: not checked), and
+    ``known`` are digests by the stamp of their files. ``store`` keeps scenes for later runs, and ``cache`` has the
+    outputs of stages in it; None: nothing is stored. ``ahead`` is the number of frames that one thread reads, and
+    another one perceives, in advance; 0 for no threads.
     """
 
     manifest: ClipManifest
@@ -51,6 +54,7 @@ class ClipJob:
     drawn: DrawnClip | None = None
     digest: str | None = None
     known: Mapping[str, str] = field(default_factory=dict)
+    store: Store | None = None
     cache: ClipCache | None = None
     ahead: int = 0
 
@@ -92,22 +96,54 @@ class ClipJob:
         return ClipContext(
             manifest=self.manifest,
             configurations=tuple(configuration.name for configuration in self.configurations),
+            image_frames=() if isinstance(clip, MeasuredClip) else self.frames,
             rate_hz=clip.rate_hz,
             directory=self.directory,
             run_id=self.run_id,
         )
 
-    def is_perceived(self, keys: Iterable[Keys], context: ClipContext) -> bool:
-        """Whether the scenes of all configurations are there, and all that the sinks of the clip have written."""
-        return all(has_scene(self.directory, self.manifest.name, each) for each in keys) and all(
-            factory.is_whole(context) for factory in self.sinks if isinstance(factory, SceneSinkFactory)
-        )
+    def scenes(self, decided: Mapping[str, tuple[Identity, Identity]]) -> SceneCache | None:
+        """The copies of scenes with these :meth:`identities`; None if there is no cache, or the clip is not known."""
+        if self.store is None or self.digest is None:
+            return None
+        return SceneCache(store=self.store, directory=self.directory, clip=self.manifest.name, decided=decided)
 
-    def open_scene_sinks(self, context: ClipContext) -> Iterator[SceneSink]:
-        """Yield the sinks of what is perceived, in their order, each to be opened before the next."""
-        for factory in self.sinks:
-            if isinstance(factory, SceneSinkFactory):
-                yield factory.open_scenes(context)
+    def fetch(self, clip: Clip | MeasuredClip) -> Iterator[Tally]:
+        """Copy scenes of the cache into the run, unless a sink needs the images; yield what was reused.
+
+        Raises
+        ------
+        VfoaError
+            As :meth:`identities`.
+        """
+        if scenes := self.scenes(self.identities(clip)):
+            context = self.context(clip)
+            scenes.fetch_pictures(self.image_files, context)
+            if all(factory.is_whole(context) for factory in self.scene_sinks) and scenes.fetch():
+                name = self.manifest.name
+                identity = StageIdentity(slot="scene", parts={"clip": name, "stage": "tables"}, digest="scene")
+                yield Tally(identity, reused={str(number) for number in self.frames})
+
+    def is_perceived(self, clip: Clip | MeasuredClip) -> bool:
+        """Whether all that is perceived of the clip is in the run. Raises the errors of :meth:`identities`."""
+        return not self.lacking(keys_of(self.identities(clip)), self.context(clip))
+
+    def lacking(self, keys: Mapping[str, Keys], context: ClipContext) -> tuple[Configuration, ...]:
+        """The configurations that must be perceived: all of them if a sink lacks what it has written of the clip."""
+        if not all(factory.is_whole(context) for factory in self.scene_sinks):
+            return self.configurations
+        clip = self.manifest.name
+        return tuple(each for each in self.configurations if not has_scene(self.directory, clip, keys[each.name]))
+
+    @property
+    def scene_sinks(self) -> list[SceneSinkFactory]:
+        """The factories of sinks of what is perceived."""
+        return [factory for factory in self.sinks if isinstance(factory, SceneSinkFactory)]
+
+    @property
+    def image_files(self) -> list[ImageFiles]:
+        """Those of them whose files show the images alone."""
+        return [factory for factory in self.sinks if isinstance(factory, ImageFiles)]
 
     def outcome(self, errors: Mapping[str, VfoaError], tallies: tuple[Tally, ...]) -> ClipOutcome:
         """The outcome of the job, from the errors of configurations by name."""
@@ -137,21 +173,30 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     context, tallies = job.context(clip), tuple[Tally, ...]()
     known = keys_of(decided)
-    if job.is_perceived(known.values(), context):
-        perceived: dict[str, Keys | VfoaError] = dict(known)
+    perceived: dict[str, Keys | VfoaError] = dict(known)
+    if lacking := job.lacking(known, context):
+        part = replace(job, configurations=lacking)
+        with unchanged(), _perception(part, clip, decided, numbers) as (frames, scenes, take_tallies):
+            sinks = job.scene_sinks if lacking == job.configurations else ()  # otherwise, they are whole
+            written = _write_scenes(frames, part, sinks, context, progress, scenes)
+            tallies = take_tallies()
+        perceived |= written
+        if kept := job.scenes(decided):
+            kept.keep(_without_errors(written), job.image_files, context)
+        if job.store:
+            job.store.trim()
+    else:
         for _ in job.frames:
             progress(job.manifest.name)
-    else:
-        with unchanged(), _perception(job, clip, decided, numbers) as (frames, scenes, take_tallies):
-            perceived = _write_scenes(frames, job, context, progress, scenes)
-            tallies = take_tallies()
-        if job.cache:
-            job.cache.store.trim()
     errors = {name: each for name, each in perceived.items() if isinstance(each, VfoaError)}
-    keys = {name: each for name, each in perceived.items() if not isinstance(each, VfoaError)}
+    keys = _without_errors(perceived)
     answering = [configuration for configuration in job.configurations if configuration.name in keys]
     errors |= attend_clip(clip, context, answering, keys, job.sinks, lambda: progress(GOES_ON))
     return job.outcome(errors, tallies)
+
+
+def _without_errors(perceived: Mapping[str, Keys | VfoaError]) -> dict[str, Keys]:
+    return {name: each for name, each in perceived.items() if not isinstance(each, VfoaError)}
 
 
 @contextmanager
@@ -164,6 +209,7 @@ def _perception(
     """The frames of a clip as they are perceived, the writers of its scenes, and what says how the cache was used."""
     chosen = job.frames if numbers is None else numbers
     name = job.manifest.name
+    decided = {each.name: decided[each.name] for each in job.configurations}
     if isinstance(clip, MeasuredClip):
         with SceneWriters(job.directory, name, decided) as scenes:
             yield pose_frames(job.configurations, clip, chosen, job.manifest), scenes, tuple
@@ -178,7 +224,12 @@ def _perception(
 
 
 def _write_scenes(
-    frames: Generator[SharedFrame], job: ClipJob, context: ClipContext, progress: Progress, scenes: SceneWriters
+    frames: Generator[SharedFrame],
+    job: ClipJob,
+    factories: Iterable[SceneSinkFactory],
+    context: ClipContext,
+    progress: Progress,
+    scenes: SceneWriters,
 ) -> dict[str, Keys | VfoaError]:
     """Write frames as scenes, and hand them to the sinks of the clip, until they end or every configuration has failed.
 
@@ -187,7 +238,7 @@ def _write_scenes(
     errors: dict[str, VfoaError] = {}
     try:
         with closing(frames), ExitStack() as opened:
-            sinks = [opened.enter_context(sink) for sink in job.open_scene_sinks(context)]
+            sinks = [opened.enter_context(factory.open_scenes(context)) for factory in factories]
             times = opened.enter_context(SceneTimes(job.directory, job.pairs))
             while True:
                 with _unreadable_told(job.manifest.name):

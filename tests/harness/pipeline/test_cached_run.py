@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,9 @@ def plain(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDire
 
 
 def _run(experiment: Path, out: Path, store: Store | None, *overrides: str) -> RunDirectory:
+    """A run that finds outputs of stages alone: scenes of an earlier run are removed from the cache."""
+    if store:
+        shutil.rmtree(store.stages / "scene", ignore_errors=True)
     plan = prepare(load_experiment(str(experiment), overrides=overrides), limit=FRAMES)
     return run_plan(plan, out, workers=1, progress=lambda clip: None, cache=store)
 
@@ -119,12 +123,15 @@ def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
     options = ("--cache", str(tmp_path / "cache"))
     run = ("run", str(experiment), *options, "--limit", "2", "--recording", "none", "--workers", "1", "--out")
     assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in says(*run, str(tmp_path / "first"))
-    assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
+    assert "Cache: scene tables: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
     assert "second: finished already; nothing was computed\n" in says(*run, str(tmp_path / "second"))
     usage = open_store(str(tmp_path / "cache")).usage()
     stored = sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
     assert sum(entry.bytes for entry in usage) == stored
-    assert {(entry.slot, entry.files) for entry in usage} == {("stereo", 2), ("heads", 2), ("gaze", 2)}
+    assert {(entry.slot, entry.files) for entry in usage} == {
+        *(("stereo", 2), ("heads", 2), ("gaze", 2)),
+        *(("scene", 1), ("directions", 2), ("pictures", 1)),
+    }
     info = says("cache", "info", *options)
     assert "stereo bm" in info
     assert f": {stored / 1e6:.1f} MB of at most" in info

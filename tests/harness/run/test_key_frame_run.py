@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -119,6 +120,7 @@ def test_workers_change_nothing_and_carried_masks_are_cached_as_found_ones_are(
     experiment: Path, alone: tuple[RunDirectory, list[int]], tmp_path: Path
 ) -> None:
     assert unmeasured(run(experiment, tmp_path, 2)) == unmeasured(alone[0])
+    shutil.rmtree(tmp_path / "cache" / "stages" / "scene")
     with segmented() as asked:
         second = run(experiment, tmp_path)
     assert asked == []
