@@ -5,12 +5,41 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple
+from pathlib import Path
+from typing import Any
 
 from harness.run.answers import answer_rows, filtered_cues
+from harness.run.columns import PairColumns, Tables, Words, answer_columns, look_columns, scene_columns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scenes import FolderWriter, key_of, remove_unused
-from harness.run.tables import Row, TableWriter
+from harness.run.tables import TABLES, Row, TableWriter, make_table
+
+
+class MemoryTables(Tables):
+    """Tables of records that are in no file."""
+
+    def __init__(self, rows: Mapping[str, list[Row]]) -> None:
+        super().__init__({table: Path(f"{table}.parquet") for table in rows})
+        keys = dict.fromkeys(("clip", "scene", "directions", "configuration"), "")
+        self._made = {table: make_table(table, keys, of_table) for table, of_table in rows.items()}
+
+    def read(self, table: str, columns: Sequence[str]) -> Any:
+        return self._made[table].select(columns)
+
+
+def columns_of(records: Sequence[FrameRecord], words: Words) -> PairColumns:
+    """The columns of one configuration on one clip, from its records in any order."""
+    rows: dict[str, list[Row]] = {table: [] for table in TABLES if table != "clouds"}
+    for record in sorted(records, key=lambda record: record.frame):
+        for table, of_frame in (_scene_rows(record) | _directions_rows(record, ())).items():
+            rows[table] += of_frame
+        rows["answers"] += answer_rows(record, ())
+    tables = MemoryTables(rows)
+    scene = scene_columns(tables, words, {})
+    pair = records[0].clip, records[0].configuration
+    return answer_columns(pair, scene, look_columns(scene, tables, words), tables, words, ())
+
 
 SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")
 DIRECTIONS = ("head_pose", "gaze")

@@ -10,6 +10,7 @@ from itertools import groupby, pairwise
 from operator import itemgetter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.sources import AnyClip
 
@@ -47,6 +48,9 @@ class Label:
     def is_blocked(self) -> bool:
         """Whether the note says that an object blocks the line of sight."""
         return self.note.split(maxsplit=1)[:1] == [BLOCKED]
+
+
+_ENDS = ("first_frame", "last_frame")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +107,13 @@ class Labels:
             return None
         row = self._by_subject[subject][position]
         return row.label if frame <= row.last_frame else None
+
+    def places(self, subject: str, frames: NDArray[np.int64]) -> NDArray[np.intp]:
+        """The places in :meth:`of` of a subject's labels in frames (n,); -1 where there is none."""
+        rows = self.of(subject)
+        firsts, lasts = (np.array([getattr(row, name) for row in rows], dtype=np.int64) for name in _ENDS)
+        places = np.searchsorted(firsts, frames, side="right") - 1
+        return np.where(frames <= np.append(lasts, np.iinfo(np.int64).min)[places], places, -1)
 
     def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
         """Every (frame, subject, label) among these frames, in their order, subjects sorted."""

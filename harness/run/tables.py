@@ -392,6 +392,12 @@ def read_table(directory: RunDirectory, table: str) -> pa.Table:
     return pa.concat_tables(parts)
 
 
+def read_arrow(path: Path, table: str, columns: Sequence[str]) -> pa.Table:
+    """Read some columns of a table. Raises the errors of :func:`open_table`."""
+    with open_table(path, table) as file:
+        return file.read(columns=list(columns), use_threads=False)
+
+
 def read_numbers(path: Path, table: str) -> list[tuple[int, ...]]:
     """Read the numbers of the frames of each row group. Raises the errors of :func:`open_table`."""
     with open_table(path, table) as file:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,22 +66,39 @@ def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
     """Apply the baselines to a subject of a frame. Ties go to the lower instance id."""
     if subject is None:
         return Choices()
-    others = [target for target in record.targets if target.instance_id != subject.instance_id]
-    centers = [(target.box.center_m, target.instance_id) for target in others if target.box is not None]
-    eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
+    others = [
+        (target.instance_id, None if target.box is None else target.box.center_m, target.box_px)
+        for target in record.targets
+        if target.instance_id != subject.instance_id
+    ]
+    return choose_among(others, subject.eye_origin_m, subject.gaze or subject.head)
+
+
+def choose_among(
+    others: Sequence[tuple[int, Vector | None, BoxPx | None]], eyes: Vector | None, direction: Vector | None
+) -> Choices:
+    """Apply the baselines to a person and the objects of a frame.
+
+    Parameters
+    ----------
+    others
+        The instance id, the centre of the 3D box and the box in the image of each object but the person's body.
+    """
+    centers = [(center, number) for number, center, _ in others if center is not None]
+    areas = [(-_area_px(box_px), number) for number, _, box_px in others if box_px is not None]
     near = [] if eyes is None else [(math.dist(center, eyes), number) for center, number in centers]
     ahead = (
         []
         if eyes is None or direction is None
-        else [(_angle_rad(direction, eyes, center), number) for center, number in centers]
+        else [(angle_rad(direction, eyes, center), number) for center, number in centers]
     )
-    angle_rad, in_angle = min(ahead, default=NO_PICK)
+    smallest_rad, in_angle = min(ahead, default=NO_PICK)
     return Choices(
         nearest=min(near, default=NO_PICK)[1],
-        largest=min(((-_area_px(t.box_px), t.instance_id) for t in others if t.box_px is not None), default=NO_PICK)[1],
+        largest=min(areas, default=NO_PICK)[1],
         central=min(((_off_axis(center), number) for center, number in centers), default=NO_PICK)[1],
         in_angle=in_angle,
-        angle_rad=angle_rad,
+        angle_rad=smallest_rad,
     )
 
 
@@ -115,7 +132,8 @@ def _area_px(box_px: BoxPx) -> float:
     return (u1 - u0) * (v1 - v0)
 
 
-def _angle_rad(direction: Vector, eyes: Vector, center: Vector) -> float:
+def angle_rad(direction: Sequence[float], eyes: Sequence[float], center: Sequence[float]) -> float:
+    """The angle between a direction and the way from the eyes to a centre, in radians."""
     towards = [end - start for end, start in zip(center, eyes, strict=True)]
     length = math.hypot(*towards) * math.hypot(*direction)
     cosine = sum(a * b for a, b in zip(direction, towards, strict=True)) / length if length else 1.0

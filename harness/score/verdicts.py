@@ -229,8 +229,8 @@ def answered(verdict: Verdict) -> str:
 
 SET_LEVEL = 0.9
 """The least probability of a set."""
-
-_ROUNDING = 1e-9
+SET_ROUNDING = 1e-9
+"""How far below that level the sum of its probabilities may end: they are rounded."""
 
 
 class Worth(NamedTuple):
@@ -289,4 +289,4 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...]:
     chances = probabilities(subject)
     ranked = sorted(chances, key=lambda key: (-chances[key], key is None, key or 0))
     reached = np.cumsum([chances[key] for key in ranked])
-    return tuple(ranked[: 1 + int(np.argmax(reached >= SET_LEVEL * reached[-1] - _ROUNDING))])
+    return tuple(ranked[: 1 + int(np.argmax(reached >= SET_LEVEL * reached[-1] - SET_ROUNDING))])

@@ -1,0 +1,379 @@
+"""The frames of a run as columns: what scores and the page take, for whole clips, read straight from the tables.
+
+A record of each frame (:mod:`harness.run.table_records`) is the view of one frame; columns hold the same values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.run.answers import filtered_cues
+from harness.run.directory import Pair, RunDirectory
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, find_tables, read_arrow
+from vfoa.errors import VfoaError
+from vfoa.types import CUES, Cue, Float
+
+Codes = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+UNKNOWN = -1
+"""The code of no word, and the row of nothing."""
+NO_ID = np.iinfo(np.int64).min
+"""Stands for an instance id that is not there."""
+
+_KEPT_SCENES = 8
+"""Scenes, and directions of people, that a reader keeps for the next configurations."""
+
+
+class Words:
+    """Numbers for words, in the order in which they are first used; the same in all columns of a run."""
+
+    def __init__(self) -> None:
+        self._codes: dict[str, int] = {}
+        self._words: list[str] = []
+
+    def code(self, word: str | None) -> int:
+        """The number of a word; :data:`UNKNOWN` for none."""
+        if word is None:
+            return UNKNOWN
+        if (code := self._codes.get(word)) is None:
+            code = self._codes[word] = len(self._words)
+            self._words.append(word)
+        return code
+
+    def codes(self, words: Iterable[str | None]) -> Codes:
+        """The numbers of words."""
+        return np.array([self.code(word) for word in words], dtype=np.intp)
+
+    def word(self, code: int) -> str | None:
+        """The word of a number; None for :data:`UNKNOWN`."""
+        return None if code < 0 else self._words[code]
+
+    def words(self, codes: Codes) -> list[str | None]:
+        """The words of numbers."""
+        return [*map(self.word, codes.tolist())]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SceneColumns:
+    """What was found in a clip: F frames, N instances and P people, each in the order of the frames.
+
+    ``frames`` and ``times_ns`` (F,) are ascending. The instances of frame k are the rows ``firsts[k]`` to
+    ``firsts[k + 1]``; ``names`` (N,) are codes of their names. Boxes in the image (N, 4), px, and centres of 3D boxes
+    (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
+    person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one.
+    """
+
+    frames: NDArray[np.int64]
+    times_ns: NDArray[np.int64]
+    has_truth: Flags
+    firsts: Codes
+    instance_at: Codes
+    instance_ids: NDArray[np.int64]
+    names: Codes
+    boxes_px: Float
+    centers_m: Float
+    person_at: Codes
+    tracks: NDArray[np.int64]
+    person_names: Codes
+    bodies: NDArray[np.int64]
+
+    def instances_of(self, at: Codes) -> Codes:
+        """The rows of the instances of frames (n, K), :data:`UNKNOWN` where a frame has fewer than K."""
+        rows = self.firsts[at][:, None] + np.arange(np.diff(self.firsts).max(initial=1))
+        return np.where(rows < self.firsts[at + 1][:, None], rows, UNKNOWN)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LookColumns:
+    """Where the people of a clip look (P, 3): eyes in metres, directions after the filter; NaN: not known.
+
+    ``no_gaze`` are codes of reasons, ``head_widths_m`` (P,) widths of heads.
+    """
+
+    eyes_m: Float
+    gaze: Float
+    head: Float
+    no_gaze: Codes
+    head_widths_m: Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairColumns:
+    """One configuration on one clip: what its P people look at, of A values of attention.
+
+    ``missing`` (P,) are codes of reasons for no answer; ``focus`` (P,) is the row of the instance with the most
+    attention, :data:`UNKNOWN` for nowhere. ``attending`` (A,) is the row of the person, ``attended`` that of the
+    instance; ``gaze`` and ``head`` (A,) are NaN where they were not measured. ``fits`` (P, 4) are the fields of
+    :class:`vfoa.types.DirectionFit`, NaN without a fit.
+    """
+
+    clip: str
+    configuration: str
+    scene: SceneColumns
+    looks: LookColumns
+    missing: Codes
+    focus: Codes
+    attending: Codes
+    attended: Codes
+    gaze: Float
+    head: Float
+    total: Float
+    fits: Float
+
+
+class Tables:
+    """The files of tables, by the tables' names."""
+
+    def __init__(self, paths: Mapping[str, Path]) -> None:
+        self.paths = paths
+
+    @classmethod
+    def beside(cls, folder: Path, tables: Iterable[str]) -> Tables:
+        """Those of a folder."""
+        return cls({table: folder / f"{table}.parquet" for table in tables})
+
+    def read(self, table: str, columns: Sequence[str]) -> Any:
+        """Columns of a table, as a table of Arrow. Raises as :func:`harness.run.tables.open_table` does."""
+        return read_arrow(self.paths[table], table, columns)
+
+
+class ColumnReader:
+    """Reads the columns of a finished run. What configurations share is read once for those that follow.
+
+    Parameters
+    ----------
+    words
+        Gets the words of all columns.
+
+    Raises
+    ------
+    VfoaError
+        If a table is missing, damaged, of another version, or does not fit the others; the message names the file. This
+        also holds for what is read later.
+    """
+
+    def __init__(self, directory: RunDirectory, words: Words) -> None:
+        self.words = words
+        self.paths = dict(find_tables(directory))
+        configurations = directory.read_manifest().get("configurations", {})
+        self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
+        kept = lru_cache(maxsize=_KEPT_SCENES)
+        self._scene = kept(self._read_scene)
+        self._looks = kept(self._read_looks)
+
+    def frames(self, pair: Pair) -> int:
+        """The number of frames of a (clip, configuration)."""
+        return len(self._scene(self.paths[pair]["frames"].parent, ()).frames)
+
+    def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
+        """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""
+        paths = self.paths[pair]
+        scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
+        looks = self._looks(paths["directions"].parent, scene)
+        return answer_columns(pair, scene, looks, Tables(paths), self.words, self._filtered[pair[1]])
+
+    def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
+        return scene_columns(Tables.beside(folder, SCENE_TABLES), self.words, dict(names_now))
+
+    def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
+        return look_columns(scene, Tables.beside(folder, DIRECTIONS_TABLES), self.words)
+
+
+def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
+    """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
+    about = tables.read("frames", ("frame", "time_ns", "has_truth"))
+    frames = _numbers(about, "frame")
+    if (back := np.flatnonzero(frames[1:] <= frames[:-1])).size:
+        number = frames[back[0] + 1]
+        raise VfoaError(
+            f"{tables.paths['frames']}: expected ascending frames, found frame {number} after a later one or itself"
+        )
+    found = tables.read("instances", ("frame", "instance_id", "name", "box_px", "center_m"))
+    instances, instance_at = _in_order(found, frames, tables.paths["instances"])
+    ids = _numbers(instances, "instance_id")
+    _check_distinct(frames, instance_at, ids, tables.paths["instances"])
+    seen = tables.read("people", ("frame", "track_id", "name", "instance_id"))
+    people, person_at = _in_order(seen, frames, tables.paths["people"])
+    return SceneColumns(
+        frames=frames,
+        times_ns=_numbers(about, "time_ns"),
+        has_truth=about.column("has_truth").to_numpy(),
+        firsts=np.searchsorted(instance_at, np.arange(len(frames) + 1)),
+        instance_at=instance_at,
+        instance_ids=ids,
+        names=_words(instances, "name", words, names_now),
+        boxes_px=_vectors(instances, "box_px", 4, tables.paths["instances"]),
+        centers_m=_vectors(instances, "center_m", 3, tables.paths["instances"]),
+        person_at=person_at,
+        tracks=_numbers(people, "track_id"),
+        person_names=_words(people, "name", words),
+        bodies=_numbers(people, "instance_id", NO_ID),
+    )
+
+
+def look_columns(scene: SceneColumns, tables: Tables, words: Words) -> LookColumns:
+    """Read where the people of a scene look; a :class:`VfoaError` says that the tables do not fit each other."""
+    path = tables.paths["directions"]
+    names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m")
+    table = _of_people(scene, tables.read("directions", names), path)
+    eyes_m, gaze, head = (_vectors(table, name, 3, path) for name in ("eye_origin_m", "gaze", "head"))
+    return LookColumns(
+        eyes_m=eyes_m,
+        gaze=gaze,
+        head=head,
+        no_gaze=_words(table, "no_gaze", words),
+        head_widths_m=_floats(table, "head_width_m"),
+    )
+
+
+_ANSWERS = ("frame", "track_id", "missing", "focus", "targets", "gaze", "head", "total", "fit")
+
+
+def answer_columns(
+    pair: Pair, scene: SceneColumns, looks: LookColumns, tables: Tables, words: Words, filtered: Sequence[Cue]
+) -> PairColumns:
+    """Read the answers of a (clip, configuration), of which some cues are filtered.
+
+    Raises
+    ------
+    VfoaError
+        If the table does not fit that of people, or a person attends to what is not there.
+    """
+    path = tables.paths["answers"]
+    columns = (*_ANSWERS, *(f"{cue}_filtered" for cue in filtered))
+    table = _of_people(scene, tables.read("answers", columns), path)
+    after = {"gaze": looks.gaze, "head": looks.head}
+    after |= {cue: _vectors(table, f"{cue}_filtered", 3, path) for cue in filtered}
+    attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
+    ids = _flat(table, "targets").to_numpy()
+    gaze, head, total = (_flat(table, name).to_numpy(zero_copy_only=False) for name in (*CUES, "total"))
+    if not len(ids) == len(gaze) == len(head) == len(total):
+        raise VfoaError(f"{path}: expected lists of targets, gaze, head and total of one length")
+    focused = _numbers(table, "focus", NO_ID)
+    has_focus = np.flatnonzero(focused != NO_ID)
+    focus = np.full(len(table), UNKNOWN, dtype=np.intp)
+    focus[has_focus] = _instances(scene, has_focus, focused[has_focus], path)
+    return PairColumns(
+        clip=pair[0],
+        configuration=pair[1],
+        scene=scene,
+        looks=replace(looks, gaze=after["gaze"], head=after["head"]) if filtered else looks,
+        missing=_words(table, "missing", words),
+        focus=focus,
+        attending=attending,
+        attended=_instances(scene, attending, ids, path),
+        gaze=gaze,
+        head=head,
+        total=total,
+        fits=np.stack([each.to_numpy(zero_copy_only=False) for each in _column(table, "fit").flatten()], axis=1),
+    )
+
+
+def _instances(scene: SceneColumns, people: Codes, ids: NDArray[np.int64], path: Path) -> Codes:
+    """The rows of the instances with these ids in the frames of people."""
+    at = scene.person_at[people]
+    keys, wanted = _key(scene.instance_at, scene.instance_ids), _key(at, ids)
+    order = np.argsort(keys, kind="stable")
+    places = np.searchsorted(keys[order], wanted)
+    rows = np.append(order, 0)[places]
+    is_there = (places < len(order)) & (np.append(keys, 0)[rows] == wanted)
+    if not is_there.all():
+        first = int(np.flatnonzero(~is_there)[0])
+        unknown = sorted({*ids[~is_there & (people == people[first])].tolist()})
+        raise VfoaError(
+            f"{path}: frame {scene.frames[at[first]]}: track {scene.tracks[people[first]]} attends to instances "
+            f"{unknown}, which are not in targets"
+        )
+    return rows
+
+
+def _key(at: Codes, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One number for a frame and an id of 32 bits."""
+    return at.astype(np.int64) * 2**32 + ids + 2**31
+
+
+def _check_distinct(frames: NDArray[np.int64], at: Codes, ids: NDArray[np.int64], path: Path) -> None:
+    keys, counts = np.unique(_key(at, ids), return_counts=True)
+    if (counts > 1).any():
+        number = frames[keys[counts > 1][0] // 2**32]
+        raise VfoaError(f"{path}: frame {number}: expected distinct instance ids in targets")
+
+
+def _in_order(table: Any, frames: NDArray[np.int64], path: Path) -> tuple[Any, Codes]:
+    """The rows of a table in the order of the frames, and the place of each one's frame."""
+    numbers = _numbers(table, "frame")
+    at = np.searchsorted(frames, numbers)
+    is_there = np.append(frames, 0)[at] == numbers
+    is_there &= at < len(frames)
+    if not is_there.all():
+        raise VfoaError(f"{path}: frame {numbers[~is_there][0]} is not in frames.parquet")
+    if (np.diff(at) >= 0).all():
+        return table, at
+    order = np.argsort(at, kind="stable")
+    return table.take(order), at[order]
+
+
+def _of_people(scene: SceneColumns, table: Any, path: Path) -> Any:
+    """The rows of a table, which must be those of the scene's people."""
+    table, at = _in_order(table, scene.frames, path)
+    tracks = _numbers(table, "track_id")
+    known = min(len(tracks), len(scene.tracks))
+    differs = (at[:known] != scene.person_at[:known]) | (tracks[:known] != scene.tracks[:known])
+    if differs.any() or len(tracks) != len(scene.tracks):
+        first = int(np.argmax(differs)) if differs.any() else known
+        places = [places[first] for places in (at, scene.person_at) if first < len(places)]
+        number = scene.frames[min(places)]
+        raise VfoaError(f"{path}: frame {number}: expected the tracks of people, a row for each of them")
+    return table
+
+
+def _column(table: Any, name: str) -> Any:
+    return table.column(name).combine_chunks()
+
+
+def _numbers(table: Any, name: str, null: int = 0) -> NDArray[np.int64]:
+    """Whole numbers; ``null`` stands for unknown ones."""
+    column = _column(table, name)
+    if column.null_count:
+        numbers = column.fill_null(0).to_numpy().astype(np.int64)
+        numbers[column.is_null().to_numpy(zero_copy_only=False)] = null
+        return numbers
+    return np.asarray(column.to_numpy(), dtype=np.int64)
+
+
+def _floats(table: Any, name: str) -> Float:
+    """Numbers; NaN stands for unknown ones."""
+    return np.asarray(_column(table, name).to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _lengths(table: Any, name: str) -> NDArray[np.int64]:
+    return np.asarray(_column(table, name).value_lengths().fill_null(0).to_numpy(), dtype=np.int64)
+
+
+def _flat(table: Any, name: str) -> Any:
+    return _column(table, name).flatten()
+
+
+def _vectors(table: Any, name: str, length: int, path: Path) -> Float:
+    """Vectors (n, length); NaN stands for unknown ones."""
+    column = _column(table, name)
+    is_known = column.is_valid().to_numpy(zero_copy_only=False)
+    if (_lengths(table, name)[is_known] != length).any():
+        raise VfoaError(f"{path}: {name}: expected lists of {length} numbers")
+    vectors = np.full((len(table), length), np.nan)
+    vectors[is_known] = column.flatten().to_numpy().reshape(-1, length)
+    return vectors
+
+
+def _words(table: Any, name: str, words: Words, names_now: Mapping[str, str] | None = None) -> Codes:
+    """Codes of words, with their present ones."""
+    coded = _column(table, name).dictionary_encode()
+    known = [(names_now or {}).get(word, word) for word in coded.dictionary.to_pylist()]
+    return np.append(words.codes(known), UNKNOWN)[coded.indices.fill_null(len(known)).to_numpy()]

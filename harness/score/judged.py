@@ -1,0 +1,479 @@
+"""The verdicts of a configuration on a clip as columns: a row for each frame of a subject.
+
+They say what :func:`harness.score.verdicts.judge` says of one frame and :func:`harness.score.baselines.choose` of one
+person, for all frames of a clip at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.labels.labels import IGNORED, NOWHERE, LabelRange, Labels
+from harness.run.columns import NO_ID, UNKNOWN, LookColumns, PairColumns, SceneColumns, Words
+from harness.run.results import AnswerTraits
+from harness.score.baselines import angle_rad, choose_among
+from harness.score.statistics import Codes, Flags
+from harness.score.verdicts import (
+    NO_HIT,
+    NO_OBJECT,
+    NO_PROBABILITIES,
+    OF_SCENE,
+    SET_LEVEL,
+    SET_ROUNDING,
+    UNKNOWN_WORTH,
+    Outcome,
+    Verdict,
+)
+from vfoa.types import Float
+
+COMPARED_EVERY = 4
+"""Of every so many frames, one is looked at for what tells of other axes and units."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """A subject's frames in order, as columns (n,): verdicts, and what the answers are worth.
+
+    ``truth``, ``predicted`` and ``error_type`` are codes of ``words``, :data:`harness.run.columns.UNKNOWN` without a
+    label, an answer, an error. ``is_scored`` are the frames with a label that is not ``ignore``. ``confidence`` is the
+    probability of the answer, NaN without one, also of frames that are not scored. ``worth`` (n, 5) are the fields of
+    :class:`harness.score.verdicts.Worth`; ``hits`` (n, 4) says which of the baselines that use the frame are right, and
+    ``angles_rad`` is the smallest angle from the direction to a box's centre, NaN if not known.
+    """
+
+    words: Words
+    clip: str
+    configuration: str
+    subject: str
+    frames: NDArray[np.int64]
+    truth: Codes
+    predicted: Codes
+    error_type: Codes
+    is_scored: Flags
+    is_blocked: Flags
+    confidence: Float
+    worth: Float
+    hits: Flags
+    angles_rad: Float
+
+    def where(self, chosen: Flags | Codes) -> Judged:
+        """The chosen frames."""
+        columns = (
+            "frames",
+            "truth",
+            "predicted",
+            "error_type",
+            "is_scored",
+            "is_blocked",
+            "confidence",
+            "worth",
+            "hits",
+            "angles_rad",
+        )
+        return replace(self, **{name: getattr(self, name)[chosen] for name in columns})
+
+    @property
+    def is_wrong(self) -> Flags:
+        """The frames with an error type."""
+        return self.error_type != UNKNOWN
+
+    def verdicts(self) -> list[Verdict]:
+        """The verdict of each frame."""
+        outcomes: list[Outcome] = ["unscored", "correct", "wrong"]
+        return [
+            Verdict(
+                clip=self.clip,
+                configuration=self.configuration,
+                frame=frame,
+                subject=self.subject,
+                truth=truth,
+                predicted=predicted,
+                outcome=outcomes[is_scored + (error_type is not None)],
+                error_type=error_type,
+                confidence=None if math.isnan(confidence) else confidence,
+            )
+            for frame, truth, predicted, error_type, is_scored, confidence in zip(
+                self.frames.tolist(),
+                *map(self.words.words, (self.truth, self.predicted, self.error_type)),
+                self.is_scored.tolist(),
+                self.confidence.tolist(),
+                strict=True,
+            )
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JudgedPart:
+    """The verdicts of a configuration on a clip by subject, and what notes and checks take from its F frames.
+
+    ``phase_of`` (F,) are codes of phases. ``fits`` (n, 4) are those of all frames of named subjects, labelled or not.
+    ``aims`` (n, 2, 3) are some directions, each with the vector from the eyes to what the label says.
+    ``head_widths_m`` are some widths, ``targets`` the names of all targets that were found.
+    """
+
+    by_subject: Mapping[str, Judged]
+    frames: NDArray[np.int64]
+    times_ns: NDArray[np.int64]
+    phase_of: Codes
+    fits: Float
+    aims: Float
+    head_widths_m: Float
+    targets: frozenset[str]
+
+
+def judge_columns(
+    columns: PairColumns,
+    words: Words,
+    labels: Labels | None,
+    wanted: Iterable[int],
+    traits: AnswerTraits,
+    phases: Mapping[int, str],
+) -> JudgedPart:
+    """Judge every labelled or named subject of a configuration on a clip.
+
+    Parameters
+    ----------
+    wanted
+        The frames that are scored if they have a label: one without a record is wrong, like any without a prediction.
+    phases
+        The name of each phase by the number of things beside people in a frame.
+    """
+    scene, looks = columns.scene, columns.looks
+    named = {word: code for code in np.unique(scene.person_names).tolist() if (word := words.word(code)) is not None}
+    pair = _Pair(columns, words, traits)
+    judged, at, aims = dict[str, Judged](), [np.zeros(0, dtype=np.intp)], list[Float]([np.zeros((0, 2, 3))])
+    absent = np.setdiff1d(np.array([*wanted], dtype=np.int64), scene.frames)
+    for subject in sorted({*named, *(labels.subjects if labels else ())}):
+        judged[subject], places, of_subject = pair.judge(subject, labels, absent)
+        at.append(places)
+        aims.append(of_subject)
+    compared = looks.head_widths_m[scene.person_at % COMPARED_EVERY == 0]
+    return JudgedPart(
+        by_subject=judged,
+        frames=scene.frames,
+        times_ns=scene.times_ns,
+        phase_of=_phases(scene, words, phases),
+        fits=columns.fits[~np.isnan(columns.fits[:, 0]) & (scene.person_names != UNKNOWN)],
+        aims=np.concatenate(aims)[np.argsort(np.concatenate(at), kind="stable")],  # frame by frame
+        head_widths_m=compared[~np.isnan(compared) & (compared != 0)],
+        targets=frozenset(str(word) for word in words.words(np.unique(scene.names))),
+    )
+
+
+def _phases(scene: SceneColumns, words: Words, phases: Mapping[int, str]) -> Codes:
+    """The code of the phase of each frame, by its number of instances that are nobody's body."""
+    if not phases:
+        return np.full(len(scene.frames), UNKNOWN, dtype=np.intp)
+    bodies = set(zip(scene.person_at.tolist(), scene.bodies.tolist(), strict=True))
+    found = zip(scene.instance_at.tolist(), scene.instance_ids.tolist(), strict=True)
+    things = np.array([at for at, number in found if (at, number) not in bodies], dtype=np.intp)
+    counts = np.bincount(things, minlength=len(scene.frames))
+    return words.codes(phases.get(count) for count in counts.tolist())
+
+
+class _View:
+    """A scene as matrices: P people by the K instances of their frames, NaN and UNKNOWN where there are fewer."""
+
+    def __init__(self, scene: SceneColumns) -> None:
+        rows = scene.instances_of(scene.person_at)
+        self.firsts = scene.firsts[scene.person_at]
+        self.is_there = rows != UNKNOWN
+        self.names = np.append(scene.names, UNKNOWN)[rows]
+        self.ids = np.append(scene.instance_ids, NO_ID)[rows]
+        self.centers_m = np.append(scene.centers_m, np.full((1, 3), np.nan), axis=0)[rows]
+        self.boxes_px = np.append(scene.boxes_px, np.full((1, 4), np.nan), axis=0)[rows]
+        self.has_box = ~np.isnan(self.centers_m[..., 0])
+
+
+class _Choices:
+    """What each baseline picks for each of P people: the place among the instances of the frame, UNKNOWN for none.
+
+    ``picks`` (P, 4) are in the order of :class:`harness.score.baselines.Choices`; ``angles_rad`` (P,) as there.
+    """
+
+    def __init__(self, scene: SceneColumns, looks: LookColumns) -> None:
+        view = _view(scene)
+        self.directions = np.where(np.isnan(looks.gaze), looks.head, looks.gaze)
+        is_other = view.is_there & (view.ids != scene.bodies[:, None])
+        towards = view.centers_m - looks.eyes_m[:, None]
+        far = _norm(view.centers_m)
+        u0, v0, u1, v1 = np.moveaxis(view.boxes_px, -1, 0)
+        off_axis = -view.centers_m[..., 2] / np.where(far == 0, np.inf, far)
+        picks, is_tie = zip(
+            _least(_norm(towards), is_other, view.ids, share=_SHARE),
+            _least(-(u1 - u0) * (v1 - v0), is_other, view.ids),
+            _least(off_axis, is_other, view.ids, margin=_COSINE),
+            _least(-_cosine(self.directions[:, None], towards), is_other, view.ids, margin=_COSINE),
+            strict=True,
+        )
+        self.picks = np.stack(picks, axis=1)
+        for row in np.flatnonzero(np.any(is_tie, axis=0)).tolist():  # decided as for one frame, to the last bit
+            self.picks[row] = _chosen(view, looks, self.directions, row, np.flatnonzero(is_other[row]))
+        self.angles_rad = np.full(len(self.picks), np.nan)
+        known = np.flatnonzero(self.picks[:, 3] != UNKNOWN)
+        directions, eyes, centers = (
+            self.directions[known],
+            looks.eyes_m[known],
+            view.centers_m[known, self.picks[known, 3]],
+        )
+        self.angles_rad[known] = [*map(angle_rad, directions.tolist(), eyes.tolist(), centers.tolist())]
+
+
+_view = lru_cache(maxsize=4)(_View)
+_choices = lru_cache(maxsize=4)(_Choices)
+
+_SHARE, _COSINE = 1e-9, 1e-12
+"""Distances that differ by a smaller share, and cosines by less, are equal but for rounding."""
+
+
+def _norm(vectors: Float) -> Float:
+    return np.asarray(np.sqrt((vectors**2).sum(axis=-1)))
+
+
+def _cosine(directions: Float, towards: Float) -> Float:
+    """Cosines of angles; 1 of a vector without a length."""
+    lengths = _norm(towards) * _norm(directions)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosines = (directions * towards).sum(axis=-1) / lengths
+    return np.where(lengths == 0, 1.0, cosines).clip(-1, 1)
+
+
+def _least(
+    values: Float, is_other: Flags, ids: NDArray[np.int64], *, share: float = 0.0, margin: float = 0.0
+) -> tuple[Codes, Flags]:
+    """The place of the least known value in each row, of equal ones that of the lower id; UNKNOWN without one.
+
+    And whether rounding decides: another one is larger by at most this share of it and this margin.
+    """
+    known = np.where(is_other & ~np.isnan(values), values, np.inf)
+    least = known.min(axis=1, keepdims=True)
+    is_found = least[:, 0] < np.inf
+    least[~is_found] = 0
+    places = np.where(known == least, ids, np.iinfo(np.int64).max).argmin(axis=1)
+    as_small = known <= least + np.abs(least) * share + margin
+    return np.where(is_found, places, UNKNOWN), (as_small.sum(axis=1) > 1) & (share + margin > 0)
+
+
+def _chosen(view: _View, looks: LookColumns, directions: Float, row: int, others: Codes) -> list[int]:
+    """The places that the baselines pick for one person."""
+    ids = view.ids[row].tolist()
+    things = [
+        (ids[place], _known(view.centers_m[row, place]), _known(view.boxes_px[row, place])) for place in others.tolist()
+    ]
+    picks = choose_among(things, _known(looks.eyes_m[row]), _known(directions[row]))[:4]
+    return [UNKNOWN if pick is None else ids.index(pick) for pick in picks]
+
+
+def _known(values: Float) -> Any:
+    """A vector as plain numbers; None if it is not known."""
+    return None if np.isnan(values[0]) else tuple(values.tolist())
+
+
+class _Pair:
+    """One configuration on one clip, to judge each subject of it."""
+
+    def __init__(self, columns: PairColumns, words: Words, traits: AnswerTraits) -> None:
+        self.columns, self.words, self.traits = columns, words, traits
+        self.view, self.choices = _view(columns.scene), _choices(columns.scene, columns.looks)
+        people = len(columns.missing)
+        self.place = columns.attended - self.view.firsts[columns.attending]
+        self.totals = np.full(self.view.ids.shape, np.nan)
+        self.totals[columns.attending, self.place] = columns.total
+        self.has_total = np.bincount(columns.attending, columns.total > 0, people) > 0
+        # np.bincount adds one after the other, as for one frame, so that bits are equal
+        self.nowhere = np.maximum(0.0, 1 - np.bincount(columns.attending, columns.total, people))
+
+    def judge(self, subject: str, labels: Labels | None, absent: NDArray[np.int64]) -> tuple[Judged, Codes, Float]:
+        """The verdicts of a subject; the aims in some frames (n, 2, 3), and the places of these frames (n,)."""
+        scene = self.columns.scene
+        labels = labels or Labels(())
+        person_in = np.full(len(scene.frames), UNKNOWN, dtype=np.intp)
+        own = np.flatnonzero(scene.person_names == self.words.code(subject))[::-1]
+        person_in[scene.person_at[own]] = own  # the first, if tracks share the name
+        labelled = labels.places(subject, scene.frames)
+        at = np.flatnonzero((person_in != UNKNOWN) | (labelled != UNKNOWN))
+        missed = absent[labels.places(subject, absent) != UNKNOWN]
+        frames = np.concatenate([scene.frames[at], missed])
+        order = np.argsort(frames, kind="stable")
+        none = np.full(len(missed), UNKNOWN, dtype=np.intp)
+        at, person = (np.concatenate([each, none])[order] for each in (at, person_in[at]))
+        label = _LabelColumns(labels.of(subject), labels.places(subject, frames := frames[order]), self.words)
+        return self._judged(subject, frames, at, person, label)
+
+    def _judged(
+        self, subject: str, frames: NDArray[np.int64], at: Codes, person: Codes, label: _LabelColumns
+    ) -> tuple[Judged, Codes, Float]:
+        code, n = self.words.code, len(frames)
+        seen = np.flatnonzero(person != UNKNOWN)
+        of, label_of = person[seen], label.at(seen)
+        answers = _Answers(self, of, label_of)
+        predicted, error_type = np.full(n, UNKNOWN, dtype=np.intp), np.full(n, code("no_subject"), dtype=np.intp)
+        predicted[seen], error_type[seen] = answers.predicted(), answers.error_types(code(subject))
+        if self.traits.says_nowhere:
+            is_nothing = predicted == code(NO_HIT)
+            predicted[is_nothing] = code(NOWHERE)
+            error_type[is_nothing & (error_type == code("no_hit"))] = code("missed")
+        if self.traits.from_file:
+            for of_scene, of_file in OF_SCENE.items():
+                error_type[error_type == code(of_scene)] = code(of_file)
+        error_type[~label.is_scored] = UNKNOWN
+        confidence, hits, angles_rad = np.full(n, np.nan), np.zeros((n, 4), dtype=np.bool_), np.full(n, np.nan)
+        worth = np.tile(NO_PROBABILITIES if self.traits.probabilistic else UNKNOWN_WORTH, (n, 1)).astype(np.float64)
+        if self.traits.probabilistic:
+            chance = answers.chances()
+            confidence[seen] = np.where(answers.is_given, chance, np.nan)
+            is_worth = answers.missing == UNKNOWN
+            worth[seen[is_worth]] = answers.worths(chance)[is_worth]
+        hits[seen] = answers.hits(self.choices.picks[of])
+        angles_rad[seen] = self.choices.angles_rad[of]
+        judged = Judged(
+            words=self.words,
+            clip=self.columns.clip,
+            configuration=self.columns.configuration,
+            subject=subject,
+            frames=frames,
+            truth=label.truth,
+            predicted=predicted,
+            error_type=error_type,
+            is_scored=label.is_scored,
+            is_blocked=label.is_blocked,
+            confidence=confidence,
+            worth=worth,
+            hits=hits,
+            angles_rad=angles_rad,
+        )
+        is_compared = label_of.is_scored & (at[seen] % COMPARED_EVERY == 0)
+        aims, is_known = answers.aims(self.choices.directions[of])
+        return judged, at[seen][is_compared & is_known], aims[is_compared & is_known]
+
+
+class _LabelColumns:
+    """The labels of a subject's frames (n,). ``points_px`` (n, 2) are NaN where a label has none."""
+
+    def __init__(self, ranges: Sequence[LabelRange], places: Codes, words: Words) -> None:
+        labels = [row.label for row in ranges]
+        unknown = (math.nan, math.nan)
+        self.truth = np.append(words.codes(label.target for label in labels), UNKNOWN)[places]
+        self.is_blocked = np.array([*(label.is_blocked for label in labels), False], dtype=np.bool_)[places]
+        self.points_px = np.array([*(label.point_px or unknown for label in labels), unknown])[places]
+        self.is_scored = (self.truth != UNKNOWN) & (self.truth != words.code(IGNORED))
+
+    def at(self, chosen: Codes) -> _LabelColumns:
+        """Those of the chosen frames."""
+        part = copy(self)
+        for name, column in vars(self).items():
+            setattr(part, name, column[chosen])
+        return part
+
+
+class _Answers:
+    """The answers about one subject in the n frames in which the person was seen."""
+
+    def __init__(self, pair: _Pair, of: Codes, label: _LabelColumns) -> None:
+        columns, view, self.code = pair.columns, pair.view, pair.words.code
+        self.pair, self.of, self.label = pair, of, label
+        self.names, self.ids, self.totals = view.names[of], view.ids[of], pair.totals[of]
+        self.centers_m, self.has_box = view.centers_m[of], view.has_box[of]
+        self.missing, self.no_gaze = columns.missing[of], columns.looks.no_gaze[of]
+        self.is_given = (self.missing == UNKNOWN) | (self.missing == self.code(NO_OBJECT))
+        self.focus = np.where(columns.focus[of] == UNKNOWN, UNKNOWN, columns.focus[of] - view.firsts[of])
+        self.truly_nowhere = label.truth == self.code(NOWHERE)
+        self.right = (self.names == label.truth[:, None]) & view.is_there[of] & ~self.truly_nowhere[:, None]
+        several = np.flatnonzero(~np.isnan(label.points_px[:, 0]) & (self.right.sum(axis=1) > 1))
+        if several.size:
+            self.right[several] = _nearest(self.right[several], view.boxes_px[of[several]], label.points_px[several])
+
+    def predicted(self) -> Codes:
+        """The code of what is predicted, UNKNOWN without an answer."""
+        nothing = np.where(self.pair.has_total[self.of], self.code(NOWHERE), self.code(NO_HIT))
+        named = np.where(self.focus == UNKNOWN, nothing, self._at_focus(self.names))
+        return np.where(self.is_given, named, UNKNOWN)
+
+    def _at_focus(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The column of the focus; the last column where there is none."""
+        return np.asarray(np.take_along_axis(values, self.focus[:, None] % values.shape[1], axis=1)[:, 0])
+
+    def error_types(self, subject: int) -> Codes:
+        """Why each frame is wrong: the first error type that applies, as a code; UNKNOWN if it is correct."""
+        code, missing, nowhere = self.code, self.missing, self.truly_nowhere
+        is_right = np.where(nowhere, self.focus == UNKNOWN, (self.focus != UNKNOWN) & self._at_focus(self.right))
+        is_hit = self.totals > 0
+        bodies = self.pair.columns.scene.bodies[self.of]
+        is_namesake = self.names == subject
+        is_own = (is_namesake & (self.ids == bodies[:, None])).any(axis=1)
+        is_another = (bodies != NO_ID) & is_namesake.any(axis=1) & ~is_own
+        is_self = (self.focus != UNKNOWN) & (self._at_focus(self.names) == subject)
+        cases = (
+            ((missing == code("no_direction")) & (self.no_gaze != UNKNOWN), self.no_gaze),
+            ((missing == code(NO_OBJECT)) & nowhere, UNKNOWN),
+            (missing != UNKNOWN, missing),
+            (is_right, UNKNOWN),
+            (nowhere, code("false_attention")),
+            (~self.right.any(axis=1), code("target_not_segmented")),
+            (~(self.right & self.has_box).any(axis=1), code("target_without_box")),
+            (is_another | is_self, code("wrong_subject")),
+            (~is_hit.any(axis=1), code("no_hit")),
+            ((self.right & is_hit).any(axis=1), code("outscored")),
+        )
+        return np.select([case for case, _ in cases], [of for _, of in cases], code("missed"))
+
+    def chances(self) -> Float:
+        """The probability of each answer; NaN where there is none."""
+        chance = np.where(self.focus == UNKNOWN, self.pair.nowhere[self.of], self._at_focus(self.totals))
+        return np.minimum(chance, 1.0)
+
+    def worths(self, chances: Float) -> Float:
+        """What the probabilities are worth (n, 5), as :class:`harness.score.verdicts.Worth`."""
+        nowhere, n = self.pair.nowhere[self.of], len(self.of)
+        is_value = ~np.isnan(self.totals)
+        on_target = np.where(self.right & is_value, self.totals, 0).cumsum(axis=1)[:, -1]
+        on_truth = np.where(self.truly_nowhere, nowhere, on_target)
+        squares = np.where(is_value & ~self.right, self.totals, 0) ** 2
+        wrong = squares.cumsum(axis=1)[:, -1] + np.where(self.truly_nowhere, 0, nowhere) ** 2
+        # the smallest set: the likeliest first, of equal ones the lower id, nowhere last
+        values = np.append(np.where(is_value, self.totals, -np.inf), nowhere[:, None], axis=1)
+        ids = np.append(
+            np.where(is_value, self.ids, np.iinfo(np.int64).max - 1), np.full((n, 1), np.iinfo(np.int64).max), axis=1
+        )
+        order = np.lexsort((ids, -values), axis=1)
+        ranked = np.take_along_axis(values, order, axis=1)
+        reached = np.where(ranked == -np.inf, 0, ranked).cumsum(axis=1)
+        size = 1 + np.argmax(reached >= SET_LEVEL * reached[:, -1:] - SET_ROUNDING, axis=1)
+        is_right = np.take_along_axis(np.append(self.right, self.truly_nowhere[:, None], axis=1), order, axis=1)
+        is_covered = (is_right & (np.arange(values.shape[1]) < size[:, None])).any(axis=1)
+        has_set = is_value.any(axis=1)
+        sizes = np.where(has_set, size, np.nan)
+        return np.stack([chances, on_truth, (1 - on_truth) ** 2 + wrong, sizes, is_covered & has_set], axis=1)
+
+    def hits(self, picks: Codes) -> Flags:
+        """Whether what each baseline picks (n, 4) is right."""
+        return np.take_along_axis(self.right, picks % self.right.shape[1], axis=1) & (picks != UNKNOWN)
+
+    def aims(self, directions: Float) -> tuple[Float, Flags]:
+        """Each direction with the vector from the eyes to what the label says (n, 2, 3), and whether both are known."""
+        with_box = self.right & self.has_box
+        first = np.argmax(with_box, axis=1)
+        centers = np.take_along_axis(self.centers_m, first[:, None, None], axis=1)[:, 0]
+        aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.of]], axis=1)
+        return aims, with_box.any(axis=1) & ~np.isnan(aims).any(axis=(1, 2))
+
+
+def _nearest(named: Flags, boxes_px: Float, points_px: Float) -> Flags:
+    """Of the named instances (n, K) the one nearest to each point: by the box, then by its middle."""
+    u0, v0, u1, v1 = np.moveaxis(boxes_px, -1, 0)
+    u, v = points_px[:, :1], points_px[:, 1:]
+    outside = np.maximum(np.maximum(u0 - u, 0.0), u - u1) ** 2 + np.maximum(np.maximum(v0 - v, 0.0), v - v1) ** 2
+    off_center = (u - (u0 + u1) / 2) ** 2 + (v - (v0 + v1) / 2) ** 2
+    nearest = named
+    for distances in (outside, off_center):
+        known = np.where(nearest & ~np.isnan(distances), distances, np.inf)
+        nearest = nearest & (known == known.min(axis=1, keepdims=True))
+    return np.arange(named.shape[1]) == np.argmax(nearest, axis=1)[:, None]
