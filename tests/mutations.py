@@ -191,9 +191,9 @@ MUTATIONS = (
         "harness/run/test_recordings_kept.py",
     ),
     Mutation(
-        "configurations that share a recording run again alone",
+        "configurations whose shared recording is lost run again alone",
         "harness/run/jobs.py",
-        "if unfinished and _shares_files(plan):",
+        "if not job.has_scene_files(job.context(prepared.clip)):",
         "if False:",
         "harness/run/test_recordings_kept.py",
     ),
@@ -207,9 +207,16 @@ MUTATIONS = (
     Mutation(
         "a clip is perceived again though its scenes are whole",
         "harness/run/loop.py",
-        "    if lacking := job.lacking(known, context):\n",
+        "    if lacking := job.lacking(decided, context):\n",
         "    if lacking := job.configurations:\n",
         "harness/run/test_failing.py",
+    ),
+    Mutation(
+        "directions in the cache are used with another scene",
+        "harness/run/scene_cache.py",
+        "{digest_files(_files(scene).items())}.bin",
+        "tables.bin",
+        "harness/run/test_scene_cache.py",
     ),
     # labels and sources
     Mutation(

@@ -125,7 +125,10 @@ class SceneSinkFactory(SinkFactory, Protocol):
         ...
 
     def is_whole(self, context: ClipContext) -> bool:
-        """Whether all that this sink wrote of the clip is still there, for all of these configurations."""
+        """Whether all that this sink wrote of the clip is still there, for all of these configurations.
+
+        If it is not, the clip is perceived again for all configurations of the run.
+        """
         ...
 
 
@@ -143,12 +146,8 @@ class ImageFiles(SceneSinkFactory, Protocol):
 
 
 @runtime_checkable
-class SharedFiles(SinkFactory, Protocol):
-    """Opens sinks whose files the configurations of a clip share: one process opens all sinks of a clip.
-
-    A (clip, configuration) without one of its files is not finished. Then all configurations of the clip run again: a
-    shared file has the frames of all of them.
-    """
+class FinishedFiles(SinkFactory, Protocol):
+    """Opens sinks without whose files a (clip, configuration) is not finished."""
 
     def files(self, directory: RunDirectory, pair: Pair) -> Iterable[Path]:
         """The files that show a (clip, configuration) when it is finished."""
@@ -160,6 +159,6 @@ def lacks_files(sinks: Iterable[SinkFactory], directory: RunDirectory, pair: Pai
     return any(
         not path.is_file()
         for factory in sinks
-        if isinstance(factory, SharedFiles)
+        if isinstance(factory, FinishedFiles)
         for path in factory.files(directory, pair)
     )

@@ -6,23 +6,22 @@ process follows behind them with the steps that need an order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
-from itertools import chain, repeat
 from pathlib import Path
 
 from harness.files.digests import KNOWN
 from harness.pipeline.cache import Account, open_cache
 from harness.pipeline.cache_store import Store
-from harness.pipeline.configuration import STAGES, Configuration, clouds_of
+from harness.pipeline.configuration import Configuration, clouds_of
 from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, InProcess, Progress, compute_with
-from harness.run.frame_sink import SharedFiles, lacks_files
-from harness.run.loop import ClipJob, ClipOutcome, run_clip
+from harness.run.frame_sink import lacks_files
+from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
-from harness.sources import MeasuredClip
+from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 
 CLIPS_PER_WORKER = 2
@@ -30,10 +29,6 @@ CLIPS_PER_WORKER = 2
 
 PREFETCHED = 2
 """Frames that one thread reads, and another one perceives, in advance."""
-
-FOLLOWING = 8
-"""Number of configurations that can usually follow one frame in the time of its perception. More would delay the
-workers that perceive for them."""
 
 STRETCHES_PER_WORKER = 4
 """Stretches per worker in what remains of a clip. Stretches are long at first, so that little is opened and sought, and
@@ -53,120 +48,84 @@ def run_jobs(
 ) -> tuple[dict[Pair, VfoaError], Account]:
     """Run the unfinished jobs of a plan; return the errors of those that failed, and the use of the cache.
 
-    If there are enough clips to keep every worker busy, a job is a clip. Otherwise the workers share a clip through the
-    cache: each perceives stretches of it under all configurations, so that nothing is decoded or computed twice. The
-    steps that need an order follow them in this process or, if there are too many configurations for that, are given to
-    the workers when all frames are perceived. Configurations that write files together (recordings) stay in one
-    process.
+    If there are enough clips to keep every worker busy, a job is a clip: it is perceived and attended to. Otherwise the
+    workers share clips. First they perceive stretches of them through the cache, so that nothing is decoded or computed
+    twice, and this process follows them with what needs an order. Then each attends to some of the configurations.
     """
-    account = Account()
+    account, failures = Account(), dict[Pair, VfoaError]()
     ahead = PREFETCHED if executor.threads > 1 else 0
-    jobs = [replace(_job(plan, prepared, directory, cache), ahead=ahead) for prepared in plan.clips]
-    perceived: set[str] = set()
-    for prepared, job in zip(plan.clips, jobs, strict=True):
-        if not job.configurations:
-            skip(job, progress)
-            continue
-        with suppress(VfoaError):  # run_clip will report it
-            account.add(job.fetch(prepared.clip))
-            if job.is_perceived(prepared.clip):
-                perceived.add(job.manifest.name)
-    todo = [job for job in jobs if job.configurations]
-    failures: dict[Pair, VfoaError] = {}
-    if cache and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
-        for job in (job for job in todo if job.manifest.name in perceived):
-            skip(job, progress)
-        todo = _share(todo, perceived, executor, account, progress, failures)
+    jobs: list[tuple[ClipJob, PreparedClip]] = []
+    for prepared in plan.clips:
+        job = replace(_job(plan, prepared, directory, cache, account), ahead=ahead)
+        if job.configurations:
+            jobs.append((job, prepared))
+        else:
+            job.skip(progress)
+    units = [job for job, _ in jobs]
+    if cache and executor.workers > 1 and len(units) < CLIPS_PER_WORKER * executor.workers:
+        units = _share(jobs, executor, account, progress, failures)
         progress = _silent
-    again = zip(_joint_rounds(todo, failures), repeat(_silent))
-    for jobs, report in chain(zip(_rounds(todo), repeat(progress)), again):
-        for outcome in executor.run(run_clip, jobs, report, _lost):
-            failures.update(outcome.failures)
-            account.add(outcome.tallies)
+    for outcome in executor.run(run_clip, units, progress, _lost):
+        failures.update(outcome.failures)
+        account.add(outcome.tallies)
     return failures, account
 
 
 def _share(
-    jobs: Sequence[ClipJob],
-    perceived: Collection[str],
+    jobs: Iterable[tuple[ClipJob, PreparedClip]],
     executor: Executor,
     account: Account,
     progress: Progress,
     failures: dict[Pair, VfoaError],
 ) -> list[ClipJob]:
-    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs.
-
-    Clips whose names are in ``perceived`` have their scenes.
-    """
-    to_perceive = [job for job in jobs if job.manifest.name not in perceived]
-    warm_up, left = WarmUp(to_perceive, executor, account, progress), list[ClipJob]()
+    """Perceive the frames that the cache lacks, and follow them; return the jobs that remain for the workers."""
+    lacking = {job.manifest.name: replace(job, configurations=_lacking(job, prepared.clip)) for job, prepared in jobs}
+    warm_up = WarmUp([part for part in lacking.values() if part.configurations], executor, account, progress)
     compute_with(executor.threads)
-    for job in jobs:
-        can_follow = len(_together(job)) == 1 or len(job.configurations) * (executor.workers - 1) <= FOLLOWING
-        if job.manifest.name not in warm_up.clips or not can_follow:
-            left += _dealt(job, 1 if _shares_files(job) else executor.workers)
-            continue
-        try:
-            outcome = run_clip(job, _silent, warm_up.frames(job))
-        except GivenUpError:  # a job that kills workers must not run here, and one configuration must not kill another
-            left += _dealt(job, len(job.configurations))
+    units, deadly = list[ClipJob](), list[ClipJob]()
+    for job, _ in jobs:
+        if not lacking[job.manifest.name].configurations:
+            job.skip(progress)
+            units += _dealt(job, executor.workers)
+        elif job.manifest.name not in warm_up.clips:  # its outputs are in the cache, or it has no images
+            units.append(job)
         else:
+            try:
+                outcome = perceive_clip(job, _silent, warm_up.frames(job))
+            except GivenUpError:  # a job that kills workers must not run here
+                deadly.append(job)
+            else:
+                failures.update(outcome.failures)
+                account.add(outcome.tallies)
+                units += _dealt(_without(job, failures), executor.workers)
+    warm_up.finish()
+    for job in deadly:
+        apart = [replace(job, configurations=(each,), sinks=()) for each in job.configurations]
+        for outcome in executor.run(perceive_clip, apart, _silent, _lost):
             failures.update(outcome.failures)
             account.add(outcome.tallies)
-    warm_up.finish()
-    return left
+        units.append(_without(job, failures))  # at once: they share recordings
+    return [job for job in units if job.configurations]
+
+
+def _lacking(job: ClipJob, clip: Clip | MeasuredClip) -> tuple[Configuration, ...]:
+    """The configurations of a job that must be perceived."""
+    try:
+        return job.lacking(job.identities(clip), job.context(clip))
+    except VfoaError:  # run_clip will report it
+        return job.configurations
 
 
 def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
-    """Divide the job's configurations into this many jobs, or fewer."""
-    groups = _together(job)
-    dealt = [
-        [configuration for group in groups[hand::hands] for configuration in group]
-        for hand in range(min(hands, len(groups)))
-    ]
-    return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
+    """Divide the configurations of a clip that is perceived into this many jobs, or fewer."""
+    dealt = (replace(job, configurations=job.configurations[hand::hands]) for hand in range(hands))
+    return [each for each in dealt if each.configurations]
 
 
-def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
-    """The jobs in groups to run at the same time; no two jobs of a group write the same files."""
-    rounds: list[list[ClipJob]] = []
-    for job in jobs:
-        busy = {clip_job.manifest.name for clip_job in rounds[-1]} if rounds else set[str]()
-        if not rounds or (_shares_files(job) and job.manifest.name in busy):
-            rounds.append([])
-        rounds[-1].append(job)
-    return rounds
-
-
-def _joint_rounds(jobs: Sequence[ClipJob], failures: Mapping[Pair, VfoaError]) -> Iterator[list[ClipJob]]:
-    """Yield jobs that write the shared files of clips again whose configurations ran apart, with all that did not fail.
-
-    ``failures`` are read when the first of them is requested: after the jobs themselves.
-    """
-    by_clip: dict[str, list[ClipJob]] = {}
-    for job in filter(_shares_files, jobs):
-        by_clip.setdefault(job.manifest.name, []).append(job)
-    for apart in (apart for apart in by_clip.values() if len(apart) > 1):
-        finished = tuple(c for job in apart for c in job.configurations if (job.manifest.name, c.name) not in failures)
-        joint = replace(apart[0], configurations=finished)
-        if len(finished) > 1:
-            for pair in joint.pairs:
-                joint.directory.unmark(pair)
-            yield [joint]
-
-
-def _shares_files(job: ClipJob | Plan) -> bool:
-    return any(isinstance(factory, SharedFiles) for factory in job.sinks)
-
-
-def _together(job: ClipJob) -> list[list[Configuration]]:
-    """Group the configurations: each by itself, but together if they share a temporal gaze model."""
-    groups: dict[str, list[Configuration]] = {}
-    for configuration in job.configurations:
-        gaze = configuration.choices["gaze"]
-        temporal = gaze is not None and STAGES["gaze"].is_temporal(gaze)
-        groups.setdefault(gaze.key if gaze and temporal else configuration.name, []).append(configuration)
-    return list(groups.values())
+def _without(job: ClipJob, failures: Mapping[Pair, VfoaError]) -> ClipJob:
+    """The job without the configurations that have failed."""
+    left = (each for each in job.configurations if (job.manifest.name, each.name) not in failures)
+    return replace(job, configurations=tuple(left))
 
 
 def _lost(job: ClipJob, why: str) -> ClipOutcome:
@@ -177,42 +136,41 @@ def _silent(clip: str) -> None:
     """Report no progress: every frame is already reported."""
 
 
-def skip(clip: PreparedClip | ClipJob, progress: Progress) -> None:
-    """Report the progress of a clip whose frames are done already."""
-    for _ in clip.frames:
-        progress(clip.manifest.name)
+def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
+    """Return the job with the unfinished configurations of a clip, with the scenes that the cache has.
 
-
-def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None) -> ClipJob:
-    """Return the job with the unfinished configurations of a clip; with all of them if they share files."""
-    clip, configurations = prepared.manifest.name, plan.experiment.configurations
-    unfinished = [
-        configuration
-        for configuration in configurations
-        if not directory.is_finished(pair := (clip, configuration.name)) or lacks_files(plan.sinks, directory, pair)
-    ]
-    if unfinished and _shares_files(plan):
-        for configuration in configurations:
-            directory.unmark((clip, configuration.name))
-        unfinished = list(configurations)
-    todo = [configuration.for_clip(clip) for configuration in unfinished]
-    cache = None
-    if store is not None and not isinstance(prepared.clip, MeasuredClip):  # poses: nothing to perceive
-        cache = open_cache(store, clip, prepared.clip, tuple(todo), prepared.digest)
-    return ClipJob(
+    All configurations run again if a sink lacks what it has written of the clip for all of them.
+    """
+    clip = prepared.manifest.name
+    configurations = tuple(each.for_clip(clip) for each in plan.experiment.configurations)
+    job = ClipJob(
         manifest=prepared.manifest,
         frames=prepared.frames,
-        configurations=tuple(todo),
+        configurations=configurations,
         directory=directory,
         run_id=directory.read_manifest()["run_id"],
         sinks=plan.sinks,
         drawn=prepared.drawn,
-        clouds=clouds_of(configuration.for_clip(clip) for configuration in configurations),
+        clouds=clouds_of(configurations),
         digest=prepared.digest,
         known=dict(KNOWN),
         store=store,
-        cache=cache,
     )
+    lacking = (
+        pair for pair in job.pairs if not directory.is_finished(pair) or lacks_files(plan.sinks, directory, pair)
+    )
+    if not (unfinished := [*lacking]):
+        return replace(job, configurations=())
+    with suppress(VfoaError):  # run_clip will report it
+        account.add(job.fetch(prepared.clip))
+    if not job.has_scene_files(job.context(prepared.clip)):
+        unfinished = job.pairs
+        for pair in unfinished:
+            directory.unmark(pair)
+    job = replace(job, configurations=tuple(each for each in configurations if (clip, each.name) in unfinished))
+    if store is None or isinstance(prepared.clip, MeasuredClip):  # poses: nothing to perceive
+        return job
+    return replace(job, cache=open_cache(store, clip, prepared.clip, job.configurations, prepared.digest))
 
 
 Unchanged = Callable[[], AbstractContextManager[None]]

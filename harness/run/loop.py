@@ -119,21 +119,23 @@ class ClipJob:
         if scenes := self.scenes(self.identities(clip)):
             context = self.context(clip)
             scenes.fetch_pictures(self.image_files, context)
-            if all(factory.is_whole(context) for factory in self.scene_sinks) and scenes.fetch():
+            if self.has_scene_files(context) and scenes.fetch():
                 name = self.manifest.name
                 identity = StageIdentity(slot="scene", parts={"clip": name, "stage": "tables"}, digest="scene")
                 yield Tally(identity, reused={str(number) for number in self.frames})
 
-    def is_perceived(self, clip: Clip | MeasuredClip) -> bool:
-        """Whether all that is perceived of the clip is in the run. Raises the errors of :meth:`identities`."""
-        return not self.lacking(keys_of(self.identities(clip)), self.context(clip))
-
-    def lacking(self, keys: Mapping[str, Keys], context: ClipContext) -> tuple[Configuration, ...]:
+    def lacking(
+        self, decided: Mapping[str, tuple[Identity, Identity]], context: ClipContext
+    ) -> tuple[Configuration, ...]:
         """The configurations that must be perceived: all of them if a sink lacks what it has written of the clip."""
-        if not all(factory.is_whole(context) for factory in self.scene_sinks):
+        if not self.has_scene_files(context):
             return self.configurations
-        clip = self.manifest.name
+        keys, clip = keys_of(decided), self.manifest.name
         return tuple(each for each in self.configurations if not has_scene(self.directory, clip, keys[each.name]))
+
+    def has_scene_files(self, context: ClipContext) -> bool:
+        """Whether all that sinks have written of the clip is there, for all configurations of the context."""
+        return all(factory.is_whole(context) for factory in self.scene_sinks)
 
     @property
     def scene_sinks(self) -> list[SceneSinkFactory]:
@@ -145,36 +147,63 @@ class ClipJob:
         """Those of them whose files show the images alone."""
         return [factory for factory in self.sinks if isinstance(factory, ImageFiles)]
 
-    def outcome(self, errors: Mapping[str, VfoaError], tallies: tuple[Tally, ...]) -> ClipOutcome:
-        """The outcome of the job, from the errors of configurations by name."""
-        failures = {pair: errors[pair[1]] for pair in self.pairs if pair[1] in errors}
-        return ClipOutcome(failures=failures, tallies=tallies)
+    def failures(self, errors: Mapping[str, VfoaError]) -> dict[Pair, VfoaError]:
+        """The errors of configurations by name, in their order, as those of pairs."""
+        return {pair: errors[pair[1]] for pair in self.pairs if pair[1] in errors}
+
+    def skip(self, progress: Progress) -> None:
+        """Report the progress of frames that are done already."""
+        for _ in self.frames:
+            progress(self.manifest.name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
-    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache."""
+    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache.
+
+    ``keys`` are those of the scene and directions of each configuration that is perceived, by name.
+    """
 
     failures: Mapping[Pair, VfoaError]
+    keys: Mapping[str, Keys] = field(default_factory=dict)
     tallies: tuple[Tally, ...] = ()
 
 
-def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
-    """Perceive one clip under all configurations of a job, and attend to it.
+def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Perceive one clip under all configurations of a job, unless its scenes are whole, and attend to it.
 
-    ``progress`` is called with the name of the clip after each frame. ``numbers`` yields the frames of the job, each as
-    soon as it may be read; default: the job's own frames.
+    ``progress`` is called with the name of the clip after each frame that is perceived.
     """
+    clip, outcome = _perceived(job, progress, None)
+    if clip is None:
+        return outcome
+    answering = [configuration for configuration in job.configurations if configuration.name in outcome.keys]
+    check = lambda: progress(GOES_ON)  # noqa: E731
+    errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
+    return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
+
+
+def perceive_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
+    """Perceive one clip as :func:`run_clip` does, without attending to it.
+
+    ``numbers`` yields the frames of the job, each as soon as it may be read; default: the job's own frames.
+    """
+    return _perceived(job, progress, numbers)[1]
+
+
+def _perceived(
+    job: ClipJob, progress: Progress, numbers: Iterable[int] | None
+) -> tuple[Clip | MeasuredClip | None, ClipOutcome]:
+    """Perceive a clip, and return it, if it can be opened."""
     try:
         clip = job.manifest.open()
         unchanged = job.unchanged(clip)
         decided = job.identities(clip)
     except VfoaError as error:
-        return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
+        return None, ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     context, tallies = job.context(clip), tuple[Tally, ...]()
-    known = keys_of(decided)
-    perceived: dict[str, Keys | VfoaError] = dict(known)
-    if lacking := job.lacking(known, context):
+    perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
+    if lacking := job.lacking(decided, context):
         part = replace(job, configurations=lacking)
         with unchanged(), _perception(part, clip, decided, numbers) as (frames, scenes, take_tallies):
             sinks = job.scene_sinks if lacking == job.configurations else ()  # otherwise, they are whole
@@ -186,13 +215,9 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         if job.store:
             job.store.trim()
     else:
-        for _ in job.frames:
-            progress(job.manifest.name)
+        job.skip(progress)
     errors = {name: each for name, each in perceived.items() if isinstance(each, VfoaError)}
-    keys = _without_errors(perceived)
-    answering = [configuration for configuration in job.configurations if configuration.name in keys]
-    errors |= attend_clip(clip, context, answering, keys, job.sinks, lambda: progress(GOES_ON))
-    return job.outcome(errors, tallies)
+    return clip, ClipOutcome(failures=job.failures(errors), keys=_without_errors(perceived), tallies=tallies)
 
 
 def _without_errors(perceived: Mapping[str, Keys | VfoaError]) -> dict[str, Keys]:

@@ -15,7 +15,7 @@ from harness.pipeline.cache_store import Store
 from harness.run.directory import Pair, RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
-from harness.run.jobs import executor, run_jobs, skip
+from harness.run.jobs import executor, run_jobs
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
 from vfoa.errors import VfoaError
@@ -76,7 +76,8 @@ def run_plan(
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
     if _is_done(plan, directory, retry_failed):
         for prepared in plan.clips:
-            skip(prepared, progress)
+            for _ in prepared.frames:
+                progress(prepared.manifest.name)
         tell(f"{directory.path}: finished already; nothing was computed")
         return directory
     made = missing_of(directory.path)

@@ -116,10 +116,14 @@ def test_after_a_method_failed_a_retry_only_attends(
         (failure,) = _run(tmp_path, ["studio_table"], recorded=recorded).read_manifest()["failed"]
     expected_error = "frame 2: attention: ValueError: not today"
     assert (failure["configuration"], failure["error"]) == ("bm", expected_error)
+    kept = [*tmp_path.glob("out/answers/sgbm/*"), *tmp_path.glob("out/*__sgbm.rrd")]
+    places = [path.stat().st_ino for path in kept]
+    assert len(places) == 1 + recorded
     with monkeypatch.context() as patch:
         patch.setattr(Perception, "__init__", _perceives_nothing)
         mended = _run(tmp_path, ["studio_table"], retry=True, recorded=recorded)
     assert mended.read_manifest()["failed"] == []
+    assert [path.stat().st_ino for path in kept] == places
     assert tables_of(mended) == tables_of(expected)
     recordings = sorted(path.name for path in mended.path.glob("*.rrd"))
     assert recordings == sorted(path.name for path in expected.path.glob("*.rrd"))

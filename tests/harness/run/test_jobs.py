@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from harness.pipeline.cache_store import Store
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
-from harness.run.frame_sink import SinkContext, SinkFactory
-from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches
-from harness.run.loop import ClipJob, ClipOutcome, run_clip
+from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches, warm_clip
+from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
 from harness.run.plan import prepare
+from vfoa.errors import VfoaError
 
 
 @given(frames=st.lists(st.integers(), unique=True, max_size=600), workers=st.integers(2, 9))
@@ -29,76 +29,88 @@ def test_stretches_hold_every_frame_once_and_in_order_and_grow_no_longer(frames:
     assert set(lengths[-workers:]) <= {1}
 
 
-class Counts:
-    """A sink factory without files."""
-
-    def described(self) -> dict[str, Any]:
-        return {}
-
-    def open(self, context: SinkContext) -> None:
-        return None
-
-
-class Recordings(Counts):
-    """A sink factory whose configurations write one file together."""
-
-    def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:
-        return (directory.path / f"{pair[0]}.rrd",)
-
-
 DEMO = ["bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest"]
+CLIP = "studio_table"
+Lost = Callable[[ClipJob, str], ClipOutcome]
 
 
 class DyingWorkers:
-    """An executor whose workers die of every frame they perceive; it notes the jobs that it is given together."""
+    """An executor whose workers die of every stretch, and of clips under some configurations.
+
+    It notes what is perceived and what is run at the same time: configurations by job.
+    """
+
+    workers, threads = 2, 1
+
+    def __init__(self, *deadly: str) -> None:
+        self.deadly = deadly
+        self.perceived: list[list[list[str]]] = []
+        self.run_together: list[list[list[str]]] = []
+
+    def run(self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Lost) -> Iterator[ClipOutcome]:
+        names = [[configuration.name for configuration in job.configurations] for job in jobs]
+        if work is perceive_clip:
+            self.perceived.append(names)
+        elif work is run_clip:
+            self.run_together.append(names)
+        for job, of_job in zip(jobs, names, strict=True):
+            dies = work is warm_clip or {*of_job} & {*self.deadly}
+            yield lost(job, "died") if dies else ClipOutcome(failures={})
+
+
+def _run(executor: Any, folder: Path) -> dict[Pair, VfoaError]:
+    plan = prepare(load_experiment("demo", clips=(CLIP,)), limit=2)
+    directory = RunDirectory(folder / "run")
+    directory.write_manifest({"run_id": new_run_id()})
+    store = Store(folder / "cache", 10**9)
+    failures, _ = run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None)
+    return failures
+
+
+def test_a_clip_that_kills_workers_is_perceived_under_each_configuration_by_itself(tmp_path: Path) -> None:
+    executor = DyingWorkers("bm-two")
+    failures = _run(executor, tmp_path)
+    assert {pair: str(error) for pair, error in failures.items()} == {(CLIP, "bm-two"): "died"}
+    assert executor.perceived == [[[name] for name in DEMO]]
+    assert executor.run_together == [[[name for name in DEMO if name != "bm-two"]]]
+
+
+def test_a_clip_that_kills_workers_under_every_configuration_is_left_out(tmp_path: Path) -> None:
+    executor = DyingWorkers(*DEMO)
+    assert [name for _, name in _run(executor, tmp_path)] == DEMO
+    assert executor.run_together == [[]]
+
+
+class Working:
+    """Two workers in this process, which note the jobs that they are given at the same time."""
 
     workers, threads = 2, 1
 
     def __init__(self) -> None:
-        self.together: list[list[str]] = []
+        self.given: list[tuple[str, list[list[str]]]] = []
 
-    def run(
-        self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Callable[[ClipJob, str], ClipOutcome]
-    ) -> Iterator[ClipOutcome]:
-        if work is run_clip:
-            self.together.append([configuration.name for job in jobs for configuration in job.configurations])
+    def run(self, work: Any, jobs: Sequence[ClipJob], progress: Any, lost: Lost) -> Iterator[ClipOutcome]:
+        names = [[configuration.name for configuration in job.configurations] for job in jobs]
+        self.given.append((work.__name__, names))
         for job in jobs:
-            yield ClipOutcome(failures={}) if work is run_clip else lost(job, "died")
+            yield work(job, progress)
 
 
-@pytest.mark.parametrize(
-    ("sinks", "together"),
-    [
-        (Counts(), [DEMO]),
-        # apart, since one of them may have killed the workers; then all together, for the recording that they share
-        (Recordings(), [*([name] for name in DEMO), DEMO]),
-    ],
-)
-def test_no_two_jobs_write_one_recording_at_the_same_time(
-    sinks: SinkFactory, together: list[list[str]], tmp_path: Path
+def test_workers_attend_to_some_configurations_each_when_a_clip_is_perceived(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    experiment = load_experiment("demo", clips=("studio_table",))
-    plan = prepare(experiment, limit=2, sinks=[sinks])
-    directory, executor = RunDirectory(tmp_path / "run"), DyingWorkers()
-    directory.write_manifest({"run_id": new_run_id()})
-    store = Store(tmp_path / "cache", 10**9)
-    run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None)  # type: ignore[arg-type]
-    assert executor.together == together
+    dealt = [DEMO[0::2], DEMO[1::2]]
+    first = Working()
+    assert _run(first, tmp_path / "first") == {}
+    assert first.given == [("warm_clip", [DEMO, DEMO]), ("run_clip", dealt)]
+    (tmp_path / "first" / "cache").rename(tmp_path / "cache")
+    again = Working()
+    monkeypatch.setattr("harness.run.loop._perception", _perceives_nothing)
+    (tmp_path / "second").mkdir()
+    (tmp_path / "second" / "cache").symlink_to(tmp_path / "cache")
+    assert _run(again, tmp_path / "second") == {}
+    assert again.given == [("warm_clip", []), ("run_clip", dealt)]
 
 
-def test_a_recording_is_written_again_without_the_configuration_that_killed_its_worker(tmp_path: Path) -> None:
-    class OneDies(DyingWorkers):
-        def run(
-            self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Callable[[ClipJob, str], ClipOutcome]
-        ) -> Iterator[ClipOutcome]:
-            for job, outcome in zip(jobs, super().run(work, jobs, progress, lost), strict=True):
-                names = [configuration.name for configuration in job.configurations]
-                yield lost(job, "died") if names == ["bm-two"] else outcome
-
-    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=2, sinks=[Recordings()])
-    directory, executor = RunDirectory(tmp_path / "run"), OneDies()
-    directory.write_manifest({"run_id": new_run_id()})
-    store = Store(tmp_path / "cache", 10**9)
-    failures, _ = run_jobs(plan, directory, cache=store, executor=executor, progress=print)  # type: ignore[arg-type]
-    assert list(failures) == [("studio_table", "bm-two")]
-    assert executor.together[-1] == [name for name in DEMO if name != "bm-two"]
+def _perceives_nothing(*_: object) -> None:
+    raise AssertionError("the clip is perceived again")
