@@ -20,19 +20,19 @@ const rows = (page) => [
   ["faster", ["+", "="], "play faster", "", () => page.faster(2)],
   ["undo", ["z", "Ctrl+z"], "undo the last change of labels, targets or drawing", "↶", () => page.undo("undo")],
   ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.undo("redo")],
-  ["earlier", [","], "move the last change a frame earlier", "", () => page.said.nudge(-1)],
-  ["later", ["."], "move the last change a frame later", "", () => page.said.nudge(1)],
+  ["earlier", [","], "move the last change a frame earlier", "", () => page.labelActions.nudge(-1)],
+  ["later", ["."], "move the last change a frame later", "", () => page.labelActions.nudge(1)],
   ["find", ["f"], "find: a target's key goes to its next stretch; f again: the last target's", "find", () => page.startFinding(1)],
   ["find-before", ["Shift+f"], "the same, to the stretch before", "", () => page.startFinding(-1)],
   ["stretch", ["c"], "choose the frames around this one with the same label as the range (or double click)", "", () => page.selectStretch()],
-  ["clear", ["Delete", "Backspace"], "remove the label: of the range, else from here to the next change", "", () => page.said.clear()],
+  ["clear", ["Delete", "Backspace"], "remove the label: of the range, else from here to the next change", "", () => page.labelActions.clear()],
   ["begin", ["b"], "begin a range here", "", () => page.bound(false)],
   ["end", ["e"], "end the range here", "", () => page.bound(true)],
   ["loop", ["o"], "play the range over and over, or no more", "loop", () => page.loop()],
   ["subject", ["s"], "the next subject", "next subject", () => page.nextSubject(1), "several"],
   ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1), "several"],
-  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.said.confirm(), "run"],
-  ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.said.accept(), "run"],
+  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.labelActions.confirm(), "run"],
+  ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.labelActions.accept(), "run"],
   ["unsure", ["u"], "from the least sure suggestion to surer ones, and round again", "unsure", () => page.unsure(1), "run"],
   ["unsure-before", ["Shift+u"], "back to the one before", "", () => page.unsure(-1), "run"],
   ["right", ["r"], "the right view", "right", () => page.beside("right")],
@@ -41,9 +41,9 @@ const rows = (page) => [
   ["drawing", ["p"], "draw boxes, points and heads that no model finds", "draw", () => page.drawing.toggle()],
   ["closer", ["v"], "enlarge the image; so does the wheel, and dragging moves it", "", () => page.stage.view.zoom(1.5)],
   ["farther", ["Shift+v"], "the image smaller again", "", () => page.stage.view.zoom(1 / 1.5)],
-  ["strip-closer", ["w"], "enlarge the timeline", "", () => page.zoomStrip(2)],
-  ["strip-farther", ["Shift+w"], "the timeline smaller again", "", () => page.zoomStrip(.5)],
-  ["note", ["m"], "a note and tags on the label here", "note", () => page.said.note()],
+  ["timeline-closer", ["w"], "enlarge the timeline", "", () => page.zoomTimeline(2)],
+  ["timeline-farther", ["Shift+w"], "the timeline smaller again", "", () => page.zoomTimeline(.5)],
+  ["note", ["m"], "a note and tags on the label here", "note", () => page.labelActions.note()],
   ["target", ["t"], "a new target", "+ target", () => page.names.forms.ask(null, [])],
   ["escape", ["Escape"], "let go of the range, or of the search", "", () => page.escape()],
   ["help", ["?"], "show or hide the keys", "?", () => help.toggle()],
@@ -87,11 +87,11 @@ export function bind(page, names) {
     const run = name ? () => page.choose(name) : byKey.get(pressed(event));
     if (!run) return;
     event.preventDefault();
-    page.hands.press(run);
+    page.keyQueue.press(run);
   };
   addEventListener("keydown", press);
-  const onHands = ([id, keys, words, sign, run]) => tool(id, keys, words, sign, () => page.hands.press(run));
-  document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map(onHands));
+  const queued = ([id, keys, words, sign, run]) => tool(id, keys, words, sign, () => page.keyQueue.press(run));
+  document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map(queued));
   document.getElementById("keys").replaceChildren(
     line("1 2 3 …", "click on it: the subject looks at it, from here until the next change; or in the range"),
     line("n, i", "looks at nothing in the scene; do not score"),

@@ -2,14 +2,14 @@
 
 import { Lost, Queue } from "./api.js";
 import { Drawing } from "./drawing.js";
-import { Hands } from "./hands.js";
+import { KeyQueue } from "./key_queue.js";
 import { Names } from "./names.js";
 import * as panel from "./panel.js";
 import { Player } from "./player.js";
-import { Said } from "./said.js";
-import { Seen } from "./seen.js";
+import { LabelActions } from "./label_actions.js";
+import { LastSeen } from "./last_seen.js";
 import { Stage } from "./stage.js";
-import { Strips } from "./strips.js";
+import { Timelines } from "./timelines.js";
 import { at, changes, open, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
@@ -20,7 +20,7 @@ export class Page {
     this.subject = about.subjects[0];
     this.selection = null;
     this.rank = -1; // of the last frame by how unsure the run was
-    this.hands = new Hands({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
+    this.keyQueue = new KeyQueue({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
     this.queue = new Queue({
       revisions: () => ({ revision: this.state.revision, drawn: this.drawing.state.revision }),
       answered: (answer, changes) => this.answered(answer, changes),
@@ -28,19 +28,19 @@ export class Page {
       lost: (error) => this.lost(error),
       moved: () => this.settle(),
     });
-    this.seen = new Seen((seen) => this.queue.add({ kind: "seen", ...seen }));
-    this.said = new Said(this);
+    this.lastSeen = new LastSeen((seen) => this.queue.add({ kind: "seen", ...seen }));
+    this.labelActions = new LabelActions(this);
     this.names = new Names({
-      look: (name) => this.hands.press(() => this.choose(name)),
+      look: (name) => this.keyQueue.press(() => this.choose(name)),
       saved: () => this.saved(),
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.labelActions.chosen(each, point), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
+    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name) => this.labelActions.look(name) });
     this.player = new Player(this, about);
-    this.strips = new Strips({
+    this.timelines = new Timelines({
       frames: about.frames,
       times: this.player.times,
       advised: about.label_first,
@@ -48,17 +48,17 @@ export class Page {
       select: (range) => this.select(range),
       seek: (position, subject) => this.seek(position, subject || this.subject),
       stretch: (position, subject) => { this.seek(position, subject); this.selectStretch(position); },
-      move: (at, last, subject) => this.said.change({ kind: "move", subject, at, last }),
+      move: (at, last, subject) => this.labelActions.change({ kind: "move", subject, at, last }),
     });
-    panel.makeSubjects(about.subjects, (name) => this.hands.press(() => this.turnTo(name)));
-    panel.makeUnlabelled(() => this.hands.press(() => this.toOpen("unlabelled")));
+    panel.makeSubjects(about.subjects, (name) => this.keyQueue.press(() => this.turnTo(name)));
+    panel.makeUnlabelled(() => this.keyQueue.press(() => this.toOpen("unlabelled")));
     this.wanted = this.shown = 0;
     this.take(about);
     this.state = read(first.state);
     panel.makePlenty(this.hasRun);
     addEventListener("resize", () => this.go(this.wanted)); // names are larger on a narrow screen
-    addEventListener("pagehide", () => { this.drawing.rest(); this.seen.tell(); this.queue.leave(); });
-    addEventListener("beforeunload", (event) => { if (this.queue.waiting || this.hands.waiting || this.drawing.waits) event.preventDefault(); });
+    addEventListener("pagehide", () => { this.drawing.rest(); this.lastSeen.tell(); this.queue.leave(); });
+    addEventListener("beforeunload", (event) => { if (this.queue.waiting || this.keyQueue.waiting || this.drawing.waits) event.preventDefault(); });
     addEventListener("focus", () => this.queue.refresh());
   }
 
@@ -105,7 +105,7 @@ export class Page {
   // Take back, or make again, the last change of labels, targets or drawing.
   undo(kind) {
     this.drawing.rest();
-    this.seen.tell();
+    this.lastSeen.tell();
     this.queue.add({ kind });
   }
 
@@ -130,11 +130,11 @@ export class Page {
         const found = await this.stage.load(wanted);
         if (this.player.playing) return;
         this.put(wanted, found);
-        this.hands.open();
+        this.keyQueue.open();
       } catch (error) {
         panel.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`);
         if (error instanceof Lost) setTimeout(() => this.go(this.wanted), 500);
-        else this.hands.open();
+        else this.keyQueue.open();
         if (this.wanted === wanted) break;
       }
     } while (this.wanted !== wanted);
@@ -157,7 +157,7 @@ export class Page {
 
   // Whether everything requested is shown, and every change is saved.
   settle() {
-    const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.seen.waits || this.hands.waiting > 0 || this.drawing?.waits || this.player?.film.waits;
+    const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.lastSeen.waits || this.keyQueue.waiting > 0 || this.drawing?.waits || this.player?.film.waits;
     document.body.setAttribute("aria-busy", Boolean(waits));
   }
 
@@ -210,7 +210,7 @@ export class Page {
   // A target's key or button: the target to find, or what the subject looks at.
   choose(name) {
     if (this.finding) this.find(name);
-    else this.said.look(name);
+    else this.labelActions.look(name);
   }
 
   // The next target's key finds the target's next stretch (by > 0) or the one before; pressed twice, the last one again.
@@ -264,7 +264,7 @@ export class Page {
   }
 
   seek(position, subject) {
-    this.seen.tell();
+    this.lastSeen.tell();
     if (subject !== this.subject) this.rank = this.about.uncertain_first ? 0 : -1;
     this.subject = subject;
     this.select(null);
@@ -297,12 +297,12 @@ export class Page {
     const { seen } = this.state;
     if (position <= seen[this.subject]) return;
     seen[this.subject] = position;
-    this.seen.note(this.subject, position, this.player.playing);
+    this.lastSeen.note(this.subject, position, this.player.playing);
   }
 
   select(range) {
     this.selection = range;
-    this.strips.mark(range);
+    this.timelines.mark(range);
     panel.drawRange(range && range.map((position) => this.about.frames[position]));
   }
 
@@ -320,8 +320,8 @@ export class Page {
     this.select([Math.min(other, this.here), Math.max(other, this.here)]);
   }
 
-  zoomStrip(by) {
-    this.strips.zoom(by);
+  zoomTimeline(by) {
+    this.timelines.zoom(by);
     this.draw();
   }
 
@@ -335,13 +335,13 @@ export class Page {
 
   update(plain) {
     this.state = read(plain, this.state);
-    this.seen.keep(this.state.seen);
+    this.lastSeen.keep(this.state.seen);
     this.draw();
   }
 
   // Actions requested before the newer state was shown were meant for the older one.
   overtaken() {
-    this.seen.forget();
+    this.lastSeen.forget();
     const lost = this.queue.forget() ? " What you did last was not done." : "";
     panel.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
   }
@@ -349,7 +349,7 @@ export class Page {
   refused(error) {
     this.player.stop();
     const { status, message, body = {} } = error;
-    if (status === 409) this.seen.forget();
+    if (status === 409) this.lastSeen.forget();
     if (body.about) this.take(body.about);
     if (body.state) {
       this.drawing.take(body.drawn);
@@ -379,7 +379,7 @@ export class Page {
     panel.drawUnlabelled([subject, ...subjects.filter((name) => name !== subject)].map((name) => [name, open(state.tracks[name], state.seen[name])]));
     panel.drawTools(this);
     this.names.draw(subject, here.target);
-    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said });
+    this.timelines.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said });
     this.stage.draw(subject, names);
     this.drawing.draw();
   }

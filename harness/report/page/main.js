@@ -6,7 +6,7 @@ import { followFrames } from "./frame_box.js";
 import { drawForest } from "./forest.js";
 import { drawOracle } from "./oracle.js";
 import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
-import { drawErrors, drawSpeed } from "./stacks.js";
+import { drawErrors, drawSpeed } from "./stacked_bars.js";
 import { data } from "./packs.js";
 import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
 import { fillTables, tableOf } from "./tables.js";

@@ -1,7 +1,7 @@
 // The timeline of one subject on a canvas: frame numbers, the truth and the outcomes of each configuration; pointer and keys.
 
 import { button, choice, element } from "./dom.js";
-import { axisLane, framesAt, isCrowded, STRIP, stripLane, toX, truthLane } from "./lanes.js";
+import { axisLane, framesAt, isCrowded, STRIP, stripLane, toX, truthLane } from "./timeline_lanes.js";
 import { canvasPen, palette } from "./pens.js";
 import { followInRecording, openRecording } from "./recordings.js";
 import { frameInWords, onSelection, select, shown, step } from "./selection.js";

@@ -68,7 +68,7 @@ def _drag(browser: Chrome, first: int, last: int) -> None:
     """Drag over the strip, from one position to another."""
     from selenium.webdriver import ActionChains
 
-    row = browser.find_element("css selector", "#strips .current > div")
+    row = browser.find_element("css selector", "#timelines .current > div")
     width = row.size["width"] / len(FRAMES)
     middle = row.size["width"] / 2
     start, end = ((position + 0.5) * width - middle for position in (first, last))
@@ -109,7 +109,7 @@ def test_names_stand_in_the_strip_as_text_and_patterns_not_colour_alone(browser:
     _keys(browser, "1", "]", "[")
     _drag(browser, 4, 7)
     _keys(browser, "i")
-    pieces = browser.find_elements("css selector", "#strips .current .piece")
+    pieces = browser.find_elements("css selector", "#timelines .current .piece")
     assert [piece.get_attribute("textContent") for piece in pieces[:2]] == ["cup", "ignore"] or "cup" in pieces[0].text
     pattern = browser.execute_script(
         "return getComputedStyle(document.querySelector('.piece.is-ignore')).backgroundImage"
@@ -175,7 +175,7 @@ def test_a_long_clip_has_a_second_strip_with_frames_that_are_wide_enough(browser
 
     page = noise(open_clip=lambda manifest: Long(manifest.open()))
     _open(browser, page)
-    whole = browser.find_element("css selector", "#strips .current > div")
+    whole = browser.find_element("css selector", "#timelines .current > div")
     ActionChains(browser, duration=0).move_to_element(whole).click().perform()
     wait_for(lambda: shown(browser) != 1 and _is_settled(browser))
     middle = (shown(browser) or 0) - 1
@@ -242,7 +242,7 @@ def test_suggestions_are_taken_over_where_attention_is_high_and_count_when_confi
     _open(browser, page)
     _keys(browser, "a")
     assert "".join(_targets(page)) == "-------....."
-    drawn = [each.text for each in browser.find_elements("css selector", "#strips .current .suggested")]
+    drawn = [each.text for each in browser.find_elements("css selector", "#timelines .current .suggested")]
     assert drawn == ["? cup", "? book"]
     assert "0 of 24 labelled" in browser.find_element("id", "share").text
     _keys(browser, "\ue007")  # Enter: confirm the first, go to the second
@@ -260,7 +260,7 @@ def test_from_which_attention_suggestions_are_taken_can_be_set(browser: Chrome, 
     assert shown(browser) == 1
     browser.execute_script("arguments[0].blur()", slider)
     _keys(browser, "a")
-    drawn = [each.text for each in browser.find_elements("css selector", "#strips .current .suggested")]
+    drawn = [each.text for each in browser.find_elements("css selector", "#timelines .current .suggested")]
     assert drawn == ["? cup", "? book"]
     assert [stretch[:2] for stretch in page.session.state()["tracks"]["ann"]] == [[0, 3], [4, 7], [8, 11]]
 
@@ -300,7 +300,7 @@ def test_q_goes_to_the_frames_to_label_first_and_a_label_ends_with_them(
     page = noise(run=work / "run")
     page.session.about = partial(_advised, page.session.about)  # type: ignore[method-assign]
     _open(browser, page)
-    assert len(browser.find_elements("css selector", "#strips .row em")) == 2
+    assert len(browser.find_elements("css selector", "#timelines .row em")) == 2
     _keys(browser, "q")
     assert shown(browser) == 3  # after the first frame, where the page opens
     _keys(browser, "1", "q")
@@ -396,7 +396,7 @@ def test_keys_that_are_pressed_while_the_first_frame_loads_are_done_when_it_is_s
         browser.get(page.address)
         wait_for(lambda: "Loading" in browser.find_element("id", "frame").text)
         ActionChains(browser, duration=0).send_keys("1", "\ue014", "\ue014", "2").perform()
-        assert browser.find_elements("css selector", "#strips .piece") == []
+        assert browser.find_elements("css selector", "#timelines .piece") == []
     wait_for(lambda: shown(browser) == 3 and _is_settled(browser))
     assert "".join(_targets(page)) == "ccb........."
 
@@ -440,20 +440,20 @@ def test_u_goes_from_the_least_sure_suggestion_to_surer_ones_and_round_again(
 def test_a_range_is_chosen_by_keys_and_the_axis_is_a_slider(browser: Chrome, noise: Start) -> None:
     page = noise()
     _open(browser, page)
-    slider = browser.find_element("css selector", "#strips [role=slider]")
+    slider = browser.find_element("css selector", "#timelines [role=slider]")
     browser.execute_script("arguments[0].focus()", slider)
     _keys(browser, *["\ue014"] * 2, "b", *["\ue014"] * 3, "e", "2")
     assert "".join(_targets(page)) == "..bbbb......"
     assert slider.get_attribute("aria-valuenow") == "6"
     assert slider.get_attribute("aria-valuetext") == "frame 6, 0:00.5, ann: book"
-    assert "book 3 to 6" in (browser.find_element("css selector", "#strips .current").get_attribute("aria-label") or "")
+    assert "book 3 to 6" in (browser.find_element("css selector", "#timelines .current").get_attribute("aria-label") or "")
 
 
 def test_the_axis_is_dragged_to_move_through_the_clip(browser: Chrome, noise: Start) -> None:
     from selenium.webdriver import ActionChains
 
     _open(browser, noise())
-    axis = browser.find_element("css selector", "#strips [role=slider]")
+    axis = browser.find_element("css selector", "#timelines [role=slider]")
     step = axis.size["width"] / len(FRAMES)
     actions = (
         ActionChains(browser, duration=0).move_to_element_with_offset(axis, round(-3.5 * step), 0).click_and_hold()
@@ -462,7 +462,7 @@ def test_the_axis_is_dragged_to_move_through_the_clip(browser: Chrome, noise: St
         actions.move_by_offset(round(step), 0)
     actions.release().perform()
     wait_for(lambda: shown(browser) == 7 and _is_settled(browser))
-    assert not browser.find_element("css selector", "#strips u").is_displayed()
+    assert not browser.find_element("css selector", "#timelines u").is_displayed()
 
 
 def test_an_enlarged_image_is_sent_in_detail_and_a_click_means_the_same_object(
@@ -546,7 +546,7 @@ def test_z_takes_back_a_new_name_and_a_new_key_of_a_target_too(browser: Chrome, 
         assert browser.find_element("id", "notice").text == f"{said}: the last change of the targets."
     assert browser.find_element("css selector", '[data-target="cup"] kbd').text == "1"
     _keys(browser, "z")
-    assert not browser.find_elements("css selector", "#strips .piece")
+    assert not browser.find_elements("css selector", "#timelines .piece")
 
 
 def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(browser: Chrome, noise: Start) -> None:
@@ -561,7 +561,7 @@ def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(browser: 
     assert "".join(_targets(page)) == "ccccccbbbbbb"
 
     def drag_change(change: int, to: int) -> None:
-        row = browser.find_element("css selector", "#strips .current > div")
+        row = browser.find_element("css selector", "#timelines .current > div")
         width = row.size["width"] / len(FRAMES)
         start = round((change - len(FRAMES) / 2) * width)
         actions = ActionChains(browser, duration=0).move_to_element_with_offset(row, start, 0).click_and_hold()
@@ -574,7 +574,7 @@ def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(browser: 
     assert "".join(_targets(page)) == "ccccccccbbbb"
     _keys(browser, "z")
     assert "".join(_targets(page)) == "cccbbbbbbbbb"
-    row = browser.find_element("css selector", "#strips .current > div")
+    row = browser.find_element("css selector", "#timelines .current > div")
     ActionChains(browser, duration=0).move_to_element(row).double_click().perform()
     wait_for(lambda: "frames 4 to 12" in browser.find_element("id", "range").text)
     _keys(browser, "n")

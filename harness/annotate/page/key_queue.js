@@ -1,6 +1,6 @@
 // A queue of key presses: none is lost, and none overtakes one that waits for the labels before it.
 
-export class Hands {
+export class KeyQueue {
   // moved(): the queue changed; failed(error).
   constructor({ moved, failed }) {
     Object.assign(this, { moved, failed, waiting: 0 });

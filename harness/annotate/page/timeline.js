@@ -20,7 +20,7 @@ function piece(each, look) {
   return box;
 }
 
-export class Strip {
+export class Timeline {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked, or the
   // axis was dragged; stretch(position, subject): a place was double-clicked; move(change, to, subject): a change of
   // target was dragged. advised: the frames to label first.
@@ -157,7 +157,7 @@ export class Strip {
     const row = event.target.closest("[data-subject]");
     const change = this.changeAt(event);
     let dragged = false;
-    this.isHeld = true; // the strip stands still under the hand
+    this.isHeld = true; // the timeline stands still while it is dragged
     const move = (moved) => {
       dragged ||= Math.abs(moved.clientX - event.clientX) >= DRAG_PX;
       const end = this.positionAt(moved.clientX);

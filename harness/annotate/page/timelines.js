@@ -1,16 +1,16 @@
 // The timeline of the whole clip, and above it an enlarged one, for a long clip or when zoomed.
 
-import { Strip } from "./strip.js";
+import { Timeline } from "./timeline.js";
 
 const NEAR = 120; // frames: each is wide enough to drag over
 const NEAREST = 15;
 
-export class Strips {
+export class Timelines {
   constructor(handlers) {
     this.total = handlers.frames.length;
-    [this.nearRoot, this.wholeRoot] = ["near", "strips"].map((id) => document.getElementById(id));
-    this.whole = new Strip(this.wholeRoot, { ...handlers, count: this.total });
-    this.near = new Strip(this.nearRoot, { ...handlers, count: this.total > 2 * NEAR ? NEAR : this.total });
+    [this.nearRoot, this.wholeRoot] = ["near", "timelines"].map((id) => document.getElementById(id));
+    this.whole = new Timeline(this.wholeRoot, { ...handlers, count: this.total });
+    this.near = new Timeline(this.nearRoot, { ...handlers, count: this.total > 2 * NEAR ? NEAR : this.total });
   }
 
   // Zoom in or out by a factor of two.

@@ -1,6 +1,6 @@
 // The last seen frame of each subject: sent to the server with a delay, so that playing does not send every frame.
 
-export class Seen {
+export class LastSeen {
   constructor(send) {
     this.send = send;
     this.last = null;

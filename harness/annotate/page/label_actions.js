@@ -4,7 +4,7 @@ import { Form } from "./form.js";
 import * as panel from "./panel.js";
 import { at, runs } from "./tracks.js";
 
-export class Said {
+export class LabelActions {
   constructor(page) {
     this.page = page;
     this.noteForm = new Form("note", () => this.noted());
@@ -13,7 +13,7 @@ export class Said {
   // Resolved when it is saved.
   change(what) {
     const { page } = this;
-    page.seen.tell();
+    page.lastSeen.tell();
     return page.queue.add({ subject: page.subject, ...what });
   }
 
