@@ -352,7 +352,9 @@ def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
 
     cameras = read_cameras([Path(file) for file in files], lambda: size_px)
     if not isinstance(cameras, Calibration):
-        raise VfoaError(f"{files[0]}: of images before rectification; expected a calibration of a rectified pair")
+        raise VfoaError(
+            f"{files[0]}: calibrates images that are not rectified; expected the calibration of a rectified pair"
+        )
     return cameras.rig(*size_px)
 
 

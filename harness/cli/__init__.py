@@ -157,7 +157,7 @@ def _check_working_directory() -> None:
     try:
         os.getcwd()
     except FileNotFoundError:
-        raise VfoaError("the working directory was removed; expected one that is there: change to another") from None
+        raise VfoaError("the working directory no longer exists; change to another one") from None
 
 
 def _open_closed() -> None:

@@ -22,7 +22,7 @@ def calibrate(
     ],
     square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square, millimetres.")],
     columns: Annotated[int, typer.Option(min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")],
-    rows: Annotated[int, typer.Option(min=2, help="Rows: inner corners or squares, likewise.")],
+    rows: Annotated[int, typer.Option(min=2, help="Rows, counted in the same way.")],
     marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker, millimetres.")] = None,
     dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
     left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,

@@ -131,7 +131,7 @@ def export(
     folder = run_folder(source)
     if RunDirectory(folder).manifest.is_file():
         if annotator:
-            raise VfoaError("--annotator: found it for the predictions of a run; expected it for a clip's labels")
+            raise VfoaError("--annotator: predictions of a run have no annotator; leave it out, or name a clip")
         for written, left_out in export_predictions(
             folder, format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
         ):

@@ -166,9 +166,7 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
         download(entry.address, target, checksum=entry.sha256, progress=progress)
     else:
         note = f" ({entry.note})" if entry.note else ""
-        raise VfoaError(
-            f"{name}: no address with a checksum is known{note}; expected you to get it from {entry.home} as {target}"
-        )
+        raise VfoaError(f"{name}: no address with a checksum is known{note}; get it from {entry.home} as {target}")
     return target
 
 

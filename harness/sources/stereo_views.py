@@ -242,7 +242,9 @@ def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
     lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
     for number, line in enumerate(lines, start=1):
         if not _TIME.fullmatch(line):
-            raise VfoaError(f"{path}:{number}: found {line[:60]!r}; expected 2011-09-26 13:02:25.964389445")
+            raise VfoaError(
+                f"{path}:{number}: found {line[:60]!r}; expected date and time, such as 2011-09-26 13:02:25.964389445"
+            )
     with reported_as(path):
         times_ns = np.array(lines, "datetime64[ns]").astype(np.int64)
     if (steps := np.diff(times_ns)).min(initial=1) <= 0:

@@ -247,7 +247,7 @@ def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
 
 
 def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> RawCamera:
-    """A camera without R and P; ``coefficients`` is the name of those of the distortion."""
+    """A camera without R and P; ``coefficients`` is the key of its distortion coefficients."""
     _expect_names(camera, ("camera_model", "distortion_model"), where, program)
     model, distortion = str(camera["camera_model"]), str(camera["distortion_model"])
     if model != "pinhole" or distortion not in _KALIBR_MODELS:

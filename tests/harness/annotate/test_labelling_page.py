@@ -446,7 +446,9 @@ def test_a_range_is_chosen_by_keys_and_the_axis_is_a_slider(browser: Chrome, noi
     assert "".join(_targets(page)) == "..bbbb......"
     assert slider.get_attribute("aria-valuenow") == "6"
     assert slider.get_attribute("aria-valuetext") == "frame 6, 0:00.5, ann: book"
-    assert "book 3 to 6" in (browser.find_element("css selector", "#timelines .current").get_attribute("aria-label") or "")
+    assert "book 3 to 6" in (
+        browser.find_element("css selector", "#timelines .current").get_attribute("aria-label") or ""
+    )
 
 
 def test_the_axis_is_dragged_to_move_through_the_clip(browser: Chrome, noise: Start) -> None:

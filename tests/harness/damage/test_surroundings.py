@@ -112,7 +112,7 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path: Path) -> Non
         check=False,
     )
     assert done.returncode == 2
-    assert done.stderr == "vfoa: the working directory was removed; expected one that is there: change to another\n"
+    assert done.stderr == "vfoa: the working directory no longer exists; change to another one\n"
 
 
 def test_a_run_whose_directory_is_removed_meanwhile_is_one_line(
