@@ -126,7 +126,7 @@ def test_a_run_whose_directory_is_removed_meanwhile_is_one_line(
         return read(self, number)
 
     monkeypatch.setattr(StereoFolderClip, "frame", frame)
-    code, _, said = vfoa(monkeypatch, capsys, *RUN)
+    code, _, said = vfoa(monkeypatch, capsys, *RUN, "--no-cache")
     assert code == 2, said
     assert said.count("\n") == 1, said
     assert "out" in said
@@ -144,7 +144,7 @@ def test_an_image_that_vanishes_in_mid_run_is_named_and_nothing_before_it_is_los
 
     kept = (project / "images" / "left" / "000003.png").read_bytes()
     monkeypatch.setattr(StereoFolderClip, "frame", frame)
-    code, _, said = vfoa(monkeypatch, capsys, *RUN)
+    code, _, said = vfoa(monkeypatch, capsys, *RUN, "--no-cache")
     assert code in (1, 2)
     assert "000003.png" in said
     assert said.count("\n") == 1
