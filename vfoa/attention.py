@@ -18,14 +18,15 @@ them, so they are applied here once, in (3).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 
-from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop
+from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop, stacked
 from vfoa.methods import MethodSettings
 from vfoa.types import (
     CUES,
@@ -143,14 +144,17 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
     boxes = boxes_of_others(subject, targets)
 
+    fovs_rad = settings.cones_rad
     cones = tuple(
         Cone(cue=cue, apex_left=origin, axis=axis, fov_rad=fov_rad, n_rays=settings.n_rays)
         for cue, axis in axes.items()
-        for fov_rad in settings.cones_rad
+        for fov_rad in fovs_rad
     )
-    rays = _cast(cones, tuple(boxes.values()), settings)
-    scores = score_rays(rays, tuple(boxes.values()))
-    shares = scores.reshape(len(axes), len(scores) // len(axes), len(boxes)).mean(axis=1)
+    of_boxes = tuple(boxes.values())
+    rays = _cast(cones, tuple(axes.values()), of_boxes, settings)
+    scores = score_rays(rays, of_boxes)
+    of_cue = len(scores) // len(axes)
+    shares = scores.reshape(len(axes), of_cue, len(boxes)).sum(axis=1) / of_cue
     values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
     focus, tied = _focus(values, rays)
     return Attention(subject=subject, values=values, focus=focus, tied=tied, cones=cones, rays=rays)
@@ -188,15 +192,26 @@ def pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
     return np.concatenate([surface, axis], axis=1)
 
 
-def _cast(cones: tuple[Cone, ...], boxes: tuple[Box3D, ...], settings: AttentionSettings) -> Rays:
-    """Cast the rays of all cones, one cone after another, and find where they enter the boxes."""
+@lru_cache(maxsize=64)
+def _cone_index(cones: int, n_rays: int) -> NDArray[np.intp]:
+    """The cone of each ray, of cones with so many rays each."""
+    return np.repeat(np.arange(cones), n_rays)
+
+
+def _cast(
+    cones: tuple[Cone, ...], axes: Sequence[Float], boxes: tuple[Box3D, ...], settings: AttentionSettings
+) -> Rays:
+    """Cast the rays of the cones about each axis, one cone after another, and find where they enter the boxes."""
     origin = cones[0].apex_left
-    bundle = pencil(tuple(cone.fov_rad for cone in cones), settings.n_rays, settings.axis_ray)
-    left_from_cone = left_from_crop([cone.axis for cone in cones])
-    directions = (bundle @ left_from_cone.transpose(0, 2, 1)).reshape(-1, 3)
-    entry_m = entry_distance(origin, directions, boxes)
-    cone_index = np.repeat(np.arange(len(cones)), bundle.shape[1])
-    return Rays(origin_left=origin, directions=directions, cone_index=cone_index, entry_m=entry_m)
+    bundle = pencil(settings.cones_rad, settings.n_rays, settings.axis_ray)
+    left_from_cone = np.array([left_from_crop(axis) for axis in axes])
+    directions = (bundle @ left_from_cone[:, None].swapaxes(-1, -2)).reshape(-1, 3)
+    return Rays(
+        origin_left=origin,
+        directions=directions,
+        cone_index=_cone_index(len(cones), bundle.shape[1]),
+        entry_m=entry_distance(origin, directions, boxes),
+    )
 
 
 def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
@@ -208,14 +223,13 @@ def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
     scores = np.zeros(rays.entry_m.shape)
     if not boxes:
         return scores
-    center = np.array([box.center_m for box in boxes])
-    half = np.array([box.half_size_m for box in boxes])
-    d_max, d_min = np.sqrt((half**2).sum(axis=1)), half.min(axis=1)
+    known = stacked(boxes)
+    d_max, d_min = known.d_max, known.d_min
 
     # most rays miss most boxes: compute P for the hits only
     ray, box = np.nonzero(np.isfinite(rays.entry_m))
     entry_point = rays.origin_left + rays.entry_m[ray, box, None] * rays.directions[ray]
-    distance = np.sqrt(((entry_point - center[box]) ** 2).sum(axis=1))
+    distance = np.sqrt(((entry_point - known.center[box]) ** 2).sum(axis=1))
     scores[ray, box] = (1.5 * d_max[box] - np.maximum(distance, d_min[box])) / (1.5 * d_max - d_min)[box]
     return scores
 

@@ -55,7 +55,9 @@ def _set(value: object, name: str, given: ArrayLike, dtype: DTypeLike, *shape: i
     if array.dtype != dtype:
         expected = np.dtype(dtype).name
         raise ValueError(f"{type(value).__name__}.{name}: expected dtype {expected}, found {array.dtype.name}")
-    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+    if array.shape != shape and (
+        array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    ):
         expected = ", ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(f"{type(value).__name__}.{name}: expected shape ({expected}), found {array.shape}")
     array.flags.writeable = False
@@ -68,7 +70,7 @@ def _set_unit(value: object, name: str, given: ArrayLike) -> None:
     A vector of length 1 is stored unchanged, so that a direction is the same after writing and reading.
     """
     vector = np.array(given, dtype=np.float64)
-    length = math.hypot(*vector.flat)
+    length = math.hypot(*vector.ravel().tolist())
     if not math.isfinite(length) or length == 0.0:
         raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
     _set(value, name, vector if abs(length - 1) <= _UNIT_ROUNDING else vector / length, np.float64, 3)

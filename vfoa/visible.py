@@ -9,10 +9,9 @@ from itertools import compress
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from vfoa.geometry import angle_between, box_corners, left_from_crop, own_entry_distance, unit
+from vfoa.geometry import left_from_crop, length_of, meets_own_box, stacked
 from vfoa.recent import Recent
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
@@ -60,46 +59,29 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
 def _views(
     origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool, settings: SurfaceSettings
 ) -> Views:
-    targets = tuple(target for target in targets if target.box and (not clouds or len(target.points_left)))
-    boxes = tuple(target.box for target in targets if target.box is not None)
-    moments: dict[int, tuple[Float, float]] = {}
-    if boxes:
-        count = settings.directions
-        rays = _cloud_rays(origin, targets, count) if clouds else _rays_about(origin, boxes, count)
-        reached = np.isfinite(own_entry_distance(origin, rays, boxes)) if not clouds else np.ones(rays.shape[:2], bool)
-        seen = np.asarray(reached.any(axis=1))
-        middles, variances = _moments(rays[seen], reached[seen])
-        for target, middle, variance in zip(compress(targets, seen), middles, variances.tolist(), strict=True):
-            number = target.instance.id
-            if settings.faces and number in eyes:
-                towards = eyes[number] - origin
-                distance = float(np.linalg.norm(towards))
-                moments[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
-            else:
-                moments[number] = middle, variance
-    return Views(
-        ids=tuple(moments),
-        directions=np.array([direction for direction, _ in moments.values()]).reshape(-1, 3),
-        variances=np.array([variance for _, variance in moments.values()]),
-    )
+    seen = {target.instance.id: target for target in targets if target.box and (not clouds or len(target.points_left))}
+    boxes = tuple(target.box for target in seen.values() if target.box is not None)
+    if clouds:
+        means = _mean_rays_to_clouds(origin, tuple(seen.values()), settings.directions)
+    else:
+        means = _mean_rays_to_boxes(origin, boxes, settings.directions)
+    reached = np.isfinite(means[:, 0])
+    ids, means = tuple(compress(seen, reached)), means[reached]
+    # the mean of unit rays is shorter by half of their mean squared chord about its direction
+    lengths = length_of(means)
+    directions, variances = means / lengths[:, None], 1 - lengths
+    for row, number in enumerate(ids):
+        if settings.faces and number in eyes:
+            towards = eyes[number] - origin
+            distance = length_of(towards)
+            directions[row], variances[row] = towards / distance, (FACE_RADIUS_M / distance) ** 2
+    return Views(ids=ids, directions=directions, variances=variances)
 
 
-def _moments(rays: Float, reached: NDArray[np.bool_]) -> tuple[Float, Float]:
-    """Mean directions (T, 3) of the rays (T, K, 3) that reach a target (T, K), at least one of each.
-
-    And half of the mean squared chords (T,) about them: the variances per tangent direction.
-    """
-    count = reached.sum(axis=1)
-    middles = unit((rays * reached[..., None]).sum(axis=1) / count[:, None])
-    squares = ((rays - middles[:, None]) ** 2).sum(axis=-1)
-    return middles, (squares * reached).sum(axis=1) / count / 2
-
-
-def _cloud_rays(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
-    """Rays (T, count, 3) to points of each cloud."""
+def _mean_rays_to_clouds(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
+    """Means (T, 3) of the unit rays to ``count`` points of each cloud."""
     points = np.stack([spaced(target.points_left, count) for target in targets]) - origin
-    distance = np.linalg.norm(points, axis=-1, keepdims=True)
-    return np.asarray(points / np.maximum(distance, np.finfo(float).tiny))
+    return np.asarray((points / np.maximum(length_of(points), np.finfo(float).tiny)[..., None]).mean(axis=1))
 
 
 def spaced(points: np.ndarray, count: int) -> Float:
@@ -110,25 +92,35 @@ def spaced(points: np.ndarray, count: int) -> Float:
     return points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)].astype(np.float64)
 
 
-def _rays_about(origin: Float, boxes: tuple[Box3D, ...], count: int) -> Float:
-    """Unit rays (T, K, 3), even over the narrowest cap about each box's centre that holds all of its corners.
+def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> Float:
+    """Means (T, 3) of the unit rays that meet each box, NaN for a box that none meets.
 
-    The whole sphere for a box that holds the eyes, or is so near that it fills half of their view. A cap's rays are a
-    Fibonacci lattice, whose first ray is the axis.
+    The rays are even over the narrowest cap about the centre of the box that holds its corners: the whole sphere for a
+    box that holds the eyes, or is so near that it fills half of their view.
     """
-    towards = np.array([box.center_m for box in boxes]) - origin
-    reach = angle_between(box_corners(boxes) - origin, towards[:, None]).max(axis=1)
-    within = np.linalg.norm(towards, axis=-1) <= np.array([box.d_max_m for box in boxes])
-    reach[within], towards[within] = np.pi, (0, 0, 1)
-    return _lattices(reach, count) @ left_from_crop(towards).transpose(0, 2, 1)
+    known = stacked(boxes)
+    towards = known.center - origin
+    within = length_of(towards) <= known.d_max
+    towards[within] = 0, 0, 1
+    axes = left_from_crop(towards)
+    right, down, ahead = np.moveaxis((known.corners - origin) @ axes, -1, 0)
+    reach = np.arctan2(np.hypot(right, down), ahead).max(axis=1)
+    reach[within] = np.pi
+    rays = _lattices(reach, count)
+    met = meets_own_box(origin, axes, rays, boxes)
+    counts = met.sum(axis=1)[:, None]
+    means = (rays @ met[..., None])[..., 0] / np.where(counts, counts, np.nan)
+    return np.asarray((axes @ means[..., None])[..., 0])
 
 
 def _lattices(reach_rad: Float, count: int) -> Float:
-    """Lattices (T, K, 3) over caps about (0, 0, 1)."""
+    """Fibonacci lattices (T, 3, K) over caps about (0, 0, 1), the first ray of each."""
     share, right, down = _spiral(count)
     z = 1 - share * (1 - np.cos(reach_rad[:, None]))
     aside = np.sqrt(np.maximum(1 - z**2, 0))
-    return np.stack([aside * right, aside * down, z], axis=-1)
+    rays = np.empty((len(reach_rad), 3, count))
+    rays[:, 0], rays[:, 1], rays[:, 2] = aside * right, aside * down, z
+    return rays
 
 
 @lru_cache(maxsize=4)

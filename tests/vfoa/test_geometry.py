@@ -26,12 +26,14 @@ from vfoa.geometry import (
     gaze_direction_crop,
     head_direction_crop,
     left_from_crop,
+    lowered,
+    meets_own_box,
     on_the_way,
-    own_entry_distance,
     perturb,
     pixel_ray,
     project,
     quaternion,
+    stacked,
     tangent_offset,
     turn_about_z,
     unit,
@@ -218,6 +220,19 @@ def test_many_offsets_and_perturbations_are_those_of_each_pair(seed):
         assert math.hypot(*offsets[row, column]) == pytest.approx(angle_between(one, others[column]), abs=1e-12)
 
 
+@given(SEEDS, ANGLES)
+def test_one_direction_is_turned_down_and_has_the_axes_that_it_has_among_many(seed, angle_rad):
+    directions = unit(vectors(seed))
+    np.testing.assert_array_equal([left_from_crop(each) for each in 3 * directions], left_from_crop(3 * directions))
+    for direction, turned in zip(directions, perturb(directions, 0.0, angle_rad), strict=True):
+        np.testing.assert_allclose(lowered(direction, angle_rad), turned, atol=1e-15)
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_straight_up_and_down_turn_down_as_they_are_perturbed(up):
+    np.testing.assert_allclose(lowered(np.array([0, up, 0]), 0.3), perturb((0, up, 0), 0.0, 0.3), atol=1e-15)
+
+
 @pytest.mark.parametrize("up", [1.0, -1.0])
 def test_offsets_from_straight_up_and_to_the_opposite_point_right(up):
     np.testing.assert_allclose(tangent_offset((0, up, 0), (1, 0, 0)), (math.pi / 2, 0), atol=1e-15)
@@ -300,8 +315,20 @@ def test_rays_enter_boxes_where_they_first_meet_a_face(seed):
     origin, directions = rng.normal(size=3), unit(rng.normal(size=(20, 3)))
     expected = [[first_face(origin, direction, box) for box in boxes] for direction in directions]
     np.testing.assert_allclose(entry_distance(origin, directions, boxes), expected, atol=1e-9)
-    own = own_entry_distance(origin, directions.reshape(4, 5, 3), boxes)
-    np.testing.assert_allclose(own, [np.array(expected)[5 * k : 5 * k + 5, k] for k in range(4)], atol=1e-9)
+    axes = left_from_crop(vectors(seed + 1, 4))
+    rays = (directions.reshape(4, 5, 3) @ axes).transpose(0, 2, 1)
+    own = meets_own_box(origin, axes, rays, boxes)
+    np.testing.assert_array_equal(own, np.isfinite([np.array(expected)[5 * k : 5 * k + 5, k] for k in range(4)]))
+
+
+def test_boxes_are_stacked_once_for_all_who_ask_for_them():
+    one, other = make_box((0, 0, 2), (0.1, 0.2, 0.3)), make_box((1, 0, 2))
+    boxes = stacked((one, other))
+    assert stacked([one, other]) is boxes
+    assert stacked((other, one)) is not boxes
+    assert boxes.d_max == pytest.approx([one.d_max_m, other.d_max_m])
+    assert boxes.d_min == pytest.approx([0.1, 0.2])
+    assert boxes.in_cubes(np.array([0.1, 0.0, 2.3]))[0] == pytest.approx([1, 0, 1])
 
 
 @given(

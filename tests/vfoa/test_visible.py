@@ -123,7 +123,7 @@ def test_only_where_things_lie_from_the_eyes_matters(surface):
 def test_the_lattice_is_even_over_its_cap():
     """Ten rings of equal area in ten sectors: a hundred cells, each with its ten of a thousand rays, or nearly."""
     reach = 0.8
-    x, y, z = _lattices(np.array([reach]), 1000)[0].T
+    x, y, z = _lattices(np.array([reach]), 1000)[0]
     ring = np.minimum((1 - z) / (1 - np.cos(reach)) * 10, 9).astype(int)
     sector = ((np.arctan2(y, x) / (2 * np.pi) % 1) * 10).astype(int) % 10
     cells = np.bincount(10 * ring + sector, minlength=100)
