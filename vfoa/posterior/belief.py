@@ -7,6 +7,7 @@ and those of the head per head hypothesis, averaged over the other: filters per 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,8 +21,8 @@ from vfoa.posterior.looks import Keys, Looks, no_looks
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 
-_UNLIKELY = 1e-6
-"""Hypotheses that are less likely than the likeliest by this factor are dropped."""
+_UNLIKELY = math.log(1e-6)
+"""Hypotheses whose log weight is this far below that of the likeliest are dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,8 +143,8 @@ def _repeated(belief: Belief, log_prior: Float, axis: int) -> Belief:
 def pruned(belief: Belief) -> Belief:
     """Drop the gaze hypotheses that have become very unlikely, if there are enough of them to save time."""
     top = belief.log_weights.max(axis=1)
-    rows = top > top.max() + np.log(_UNLIKELY)
-    if rows.mean() > 0.8:
+    rows = top > top.max() + _UNLIKELY
+    if np.count_nonzero(rows) > 0.8 * len(rows):
         return belief
     return replace(
         belief,

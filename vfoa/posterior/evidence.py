@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
 _AVERAGES = {"gaze": ("gk,gkt->gt", 1), "head": ("gk,gkt->kt", 0)}
@@ -24,7 +25,7 @@ class Flow:
 
     weights: Float
     looked: Float
-    columns: np.ndarray
+    columns: Columns
     predicted: Float
     stayed: Float
 
@@ -49,6 +50,6 @@ class Evidence:
         return cls(np.zeros((hypotheses, targets)), np.ones((hypotheses, targets)))
 
     @classmethod
-    def of(cls, likelihood: Float, square: Float, tails: float) -> Evidence:
-        """The evidence from a log likelihood (H, T) and a squared surprise (H, T) in standard deviations (Student)."""
-        return cls(likelihood, (1 + square / tails) ** (-tails / 2))
+    def of(cls, likelihood: Float, excess: Float, tails: float) -> Evidence:
+        """The evidence from a log likelihood (H, T) and the logarithm (H, T) of 1 + square / tails (Student)."""
+        return cls(likelihood, np.exp(-tails / 2 * excess))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vfoa.posterior.aims import offsets_of
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
 from vfoa.posterior.evidence import Flow
 from vfoa.posterior.gaze_cue import weighed_gaze
@@ -45,23 +46,29 @@ def update(
     flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (settings.evidence, _HEAD_EVIDENCE)
-    error, gaze_evidence = weighed_gaze(prior, scenery, cues, flow, dt_s, settings)
-    motion, head_evidence = weighed_head(prior, scenery, cues, flow, dt_s, settings)
+    offsets = offsets_of(prior, scenery, cues)
+    error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, flow, dt_s, settings)
+    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, flow, dt_s, settings)
 
     gaze_part, gaze_top = _scaled(gaze_evidence.likelihood)
     head_part, head_top = _scaled(head_power * head_evidence.likelihood)
-    joint = predicted * gaze_part[:, None] * head_part[None]
+    likelihood = gaze_part[:, None] * head_part
+    joint = predicted * likelihood
     total = joint.sum(axis=-1)
-    looked = joint / total[..., None]
-    begun = looked * (1 - stayed / predicted)
+    went_on = stayed * likelihood
     belief = replace(
         prior,
         keys=scenery.keys,
         log_weights=prior.log_weights + power * (np.log(total) + gaze_top + head_top.T),
-        looked=looked,
+        looked=joint / total[..., None],
         leave=leave,
         new=new,
-        looks=counted(prior.looks, begun, 0.0 if before is None else dt_s),
+        looks=counted(
+            prior.looks,
+            (total - went_on.sum(axis=-1)) / total,
+            (joint - went_on)[..., -1] / total,
+            0.0 if before is None else dt_s,
+        ),
         error=error,
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,

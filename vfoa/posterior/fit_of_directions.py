@@ -19,7 +19,7 @@ def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
         return DirectionFit(tail=belief.tail, implied_share=share)
     weights = belief.weights
     noise = (belief.gaze.scale * cues.gaze_sigma_rad) ** 2
-    constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.constant)
+    constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.means[0])
     mean_square = noise + (constant**2).sum(axis=0) / 2
     implied = float(weights.sum(axis=1) @ np.sqrt(mean_square))
     return DirectionFit(

@@ -1,23 +1,27 @@
-"""The likelihood of one frame's gaze: the direction that each hypothesis expects for each target, and its fit."""
+"""The likelihood of one frame's gaze for each hypothesis and target."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vfoa.geometry import on_the_way, perturb, tangent_offset
+from vfoa.posterior.aims import Offsets
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.gaze_error import GazeError, first_error, next_error, weigh_gaze
-from vfoa.posterior.head_cue import BELOW_DEG
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
-from vfoa.types import Float
 
 _ABOUT_HEAD_DEG = 14.0
 """Angle between the gaze and the usual place below the head's axis while the gaze is on no target."""
 
 
 def weighed_gaze(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, flow: Flow, dt_s: float, settings: PosteriorSettings
+    prior: Belief,
+    scenery: Scenery,
+    cues: MeasuredCues,
+    offsets: Offsets,
+    flow: Flow,
+    dt_s: float,
+    settings: PosteriorSettings,
 ) -> tuple[GazeError | None, Evidence]:
     """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
@@ -35,19 +39,8 @@ def weighed_gaze(
         looked, stay = flow.of("gaze")
         keep = float(np.exp(-dt_s / settings.bias_s))
         predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
-    if cues.gaze is None:
+    if offsets.gaze is None:
         return predicted, nothing
-    ahead = None if head is None else perturb(head, 0.0, np.deg2rad(BELOW_DEG))
-    aims = _aims(scenery, np.array(hypotheses.gains), ahead)
-    offset = tangent_offset(aims, cues.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
-    error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)
-    return error, Evidence.of(likelihood, square, settings.tails)
-
-
-def _aims(scenery: Scenery, gains: Float, ahead: Float | None) -> Float:
-    """Expected measured gaze (N, T, 3) with each gain (N,) for each target. A gaze at nowhere is about ``ahead``."""
-    ends = scenery.directions if ahead is not None else np.vstack([scenery.directions, scenery.middle])
-    aims = np.empty((len(gains), len(scenery.keys), 3))
-    aims[:, -1] = np.nan if ahead is None else ahead
-    aims[:, : len(ends)] = on_the_way(scenery.to_camera, ends, gains[:, None])
-    return aims
+    offset = offsets.gaze.take(hypotheses.gain, axis=1) - hypotheses.bias_rad[..., None]
+    error, likelihood, excess = weigh_gaze(predicted, offset, variance - slow, settings.tails)
+    return error, Evidence.of(likelihood, excess, settings.tails)

@@ -16,44 +16,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GazeError:
-    """Means (2, G, T) of the constant and the drift, and their covariances (G, T)."""
+    """Means (2, 2, G, T) of the constant and of the drift, right and down, and their covariances (3, G, T).
 
-    constant: Float
-    drift: Float
-    cc: Float
-    cd: Float
-    dd: Float
+    The covariances are the variance of the constant, that of both, and the variance of the drift.
+    """
+
+    means: Float
+    covariances: Float
 
     def kept(self, rows: np.ndarray) -> GazeError:
         """Return only these rows, the hypotheses to keep."""
-        return GazeError(
-            constant=self.constant[:, rows],
-            drift=self.drift[:, rows],
-            cc=self.cc[rows],
-            cd=self.cd[rows],
-            dd=self.dd[rows],
-        )
+        return GazeError(means=self.means[:, :, rows], covariances=self.covariances[:, rows])
 
 
 def first_error(cell_variance: float, drift_variance: Float) -> GazeError:
     """Return the error before the first frame; ``drift_variance`` (G, T) includes the spread of looks at a target."""
-    zeros = np.zeros((2, *drift_variance.shape))
-    return GazeError(
-        constant=zeros,
-        drift=zeros,
-        cc=np.full(drift_variance.shape, cell_variance),
-        cd=zeros[0],
-        dd=drift_variance,
-    )
+    covariances = np.zeros((3, *drift_variance.shape))
+    covariances[0], covariances[2] = cell_variance, drift_variance
+    return GazeError(means=np.zeros((2, 2, *drift_variance.shape)), covariances=covariances)
 
 
 def next_error(
-    before: GazeError, looked: Float, columns: np.ndarray, stay: Float, slow: Float, drift_variance: Float, keep: float
+    before: GazeError, looked: Float, columns: Columns, stay: Float, slow: Float, drift_variance: Float, keep: float
 ) -> GazeError:
     """Predict the error of the next frame: looks that go on keep it, new looks start from the mean over all targets.
 
@@ -61,42 +51,47 @@ def next_error(
     before, ``stay`` (G, T) the part of each that goes on. ``slow`` (G, 1) is the variance of the drift that outlasts a
     look, and ``keep`` the factor of the drift over the frame. Mixtures are collapsed (Blom and Bar-Shalom 1988).
     """
-    constant = (looked * before.constant).sum(axis=2)[..., None]
-    around = ((before.constant - constant) ** 2).sum(axis=0) / 2
-    variance = (looked * (before.cc + around)).sum(axis=1)[:, None]
-    drift = slow / np.maximum(drift_variance, 1e-12) * (looked * before.drift).sum(axis=2)[..., None]
+    mean = np.einsum("gt,cxgt->cxg", looked, before.means)[..., None]
+    around = ((before.means[0] - mean[0]) ** 2).sum(axis=0) / 2
+    variance = np.einsum("gt,gt->g", looked, before.covariances[0] + around)[:, None]
+    outlasts = np.ones((2, 1, *drift_variance.shape))
+    np.divide(slow, np.maximum(drift_variance, 1e-12), out=outlasts[1, 0])
+    new = outlasts * mean
     leave = 1 - stay
+    apart = before.means[..., columns] - new
+    means = new + stay * apart
+    means[1] *= keep
+    covariances = stay * before.covariances[..., columns]
+    covariances[0] += leave * variance
+    covariances[2] += leave * drift_variance
     both = stay * leave / 2
-    apart_c, apart_d = before.constant[..., columns] - constant, before.drift[..., columns] - drift
-    cd = stay * before.cd[:, columns] + both * (apart_c * apart_d).sum(axis=0)
-    dd = stay * before.dd[:, columns] + leave * drift_variance + both * (apart_d**2).sum(axis=0)
-    return GazeError(
-        constant=constant + stay * apart_c,
-        drift=keep * (drift + stay * apart_d),
-        cc=stay * before.cc[:, columns] + leave * variance + both * (apart_c**2).sum(axis=0),
-        cd=keep * cd,
-        dd=keep**2 * dd + (1 - keep**2) * drift_variance,
-    )
+    covariances[:2] += both * (apart[0] * apart).sum(axis=1)
+    covariances[2] += both * (apart[1] ** 2).sum(axis=0)
+    covariances[1] *= keep
+    covariances[2] *= keep**2
+    covariances[2] += (1 - keep**2) * drift_variance
+    return GazeError(means=means, covariances=covariances)
+
+
+_FIRST, _SECOND = [0, 0, 1], [0, 1, 1]
+"""The two parts of the error whose covariance each of the covariances of :class:`GazeError` is."""
 
 
 def weigh_gaze(predicted: GazeError, offset: Float, noise: Float, tails: float) -> tuple[GazeError, Float, Float]:
-    """Return the updated filter, the log likelihood (G, T) and the squared innovation (G, T) in standard deviations.
+    """Return the updated filter, the log likelihood (G, T), and the logarithm (G, T) of 1 + square / tails.
 
-    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. Student's distribution limits
-    the weight of an outlier.
+    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. ``square`` is the squared
+    innovation in standard deviations. Student's distribution limits the weight of an outlier.
     """
-    to_constant, to_drift = predicted.cc + predicted.cd, predicted.cd + predicted.dd
-    known = to_constant + to_drift
-    surprise = offset - predicted.constant - predicted.drift
+    to_parts = predicted.covariances[:2] + predicted.covariances[1:]
+    known = to_parts[0] + to_parts[1]
+    surprise = offset - predicted.means[0] - predicted.means[1]
     square = (surprise**2).sum(axis=0) / (known + noise)
-    likelihood = -np.log(known + noise) - (tails + 2) / 2 * np.log1p(square / tails)
-    spread = known + noise * (tails + square) / (tails + 2)
-    gain_c, gain_d = to_constant / spread, to_drift / spread
+    excess = np.log1p(square / tails)
+    likelihood = -np.log(known + noise) - (tails + 2) / 2 * excess
+    gain = to_parts / (known + noise * (tails + square) / (tails + 2))
     after = GazeError(
-        constant=predicted.constant + gain_c * surprise,
-        drift=predicted.drift + gain_d * surprise,
-        cc=predicted.cc - gain_c * to_constant,
-        cd=predicted.cd - gain_c * to_drift,
-        dd=predicted.dd - gain_d * to_drift,
+        means=predicted.means + gain[:, None] * surprise,
+        covariances=predicted.covariances - gain.take(_FIRST, axis=0) * to_parts.take(_SECOND, axis=0),
     )
-    return after, likelihood, square
+    return after, likelihood, excess

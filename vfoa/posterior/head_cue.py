@@ -1,18 +1,17 @@
-"""The likelihood of one frame's head: the direction that each hypothesis expects for each target, and its fit."""
+"""The likelihood of one frame's head for each hypothesis and target, and where the body faces."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vfoa.geometry import on_the_way, tangent_offset, unit
+from vfoa.geometry import unit
+from vfoa.posterior.aims import Offsets
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.head_motion import HeadMotion, first_motion, next_motion, weigh_head
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.types import Float
 
-BELOW_DEG = 8.0
-"""Angle of the gaze below the head's axis: 8 degrees on average, 0.5 to 14 between people (vr_objects)."""
 _FACING_S = 3.0
 """Time constant of the head's running mean, which stands for where the body faces."""
 _LAG_S = 0.35
@@ -39,7 +38,13 @@ def facing_after(prior: Belief, scenery: Scenery, cues: MeasuredCues, dt_s: floa
 
 
 def weighed_head(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, flow: Flow, dt_s: float, settings: PosteriorSettings
+    prior: Belief,
+    scenery: Scenery,
+    cues: MeasuredCues,
+    offsets: Offsets,
+    flow: Flow,
+    dt_s: float,
+    settings: PosteriorSettings,
 ) -> tuple[HeadMotion | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
@@ -50,21 +55,13 @@ def weighed_head(
     on_target = sigma_rad(settings.aside_deg) ** 2 + share[:, None] ** 2 * scenery.variances
     nowhere = np.full((len(share), 1), sigma_rad(settings.nowhere_deg) ** 2)
     aside = np.concatenate([on_target, nowhere], axis=1)
-    facing = scenery.middle if prior.facing is None else prior.facing
-    goals = np.empty((len(share), len(scenery.keys), 3))
-    goals[:, :-1], goals[:, -1] = on_the_way(facing, scenery.directions, share[:, None]), facing
-    # eyes at rest look below the head's axis, so that the head stays above the way to a target
-    above = np.zeros((*goals.shape[:2], 2))
-    above[:, :-1, 1] = share[:, None] * np.deg2rad(BELOW_DEG)
-    seen = [head for head in (prior.last_head, cues.head) if head is not None]
-    offsets = tangent_offset(goals, np.array(seen)[:, None, None]) + above
-    if prior.motion is None or prior.last_head is None:
+    if prior.motion is None or offsets.last_head is None:
         rest = ((1 - share[:, None]) * sigma_rad(settings.rest_deg)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
         looked, stay = flow.of("head")
-        predicted = next_motion(prior.motion, looked, flow.columns, stay, offsets[0], noise, aside, dt_s, _LAG_S)
-    if cues.head is None:
+        predicted = next_motion(prior.motion, looked, flow.columns, stay, offsets.last_head, noise, aside, dt_s, _LAG_S)
+    if offsets.head is None:
         return predicted, nothing
-    motion, likelihood, square = weigh_head(predicted, offsets[-1], noise, settings.tails)
-    return motion, Evidence.of(likelihood, square, settings.tails)
+    motion, likelihood, excess = weigh_head(predicted, offsets.head, noise, settings.tails)
+    return motion, Evidence.of(likelihood, excess, settings.tails)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
 REST, ASIDE, HEAD = range(3)
@@ -52,7 +53,7 @@ def first_motion(rest_variance: Float, aside_variance: Float) -> HeadMotion:
 def next_motion(
     before: HeadMotion,
     looked: Float,
-    columns: np.ndarray,
+    columns: Columns,
     stay: Float,
     last_offset: Float,
     noise: float,
@@ -94,18 +95,20 @@ def next_motion(
 
 
 def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float) -> tuple[HeadMotion, Float, Float]:
-    """Return the updated filter, the log likelihood (K, T) and the squared innovation (K, T) in standard deviations.
+    """Return the updated filter, the log likelihood (K, T), and the logarithm (K, T) of 1 + square / tails.
 
     ``offset`` (K, T, 2) is the measured head minus the share of the way to each target, ``noise`` its variance.
+    ``square`` is the squared innovation in standard deviations.
     """
     to_all = predicted.covariances[..., HEAD]
     known = to_all[..., HEAD]
     surprise = offset - predicted.means[:, :, HEAD]
     square = (surprise**2).sum(axis=-1) / (known + noise)
-    likelihood = -np.log(known + noise) - (tails + 2) / 2 * np.log1p(square / tails)
+    excess = np.log1p(square / tails)
+    likelihood = -np.log(known + noise) - (tails + 2) / 2 * excess
     gain = to_all / (known + noise * (tails + square) / (tails + 2))[..., None]
     after = HeadMotion(
         means=predicted.means + gain[..., None] * surprise[:, :, None],
         covariances=predicted.covariances - gain[..., None] * to_all[..., None, :],
     )
-    return after, likelihood, square
+    return after, likelihood, excess

@@ -9,12 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfoa.posterior.settings import LookSettings
 from vfoa.types import Float
 
 Keys = tuple[int | None, ...]
 """Ids of targets; the last key is None, which stands for nowhere."""
+Columns = NDArray[np.intp] | slice
+"""The column (T,) that each target had before; a slice if all are as they were."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,23 +34,20 @@ def no_looks(shape: tuple[int, ...]) -> Looks:
     return Looks(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
 
 
-def counted(before: Looks, begun: Float, dt_s: float) -> Looks:
-    """Return the counts after a frame, for the probabilities (..., T) that a look at each target began in it."""
-    return Looks(
-        begun=before.begun + begun.sum(axis=-1),
-        nowhere=before.nowhere + begun[..., -1],
-        watched_s=before.watched_s + dt_s,
-    )
+def counted(before: Looks, begun: Float, nowhere: Float, dt_s: float) -> Looks:
+    """Return the counts after a frame: probabilities (...) that a look began in it, and that one at nowhere did."""
+    return Looks(begun=before.begun + begun, nowhere=before.nowhere + nowhere, watched_s=before.watched_s + dt_s)
 
 
 def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
     """Probabilities (..., count + 1) of the target of a new look: equal for all targets, and that of nowhere last."""
-    if count == 0:
-        return np.ones((*looks.begun.shape, 1))
     seen = settings.nowhere_looks
     nowhere = (settings.p_nowhere * seen + looks.nowhere) / (seen + looks.begun)
-    per_target = (1 - nowhere) / count
-    return np.concatenate([np.repeat(per_target[..., None], count, axis=-1), nowhere[..., None]], axis=-1)
+    new = np.ones((*nowhere.shape, count + 1))
+    if count:
+        new[..., :-1] = ((1 - nowhere) / count)[..., None]
+        new[..., -1] = nowhere
+    return new
 
 
 def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:
@@ -56,18 +56,22 @@ def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:
     return np.asarray(-np.expm1(-dt_s * (seen + looks.begun) / (seen * settings.dwell_s + looks.watched_s)))
 
 
-def columns_of(before: Keys, keys: Keys) -> tuple[np.ndarray, np.ndarray]:
-    """The column (T,) that each key had before, and whether (T,) it existed then."""
+def columns_of(before: Keys, keys: Keys) -> tuple[Columns, NDArray[np.bool_] | None]:
+    """The column that each key had before, and whether (T,) it existed then; None: all did."""
+    if keys == before:
+        return slice(None), None
     index = {key: column for column, key in enumerate(before)}
-    return np.array([index.get(key, 0) for key in keys]), np.array([key in index for key in keys])
+    known = np.array([key in index for key in keys])
+    return np.array([index.get(key, 0) for key in keys]), None if known.all() else known
 
 
 def predicted_looks(
-    looked: Float, columns: np.ndarray, known: np.ndarray, leave: Float, new: Float
+    looked: Float, columns: Columns, known: NDArray[np.bool_] | None, leave: Float, new: Float
 ) -> tuple[Float, Float]:
     """Probabilities (..., T) before the next frame, and the part (..., T) of them that stayed.
 
     The probability of targets that are gone is spread as for a new look.
     """
-    stayed = (1 - leave)[..., None] * np.where(known, looked[..., columns], 0.0)
+    kept = looked[..., columns]
+    stayed = (1 - leave)[..., None] * (kept if known is None else np.where(known, kept, 0.0))
     return stayed + (1 - stayed.sum(axis=-1, keepdims=True)) * new, stayed

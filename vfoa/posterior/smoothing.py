@@ -41,7 +41,7 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
         ratio = given_all / np.maximum(predicted, 1e-300)
         anew = (ratio * later.new).sum(axis=1, keepdims=True)
         back, still = columns_of(later.keys, step.keys)
-        stays = np.where(still, ratio[:, back], anew)
+        stays = ratio[:, back] if still is None else np.where(still, ratio[:, back], anew)
         leave = later.leave[:, None]
         given_all = step.looked * ((1 - leave) * stays + leave * anew)
         given_all = given_all / given_all.sum(axis=1, keepdims=True)
