@@ -215,6 +215,7 @@ class Logit:
 
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+_NODE_WEIGHTS /= _NODE_WEIGHTS.sum()
 
 
 def probabilities(utility: Float, spread: float = 0.0) -> Float:
@@ -225,7 +226,7 @@ def probabilities(utility: Float, spread: float = 0.0) -> Float:
     """
     if spread > 0:
         offset = spread * _NODES.reshape(-1, *[1] * utility.ndim)
-        return np.tensordot(_NODE_WEIGHTS / _NODE_WEIGHTS.sum(), probabilities(utility + offset), axes=1)
+        return np.asarray(np.einsum("n,n...->...", _NODE_WEIGHTS, probabilities(utility + offset)))
     top = np.maximum(utility.max(axis=-1, initial=0.0, keepdims=True), 0)
     power = np.exp(utility - top)
     return np.asarray(power / (np.exp(-top) + power.sum(axis=-1, keepdims=True)))
@@ -317,27 +318,37 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
 
 def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
     """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
-    return probabilities(features(seen, seen.case, after) @ weights.vector, weights.spread)
+    return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
     probability = target_probabilities(seen, weights, after)
     nowhere = 1 - probability.sum()
-    on_gaze = sum(weights.gaze) + sum(weights.middle) / 2
-    on_head = sum(map(sum, (weights.head, weights.head_swing, weights.head_overlap))) + sum(weights.middle) / 2
-    share = {"gaze": 1.0, "head": 0.0}.get(seen.case, _share(on_gaze, on_head))
+    by_gaze, by_head = _SHARES.get(seen.case) or _prepared(weights)[1]
     values = tuple(
-        TargetAttention(
-            instance_id=number,
-            gaze=math.nan if seen.case == "head" else share * total,
-            head=math.nan if seen.case == "gaze" else (1 - share) * total,
-            total=total,
-        )
+        TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total)
         for number, total in zip(seen.ids, probability.tolist(), strict=True)
     )
     best = max((value.total for value in values), default=0.0)
     first = [value.instance_id for value in values if value.total == best > nowhere]
     return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), belief=seen)
+
+
+_SHARES: dict[Case, tuple[float, float]] = {"gaze": (1.0, math.nan), "head": (math.nan, 1.0)}
+"""The shares of gaze and head in the frames with one of them alone."""
+_PREPARED: Recent[tuple[Float, tuple[float, float]]] = Recent(16)
+
+
+def _prepared(weights: Weights) -> tuple[Float, tuple[float, float]]:
+    """The vector of weights, and the shares of gaze and head in the frames with both."""
+
+    def compute() -> tuple[Float, tuple[float, float]]:
+        on_gaze = sum(weights.gaze) + sum(weights.middle) / 2
+        on_head = sum(map(sum, (weights.head, weights.head_swing, weights.head_overlap))) + sum(weights.middle) / 2
+        share = _share(on_gaze, on_head)
+        return weights.vector, (share, 1 - share)
+
+    return _PREPARED.get((weights,), (), compute)
 
 
 def _share(gaze: float, head: float) -> float:

@@ -28,7 +28,7 @@ from typing import Literal
 import numpy as np
 
 from vfoa.attention import boxes_of_others
-from vfoa.geometry import box_corners, left_from_crop, length_of, on_the_way, perturb
+from vfoa.geometry import angle_between, left_from_crop, length_of, lowered, stacked
 from vfoa.types import Box3D, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
@@ -111,11 +111,9 @@ def observe(
     cues = np.full((4, 3), np.nan)
     claimed = _GAZE_RAD
     if head is not None:
-        head_sum = head_sum + np.append(head, 1.0)
-        body = _direction(head_sum, head)
-        turn = math.acos(min(1.0, max(-1.0, float(body @ head))))
-        swung = on_the_way(body, head, min(_SWING, _WIDEST_RAD / max(turn, 1e-6)))
-        cues[2:] = perturb(np.stack([head, swung]), 0.0, _LOWERED_RAD)
+        head_sum += [*head.tolist(), 1.0]
+        cues[2] = lowered(head, _LOWERED_RAD)
+        cues[3] = lowered(_swung(_direction(head_sum, head), head), _LOWERED_RAD)
     if subject.gaze is not None:
         cues[0] = gaze
         cues[1] = _direction(cues[0] + cues[2], cues[0])
@@ -124,7 +122,7 @@ def observe(
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
     ids = shapes.ids
     chance = np.array([posterior.get(number, 0.0) for number in ids])
-    now = np.vstack([angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)])
+    now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
@@ -152,28 +150,38 @@ class _Shapes:
 
 def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float) -> _Shapes:
     """The targets as seen from ``origin`` (3,): people by their faces, other things by their boxes."""
-    faces = [number in eyes for number in boxes]
-    middles = np.array([eyes.get(number, box.center_m) for number, box in boxes.items()]).reshape(-1, 3) - origin
+    known = stacked(tuple(boxes.values()))
+    middles, half = known.center - origin, known.half_size.mean(axis=1)
+    faces = [row for row, number in enumerate(boxes) if number in eyes]
+    for row, number in enumerate(boxes):
+        if number in eyes:
+            middles[row], half[row] = eyes[number] - origin, FACE_RADIUS_M
     distance = length_of(middles)
     middles[distance < _NEAREST_M] = (0, 0, _NEAREST_M)
     frames = left_from_crop(middles)
-    right, down, ahead = np.moveaxis((box_corners(list(boxes.values())) - origin) @ frames, -1, 0)
-    outline = np.arctan2([right, down], ahead)
-    half = np.where(
-        faces, FACE_RADIUS_M, np.array([box.half_size_m for box in boxes.values()]).reshape(-1, 3).mean(axis=1)
-    )
+    corners = (known.corners - origin) @ frames
+    outline = np.arctan2(corners[..., :2], corners[..., 2:])
     radius = np.arctan2(half, distance)
-    least, most = outline.min(axis=-1).T, outline.max(axis=-1).T
+    least, most = outline.min(axis=1), outline.max(axis=1)
     least[faces], most[faces] = -radius[faces, None], radius[faces, None]
     return _Shapes(tuple(boxes), radius, frames, least, most)
 
 
+def _swung(body: Float, head: Float) -> Float:
+    """The head's direction (3,) turned on from that of the body, by a factor of its turn."""
+    angle = max(float(angle_between(body, head)), 1e-6)
+    turn = min(_SWING * angle, _WIDEST_RAD)
+    swung = math.sin(angle - turn) * body + math.sin(turn) * head
+    return np.asarray(swung / length_of(swung))
+
+
 def _angles(cues: Float, shapes: _Shapes, gaze_scale: float) -> Float:
     """Return f (4, T) of the angles between the cues (4, 3) and the targets."""
-    scales = np.array([gaze_scale, 0.8 * gaze_scale, _HEAD_RAD, _HEAD_RAD])[:, None]
-    beyond = np.arccos(np.clip(cues @ shapes.directions.T, -1, 1))
-    beyond = np.maximum(beyond - np.arctan(_INNER * np.tan(shapes.radius_rad)), 0)
-    right, down, _ = (shapes.directions @ left_from_crop(cues[3])).T
+    scales = np.array([[gaze_scale], [0.8 * gaze_scale], [_HEAD_RAD], [_HEAD_RAD]])
+    cosines = cues @ shapes.directions.T
+    beyond = np.arccos(np.minimum(np.maximum(cosines, -1), 1)) - np.arctan(_INNER * np.tan(shapes.radius_rad))
+    beyond = np.maximum(beyond, 0)
+    right, down = (shapes.directions @ left_from_crop(cues[3])[:, :2]).T
     beyond[3] *= np.hypot(_SIDEWAYS * right, down) / np.maximum(np.hypot(right, down), _NEAREST_M)
     return np.log1p((beyond / scales) ** 2 / 4)
 
@@ -183,9 +191,10 @@ def _overlap(head: Float, shapes: _Shapes) -> Float:
     from scipy.special import ndtr
 
     right, down, ahead = (head @ shapes.left_from_target).T
-    axis = np.stack([np.arctan2(right, ahead), np.arctan2(down, np.hypot(right, ahead))], axis=-1)
-    within = ndtr((shapes.most_rad - axis) / _OVERLAP_RAD) - ndtr((shapes.least_rad - axis) / _OVERLAP_RAD)
-    return np.asarray(-np.log(within.prod(axis=-1) + _LEAST_OVERLAP))
+    axis = np.array([np.arctan2(right, ahead), np.arctan2(down, np.hypot(right, ahead))]).T
+    below = ndtr(np.array([shapes.most_rad - axis, shapes.least_rad - axis]) / _OVERLAP_RAD)
+    within = below[0] - below[1]
+    return np.asarray(-np.log(within[:, 0] * within[:, 1] + _LEAST_OVERLAP))
 
 
 def _odds_of_nowhere(chance: Float) -> Float:
@@ -201,7 +210,7 @@ def _decay(gap_s: float) -> Float:
 def _added(sums: Float, now: Float) -> Float:
     """The sums and weights (2, C, T) with another frame's values; unknown ones do not count."""
     known = np.isfinite(now)
-    return sums + np.stack([np.where(known, now, 0.0), known])
+    return sums + np.array([np.where(known, now, 0.0), known])
 
 
 def _mean(sums: Float) -> Float:
@@ -239,5 +248,9 @@ def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
 def features(seen: Seen, case: Case, after: Float | None = None) -> Float:
     """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
     scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
-    rows = np.stack(scales, axis=-1)[list(ROWS[case])].transpose(1, 0, 2).reshape(len(seen.ids), -1)
-    return np.column_stack([np.ones(len(seen.ids)), seen.log_size, -rows])
+    rows = list(ROWS[case])
+    columns = np.empty((len(seen.ids), 2 + len(rows) * len(scales)))
+    columns[:, 0], columns[:, 1] = 1, seen.log_size
+    for place, scale in enumerate(scales, start=2):
+        columns[:, place :: len(scales)] = -scale[rows].T
+    return columns
