@@ -197,7 +197,8 @@ def test_types_stand_at_the_bottom_and_the_pipeline_on_top() -> None:
     geometry = {name for name in _imports(ROOT / "vfoa" / "geometry.py") if name.startswith("vfoa")}
     importers = [path.name for path in _sources("vfoa") if "vfoa.pipeline" in set(_imports(path))]
     assert types == set()
-    assert geometry == {"vfoa.types"}
+    assert geometry == {"vfoa.recent", "vfoa.types"}
+    assert not any(name.startswith("vfoa") for name in _imports(ROOT / "vfoa" / "recent.py"))
     assert importers == ["config.py", "estimator.py"]  # what `import vfoa` gives
 
 
