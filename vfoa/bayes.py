@@ -151,7 +151,7 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
             attention,
             belief.keys,
             answered(belief, probability, settings, later_known=True),
-            ((value.instance_id, value.gaze, value.head) for value in attention.values),
+            ((value.instance_id, *_divided(value.gaze, value.head)) for value in attention.values),
         )
         for (index, attention, belief), probability in zip(known, smoothed(beliefs), strict=True)
     }
@@ -170,7 +170,8 @@ def _infer(
         return Attention(subject=subject, missing=found)
     belief, cues = found
     shares = cue_shares(cues, belief, settings)
-    parts = ((number, *shares) for number in boxes_of_others(subject, targets))
+    divided = _divided(*shares)
+    parts = ((number, *divided) for number in boxes_of_others(subject, targets))
     attention = Attention(subject=subject, belief=belief, fit=fit_of(belief, cues))
     return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings), parts)
 
@@ -250,20 +251,24 @@ def _with_probabilities(
 ) -> Attention:
     """Return the attention with these probabilities (T,) and the matching focus.
 
-    ``parts`` are the instances with the parts of gaze and head, in which each total is divided.
+    ``parts`` are the instances with the shares of gaze and head in the total.
     """
     probability = dict(zip(keys, probabilities.tolist(), strict=True))
     values = []
-    for number, *both in parts:
+    for number, by_gaze, by_head in parts:
         total = probability.get(number, 0.0)
-        whole = sum(part for part in both if not math.isnan(part))
-        gaze, head = (part / whole * total if whole > 0 else part for part in both)
-        values.append(TargetAttention(instance_id=number, gaze=gaze, head=head, total=total))
+        values.append(TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total))
     best = max(probability.values())
     if probability[None] == best:
         return replace(attention, values=tuple(values), focus=None, tied=())
     first, *tied = (value.instance_id for value in values if value.total == best)
     return replace(attention, values=tuple(values), focus=first, tied=tuple(tied))
+
+
+def _divided(gaze: float, head: float) -> tuple[float, float]:
+    """Two parts over their sum, without those that are NaN; the parts themselves where they sum to 0."""
+    whole = sum(part for part in (gaze, head) if not math.isnan(part))
+    return (gaze / whole, head / whole) if whole > 0 else (gaze, head)
 
 
 def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
@@ -273,9 +278,8 @@ def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> t
     rest and its offset (``aside``), divided by its share of the way to the target.
     """
     precision = {}
-    weights = belief.weights
     if cues.gaze is not None:
-        scale = float(weights.sum(axis=1) @ belief.gaze.scale)
+        scale = float(belief.gaze_weights @ belief.gaze.scale)
         precision["gaze"] = 1 / (scale * cues.gaze_sigma_rad) ** 2
     if cues.head is not None:
         share = belief.implied_share

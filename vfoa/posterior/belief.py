@@ -89,6 +89,16 @@ class Belief:
         return np.asarray(weights / weights.sum())
 
     @cached_property
+    def gaze_weights(self) -> Float:
+        """Probabilities (G,) of the gaze hypotheses."""
+        return np.asarray(self.weights.sum(axis=1))
+
+    @cached_property
+    def head_weights(self) -> Float:
+        """Probabilities (K,) of the head hypotheses."""
+        return np.asarray(self.weights.sum(axis=0))
+
+    @cached_property
     def probabilities(self) -> Float:
         """Probabilities (T,) of the targets, summed over the hypotheses."""
         return np.einsum("gk,gkt->t", self.weights, self.looked)
@@ -96,7 +106,7 @@ class Belief:
     @cached_property
     def implied_share(self) -> float:
         """Mean share of the way to the targets that the head turns, over the hypotheses."""
-        return float(self.weights.sum(axis=0) @ self.head.share)
+        return float(self.head_weights @ self.head.share)
 
 
 def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:

@@ -17,11 +17,10 @@ def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
     share = None if belief.motion is None else belief.implied_share
     if cues.gaze is None or belief.error is None:
         return DirectionFit(tail=belief.tail, implied_share=share)
-    weights = belief.weights
     noise = (belief.gaze.scale * cues.gaze_sigma_rad) ** 2
     constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.means[0])
     mean_square = noise + (constant**2).sum(axis=0) / 2
-    implied = float(weights.sum(axis=1) @ np.sqrt(mean_square))
+    implied = float(belief.gaze_weights @ np.sqrt(mean_square))
     return DirectionFit(
         tail=belief.tail,
         claimed_error_rad=MEAN_ANGLE_PER_SIGMA * cues.gaze_sigma_rad,

@@ -17,7 +17,9 @@ by targets, the last of which is nowhere.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -66,32 +68,36 @@ def next_motion(
     ``looked`` (K, T') are the probabilities of the targets before, ``columns`` (T,) the column that each target had
     before, ``stay`` (K, T) the part of each that goes on; the remainder starts a new look at the head's last position.
     """
-    rest = np.einsum("kt,ktx->kx", looked, before.means[:, :, REST])
-    apart = before.means[:, :, REST] - rest[:, None]
-    rest_variance = np.einsum("kt,kt->k", looked, before.covariances[..., REST, REST] + (apart**2).sum(axis=-1) / 2)
+    rest = looked[:, None] @ before.means[:, :, REST]
+    apart = before.means[:, :, REST] - rest
     new_means = np.zeros((*stay.shape, 3, 2))
-    new_means[:, :, REST] = rest[:, None]
-    new_means[:, :, HEAD] = last_offset
-    new = np.zeros((*stay.shape, 3, 3))
-    new[..., REST, REST] = rest_variance[:, None]
-    new[..., ASIDE, ASIDE] = aside_variance
-    new[..., HEAD, HEAD] = noise
+    new_means[:, :, REST], new_means[:, :, HEAD] = rest, last_offset
+    new_variances = np.full((*stay.shape, 3), noise)
+    of_rest = looked * (before.covariances[..., REST, REST] + (apart**2).sum(axis=-1) / 2)
+    new_variances[..., REST], new_variances[..., ASIDE] = of_rest.sum(axis=1, keepdims=True), aside_variance
 
     part = stay[..., None, None]
     difference = before.means[:, columns] - new_means
-    means = new_means + part * difference
-    covariances = part * before.covariances[:, columns] + (1 - part) * new
+    covariances = part * before.covariances[:, columns]
     covariances += part * (1 - part) / 2 * (difference @ difference.swapaxes(-1, -2))
+    covariances.reshape(*stay.shape, 9)[..., ::4] += (1 - part[..., 0]) * new_variances
+    means = new_means + part * difference
 
-    settle, move = float(np.exp(-dt_s / _ASIDE_S)), 1 - float(np.exp(-dt_s / lag_s))
-    step = np.array([[1, 0, 0], [0, settle, 0], [move, move * settle, 1 - move]])
+    settle, move, step = _transition(dt_s, lag_s)
     moved = step @ means
     covariances = step @ covariances @ step.T
     covariances[..., ASIDE, ASIDE] += (1 - settle**2) * aside_variance
-    covariances[..., HEAD, HEAD] += _JITTER_RAD_PER_ROOT_S**2 * dt_s
     # of the way in a time lag: over a time, it comes to about the same at every frame rate
-    covariances[..., HEAD, HEAD] += _PACE_SPREAD**2 / move * ((moved - means)[:, :, HEAD] ** 2).sum(axis=-1)
+    unsure = _PACE_SPREAD**2 / move * ((moved - means)[:, :, HEAD] ** 2).sum(axis=-1)
+    covariances[..., HEAD, HEAD] += _JITTER_RAD_PER_ROOT_S**2 * dt_s + unsure
     return HeadMotion(means=moved, covariances=covariances)
+
+
+@lru_cache(maxsize=64)
+def _transition(dt_s: float, lag_s: float) -> tuple[float, float, Float]:
+    """What is left of ``aside``, the part of the way to the goal that the head makes, and the step (3, 3) of a time."""
+    settle, move = math.exp(-dt_s / _ASIDE_S), 1 - math.exp(-dt_s / lag_s)
+    return settle, move, np.array([[1, 0, 0], [0, settle, 0], [move, move * settle, 1 - move]])
 
 
 def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float) -> tuple[HeadMotion, Float, Float]:
