@@ -1,21 +1,30 @@
-"""Time of attention: the cones compared with the plain loop of :mod:`harness.bench.plain`, and every method."""
+"""Time of attention: cones compared with the plain loop of :mod:`harness.bench.plain`, and every method over scenes."""
 
 from __future__ import annotations
 
+import copy
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from timeit import Timer
 
 import numpy as np
 
 from harness.bench.plain import plain_attention
+from harness.clips.manifest import ClipManifest
+from harness.pipeline.configuration import Configuration
+from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.perception import Perception, SharedFrame, pose_frames
 from harness.report.formats import Table
+from harness.sources import MeasuredClip
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.bayes import BayesSettings
+from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings
-from vfoa.methods import MethodSettings, open_method
+from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
+from vfoa.pipeline import Attending, AttendSettings
+from vfoa.tracking import Tracked
 from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Scene, Subject, Target
 
 FRAME_NS = 40_000_000
@@ -60,46 +69,97 @@ METHODS: dict[str, MethodSettings] = {
     "cones, two": AttentionSettings(cones_cm=(10.0, 25.0)),
     "nearest": NearestSettings(method="nearest"),
     "logit, forward": LogitSettings(method="logit"),
+    "logit, both": LogitSettings(method="logit", smoothing="both"),
     "bayes, forward": BayesSettings(method="bayes", surface="box"),
+    "bayes, both": BayesSettings(method="bayes", surface="box", smoothing="both"),
 }
 """The settings of every row."""
 
 SIZES = ((6, 1), (6, 4), (20, 3))
-"""Boxes and subjects of a frame."""
+"""Boxes and subjects of the seeded scenes."""
+
+Scenes = Sequence[tuple[Scene, Tracked]]
+"""The frames of a clip, and the tracks of their people."""
 
 
-def time_methods(*, rounds: int = 40, frames: int = 2) -> dict[str, tuple[float, ...]]:
-    """CPU milliseconds per person and frame of every method, for each of the sizes; the best of several rounds."""
-    ms_by_method: dict[str, tuple[float, ...]] = {}
-    for name, settings in METHODS.items():
-        ms_by_method[name] = tuple(_ms_per_person(settings, *size, rounds, frames) for size in SIZES)
-    return ms_by_method
+def seeded_scenes(*, boxes: int, subjects: int, frames: int = 30) -> Scenes:
+    """Scenes of a room, the same in every call: things at rest, and people who move."""
+    subjects_at_rest, targets = seeded_frame(boxes=boxes, subjects=subjects)
+    rng, tracks = np.random.default_rng(1), range(1, subjects + 1)
+    found = []
+    for index in range(frames):
+        people = tuple(_moved(subject.person, rng) for subject in subjects_at_rest)
+        scene = Scene(index=index, time_ns=index * FRAME_NS, targets=targets, people=people)
+        found.append((scene, Tracked(ids=tuple(tracks), open=frozenset(tracks))))
+    return found
 
 
-def _ms_per_person(settings: MethodSettings, boxes: int, subjects: int, rounds: int, frames: int) -> float:
-    people, targets = seeded_frame(boxes=boxes, subjects=subjects)
-    times_ns = iter(range(0, (rounds * frames + 1) * FRAME_NS, FRAME_NS))
-    method = open_method(settings)
-    states = tuple(method.start() for _ in people)
-
-    def attend() -> None:
-        nonlocal states
-        scene = Scene(index=0, time_ns=next(times_ns), targets=targets, people=tuple(each.person for each in people))
-        _, states = method.attend(people, scene, states)
-
-    attend()
-    timer = Timer(attend, timer=time.process_time)
-    return 1e3 * min(timer.repeat(rounds, frames)) / frames / subjects
+def _moved(person: Person, rng: np.random.Generator) -> Person:
+    """The person some centimetres and degrees from where it is."""
+    gaze, head_pose, eyes = person.view.gaze, person.view.head_pose, person.eye_origin_left
+    assert gaze is not None
+    assert head_pose is not None
+    assert eyes is not None
+    view = replace(
+        person.view,
+        gaze=Gaze(direction=gaze.direction + rng.normal(0, 0.1, 3)),
+        head_pose=HeadPose(direction=head_pose.direction + rng.normal(0, 0.05, 3)),
+    )
+    return replace(person, view=view, eye_origin_left=eyes + rng.normal(0, 0.02, 3))
 
 
-def methods_table(ms_by_method: dict[str, tuple[float, ...]]) -> Table:
-    """One row per method, one column per size."""
+def scenes_of(
+    manifest: ClipManifest, configuration: Configuration, frames: Sequence[int], drawn: DrawnClip | None = None
+) -> Scenes:
+    """The scenes of a clip as a configuration perceives them."""
+    clip = manifest.open()
+    if isinstance(clip, MeasuredClip):
+        shared = pose_frames([configuration], clip, frames, manifest)
+        return [_followed(each, configuration) for each in shared]
+    with Perception([configuration], clip, manifest=manifest, drawn=drawn) as perception:
+        return [_followed(each, configuration) for each in perception.frames(frames)]
+
+
+def _followed(shared: SharedFrame, configuration: Configuration) -> tuple[Scene, Tracked]:
+    followed = shared.by_configuration[configuration.name]
+    if isinstance(followed, VfoaError):
+        raise followed
+    return followed.scene, followed.tracked
+
+
+def time_methods(material: Mapping[str, Scenes], *, rounds: int = 5) -> dict[str, dict[str, float]]:
+    """CPU milliseconds per person and frame of every method on each material; the best of several rounds."""
+    return {
+        name: {title: _ms_per_person(settings, scenes, rounds) for title, scenes in material.items()}
+        for name, settings in METHODS.items()
+    }
+
+
+def _ms_per_person(settings: MethodSettings, scenes: Scenes, rounds: int) -> float:
+    """Attend to all scenes, which are new in every round: nothing is known of them from the round before."""
+    spent = []
+    for _ in range(rounds):
+        attending, again = Attending(AttendSettings(attention=settings)), copy.deepcopy(scenes)
+        begun = time.process_time()
+        for scene, tracked in again:
+            attending.step(scene, tracked)
+        attending.finish()
+        spent.append(time.process_time() - begun)
+    return 1e3 * min(spent) / max(1, sum(len(tracked.people(scene.people)) for scene, tracked in scenes))
+
+
+def methods_table(ms_by_method: Mapping[str, Mapping[str, float]]) -> Table:
+    """One row per method, one column per material."""
+    titles = list(next(iter(ms_by_method.values())))
     return Table(
         title="Attention by method, CPU ms per person and frame",
-        columns=("method", *(f"{boxes} boxes, {subjects} people" for boxes, subjects in SIZES)),
-        rows=tuple((name, *(f"{ms:.2f}" for ms in row)) for name, row in ms_by_method.items()),
+        columns=("method", *titles),
+        rows=tuple((name, *(f"{ms:.2f}" for ms in row.values())) for name, row in ms_by_method.items()),
         words=1,
-        notes=("Every frame follows the ones before it. One thread; the best of several rounds.",),
+        notes=(
+            "Scenes in memory, attended to in order by each method alone: things at rest, and people who move; in the "
+            "last column those of the clip. One thread; the best of several rounds.",
+        ),
     )
 
 

@@ -69,12 +69,18 @@ def _gpu(bench: Bench) -> list[Table]:
 
 
 def _attention(bench: Bench) -> list[Table]:
-    from harness.bench.attention import methods_table, time_attention, time_methods
+    from harness.bench.attention import SIZES, methods_table, scenes_of, seeded_scenes, time_attention, time_methods
     from harness.bench.tables import attention_table
+    from harness.run.plan import drawn_on
 
     sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
     timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
-    return [attention_table(timings), methods_table(time_methods())]
+    drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
+    material = {
+        **{f"{boxes} boxes, {people} people": seeded_scenes(boxes=boxes, subjects=people) for boxes, people in SIZES},
+        bench.manifest.name: scenes_of(bench.manifest, bench.experiment.configurations[0], bench.frames, drawn),
+    }
+    return [attention_table(timings), methods_table(time_methods(material))]
 
 
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.bench.attention import SIZES, time_methods
+from harness.bench.attention import scenes_of, seeded_scenes, time_methods
 from harness.bench.gpu import measure_gpu
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
@@ -88,10 +88,21 @@ def test_networks_are_timed_on_the_cpu_and_say_that_there_is_no_cuda(
         assert measured > 0
 
 
-def test_every_method_is_timed_at_every_size() -> None:
-    found = time_methods(rounds=1, frames=2)
-    assert {name.split(",")[0] for name in found} >= {"cones", "logit", "bayes"}
-    assert all(len(row) == len(SIZES) and min(row) > 0 for row in found.values())
+def test_every_method_is_timed_on_all_material() -> None:
+    experiment = load_experiment("demo", clips=(CLIP,))
+    scenes = scenes_of(load_manifest(CLIP), experiment.configurations[0], FRAMES)
+    assert [scene.index for scene, _ in scenes] == list(FRAMES)
+    found = time_methods({"seeded": seeded_scenes(boxes=6, subjects=2, frames=3), CLIP: scenes}, rounds=1)
+    assert {name.split(",")[0] for name in found} == {"cones", "nearest", "logit", "bayes"}
+    assert all(list(row) == ["seeded", CLIP] and min(row.values()) > 0 for row in found.values())
+
+
+def test_people_of_seeded_scenes_move_among_things_at_rest() -> None:
+    scenes = [scene for scene, _ in seeded_scenes(boxes=6, subjects=4, frames=5)]
+    assert [(len(scene.targets), len(scene.people)) for scene in scenes] == [(6, 4)] * 5
+    assert all(scene.targets is scenes[0].targets for scene in scenes)
+    eyes = {tuple(person.eye_origin_left.tolist()) for scene in scenes for person in scene.people}
+    assert len(eyes) == 20
 
 
 def test_a_section_that_is_not_there_is_one_line(
