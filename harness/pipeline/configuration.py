@@ -279,8 +279,12 @@ class Configuration:
 
     def for_clip(self, clip: str) -> Configuration:
         """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
-        attend = self.attend.model_copy(update={"attention": self.attend.attention.for_clip(clip)})
-        return replace(self.changed(lambda choice: choice.for_clip(clip)), attend=attend)
+        changed = self.changed(lambda choice: choice.for_clip(clip))
+        return changed.attending(self.attend.attention.for_clip(clip))
+
+    def attending(self, attention: MethodSettings) -> Configuration:
+        """Return the configuration with another method of attention."""
+        return replace(self, attend=self.attend.model_copy(update={"attention": attention}))
 
     def on(self, provider: Provider) -> Configuration:
         """Return the configuration with all its networks on one provider of ONNX Runtime."""

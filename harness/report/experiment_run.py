@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Progress
 from harness.run.experiment import Experiment, RecordingKind
 from harness.run.plan import Plan
 from harness.run.runner import prepare, run_plan
+from vfoa.methods import MethodSettings
 
 Bar = Callable[[int, str], AbstractContextManager[Progress]]
 """Shows the progress of a run: called with its number of frames and its name."""
@@ -41,7 +43,7 @@ def run_whole(
 ) -> tuple[Plan, RunDirectory]:
     """Run an experiment with thumbnails and recordings; return what was run, and the directory of the results.
 
-    Weights that are ``"left-out"`` are fitted first, by a run in the folder ``OUT-fit``.
+    Weights that are ``"left-out"`` are fitted when all clips are perceived.
 
     Parameters
     ----------
@@ -52,13 +54,6 @@ def run_whole(
 
     The others are those of :func:`harness.run.runner.run_plan`, which also lists the errors.
     """
-    if any(configuration.attend.attention.is_unfitted for configuration in experiment.configurations):
-        from harness.score.fit_logit import with_left_out_weights
-
-        fit_out = out.with_name(f"{out.name}-fit")
-        experiment = with_left_out_weights(
-            experiment, lambda each: run_plainly(each, fit_out, workers=workers, cache=cache, limit=limit, bar=bar)
-        )
     kind = recording or experiment.recording
     sinks = composed_sinks(experiment.configurations, recorded=kind != "none", jpeg=kind == "jpeg")
     plan = prepare(experiment, limit=limit, sinks=sinks)
@@ -74,8 +69,16 @@ def run_whole(
             tell=tell,
             beside=beside,
             retry_failed=retry_failed,
+            fit=partial(_fitted, plan),
         )
     return plan, directory
+
+
+def _fitted(plan: Plan, tables: Mapping[Pair, Mapping[str, Path]]) -> Mapping[str, MethodSettings]:
+    from harness.score.fit_logit import left_out_weights
+
+    labels = {each.manifest.name: each.labels for each in plan.clips if each.labels is not None and each.labels.ranges}
+    return left_out_weights(plan.experiment, tables, labels)
 
 
 def run_plainly(
@@ -90,4 +93,5 @@ def run_plainly(
     """Run an experiment without recordings, or reuse its results."""
     plan = prepare(experiment, limit=limit)
     with bar(plan.frames, experiment.name) as progress:
-        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True)
+        fit = partial(_fitted, plan)
+        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True, fit=fit)

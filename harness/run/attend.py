@@ -365,7 +365,9 @@ def attend_again(
     VfoaError
         If a key, a value or a configuration is wrong, a setting decides what is perceived, or as :func:`read_scenes`.
     """
-    plain: dict[str, Any] = directory.read_manifest()["configurations"]
+    manifest = directory.read_manifest()
+    weights: dict[str, Any] = {name: {"attention": each} for name, each in manifest.get("fitted", {}).items()}
+    plain = {name: {**each, **weights.get(name, {})} for name, each in manifest["configurations"].items()}
     for name in configurations:
         check_known(name, plain, f"{directory.path}: no configuration")
     tables = dict(find_tables(directory))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness.files.digests import KNOWN
@@ -21,8 +21,11 @@ from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import lacks_files
 from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
+from harness.run.scenes import Keys, paths_of
+from harness.run.tables import answer_tables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
+from vfoa.methods import MethodSettings
 
 CLIPS_PER_WORKER = 2
 """With fewer clips than this for each worker, clips are divided."""
@@ -38,6 +41,31 @@ LONGEST_STRETCH = 32
 """Most frames of a stretch, so that nobody waits long for it."""
 
 
+Fit = Callable[[Mapping[Pair, Mapping[str, Path]]], Mapping[str, MethodSettings]]
+"""Fits the weights that configurations lack, by name, from the tables of each (clip, configuration) that has some."""
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What the jobs of a run have given: errors, the use of the cache, the keys of scenes, and fitted weights."""
+
+    failures: dict[Pair, VfoaError] = field(default_factory=dict)
+    account: Account = field(default_factory=Account)
+    keys: dict[Pair, Keys] = field(default_factory=dict)
+    fitted: dict[str, MethodSettings] = field(default_factory=dict)
+
+    def add(self, job: ClipJob, outcome: ClipOutcome) -> None:
+        """Add the outcome of a job."""
+        self.failures.update(outcome.failures)
+        self.account.add(outcome.tallies)
+        self.keys.update({(job.manifest.name, name): keys for name, keys in outcome.keys.items()})
+
+    def left(self, job: ClipJob) -> ClipJob:
+        """The job without the configurations that have failed."""
+        left = (each for each in job.configurations if (job.manifest.name, each.name) not in self.failures)
+        return replace(job, configurations=tuple(left))
+
+
 def run_jobs(
     plan: Plan,
     directory: RunDirectory,
@@ -45,66 +73,86 @@ def run_jobs(
     cache: Store | None,
     executor: Executor,
     progress: Progress,
-) -> tuple[dict[Pair, VfoaError], Account]:
-    """Run the unfinished jobs of a plan; return the errors of those that failed, and the use of the cache.
+    fit: Fit | None = None,
+) -> Results:
+    """Run the unfinished jobs of a plan.
 
     If there are enough clips to keep every worker busy, a job is a clip: it is perceived and attended to. Otherwise the
     workers share clips. First they perceive stretches of them through the cache, so that nothing is decoded or computed
     twice, and this process follows them with what needs an order. Then each attends to some of the configurations.
+    Configurations that lack weights are attended to last, when ``fit`` has fitted them to all clips.
     """
-    account, failures = Account(), dict[Pair, VfoaError]()
+    results = Results()
     ahead = PREFETCHED if executor.threads > 1 else 0
     jobs: list[tuple[ClipJob, PreparedClip]] = []
     for prepared in plan.clips:
-        job = replace(_job(plan, prepared, directory, cache, account), ahead=ahead)
+        job = replace(_job(plan, prepared, directory, cache, results.account), ahead=ahead)
         if job.configurations:
             jobs.append((job, prepared))
         else:
-            job.skip(progress)
+            skip(prepared, progress)
     units = [job for job, _ in jobs]
-    if cache and executor.workers > 1 and len(units) < CLIPS_PER_WORKER * executor.workers:
-        units = _share(jobs, executor, account, progress, failures)
+    few = executor.workers > 1 and len(units) < CLIPS_PER_WORKER * executor.workers
+    if cache and few:
+        units = _share(jobs, executor, results, progress)
         progress = _silent
-    for outcome in executor.run(run_clip, units, progress, _lost):
-        failures.update(outcome.failures)
-        account.add(outcome.tallies)
-    return failures, account
+    for job, outcome in zip(units, executor.run(run_clip, units, progress, _lost), strict=True):
+        results.add(job, outcome)
+    if fit and (unfitted := [each for each in plan.experiment.configurations if each.attend.attention.is_unfitted]):
+        pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in unfitted]
+        results.fitted.update(fit(_tables(directory, pairs, results)))
+        fitted = [_with_weights(results.left(job), results.fitted) for job, _ in jobs]
+        units = [unit for job in fitted for unit in _dealt(job, executor.workers if few else 1)]
+        for job, outcome in zip(units, executor.run(run_clip, units, _silent, _lost), strict=True):
+            results.add(job, outcome)
+    if cache and any(job.cache is None for job, _ in jobs):  # these have not kept to the limit themselves
+        cache.trim()
+    return results
+
+
+def _tables(directory: RunDirectory, pairs: Iterable[Pair], results: Results) -> dict[Pair, dict[str, Path]]:
+    """The tables of the pairs that are perceived, in this run or in the interrupted one that it continues."""
+    return {
+        pair: paths_of(directory, pair[0], keys) if keys else answer_tables(directory, pair)
+        for pair in pairs
+        if pair not in results.failures and ((keys := results.keys.get(pair)) or directory.is_finished(pair))
+    }
+
+
+def _with_weights(job: ClipJob, fitted: Mapping[str, MethodSettings]) -> ClipJob:
+    """The job of the configurations that lacked weights."""
+    weighted = (each.attending(fitted[each.name]) for each in job.configurations if each.name in fitted)
+    return replace(job, configurations=tuple(each.for_clip(job.manifest.name) for each in weighted))
 
 
 def _share(
-    jobs: Iterable[tuple[ClipJob, PreparedClip]],
-    executor: Executor,
-    account: Account,
-    progress: Progress,
-    failures: dict[Pair, VfoaError],
+    jobs: Iterable[tuple[ClipJob, PreparedClip]], executor: Executor, results: Results, progress: Progress
 ) -> list[ClipJob]:
     """Perceive the frames that the cache lacks, and follow them; return the jobs that remain for the workers."""
     lacking = {job.manifest.name: replace(job, configurations=_lacking(job, prepared.clip)) for job, prepared in jobs}
-    warm_up = WarmUp([part for part in lacking.values() if part.configurations], executor, account, progress)
+    parts = [part for part in lacking.values() if part.configurations]
+    warm_up = WarmUp(parts, executor, results.account, progress)
     compute_with(executor.threads)
     units, deadly = list[ClipJob](), list[ClipJob]()
-    for job, _ in jobs:
+    for job, prepared in jobs:
         if not lacking[job.manifest.name].configurations:
-            job.skip(progress)
+            skip(prepared, progress)
             units += _dealt(job, executor.workers)
         elif job.manifest.name not in warm_up.clips:  # its outputs are in the cache, or it has no images
             units.append(job)
         else:
             try:
-                outcome = perceive_clip(job, _silent, warm_up.frames(job))
+                results.add(job, perceive_clip(job, _silent, warm_up.frames(job)))
             except GivenUpError:  # a job that kills workers must not run here
                 deadly.append(job)
             else:
-                failures.update(outcome.failures)
-                account.add(outcome.tallies)
-                units += _dealt(_without(job, failures), executor.workers)
+                units += _dealt(results.left(job), executor.workers)
     warm_up.finish()
     for job in deadly:
         apart = [replace(job, configurations=(each,), sinks=()) for each in job.configurations]
-        for outcome in executor.run(perceive_clip, apart, _silent, _lost):
-            failures.update(outcome.failures)
-            account.add(outcome.tallies)
-        units.append(_without(job, failures))  # at once: they share recordings
+        for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, _lost), strict=True):
+            results.add(part, outcome)
+        units.append(results.left(job))  # at once: they share recordings
     return [job for job in units if job.configurations]
 
 
@@ -122,18 +170,18 @@ def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
     return [each for each in dealt if each.configurations]
 
 
-def _without(job: ClipJob, failures: Mapping[Pair, VfoaError]) -> ClipJob:
-    """The job without the configurations that have failed."""
-    left = (each for each in job.configurations if (job.manifest.name, each.name) not in failures)
-    return replace(job, configurations=tuple(left))
-
-
 def _lost(job: ClipJob, why: str) -> ClipOutcome:
     return ClipOutcome(failures=dict.fromkeys(job.pairs, VfoaError(why)))
 
 
 def _silent(clip: str) -> None:
     """Report no progress: every frame is already reported."""
+
+
+def skip(clip: PreparedClip, progress: Progress) -> None:
+    """Report the progress of frames that are done already."""
+    for _ in clip.frames:
+        progress(clip.manifest.name)
 
 
 def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:

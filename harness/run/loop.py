@@ -151,11 +151,6 @@ class ClipJob:
         """The errors of configurations by name, in their order, as those of pairs."""
         return {pair: errors[pair[1]] for pair in self.pairs if pair[1] in errors}
 
-    def skip(self, progress: Progress) -> None:
-        """Report the progress of frames that are done already."""
-        for _ in self.frames:
-            progress(self.manifest.name)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
@@ -172,12 +167,15 @@ class ClipOutcome:
 def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     """Perceive one clip under all configurations of a job, unless its scenes are whole, and attend to it.
 
+    Under configurations whose weights are still to be fitted it is only perceived.
+
     ``progress`` is called with the name of the clip after each frame that is perceived.
     """
     clip, outcome = _perceived(job, progress, None)
     if clip is None:
         return outcome
-    answering = [configuration for configuration in job.configurations if configuration.name in outcome.keys]
+    perceived = (each for each in job.configurations if each.name in outcome.keys)
+    answering = [each for each in perceived if not each.attend.attention.is_unfitted]
     check = lambda: progress(GOES_ON)  # noqa: E731
     errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
     return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
@@ -212,10 +210,11 @@ def _perceived(
         perceived |= written
         if kept := job.scenes(decided):
             kept.keep(_without_errors(written), job.image_files, context)
-        if job.store:
-            job.store.trim()
+        if job.cache:  # clips of poses store little, and are many
+            job.cache.store.trim()
     else:
-        job.skip(progress)
+        for _ in job.frames:
+            progress(job.manifest.name)
     errors = {name: each for name, each in perceived.items() if isinstance(each, VfoaError)}
     return clip, ClipOutcome(failures=job.failures(errors), keys=_without_errors(perceived), tallies=tallies)
 

@@ -216,6 +216,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "methods": {
             configuration.name: _describe_method(configuration, plan.clips) for configuration in configurations
         },
+        "left_out_labels_sha256": _labels_of_fits(plan),
         "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
         "weights_sha256": {
             name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
@@ -223,6 +224,14 @@ def describe(plan: Plan) -> dict[str, Any]:
         "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
+
+
+def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
+    """The digests of the labels by clip, if weights are still to be fitted to them."""
+    if not any(each.attend.attention.is_unfitted for each in plan.experiment.configurations):
+        return None
+    clips = (prepared.manifest for prepared in plan.clips)
+    return {manifest.name: manifest.annotations.digest(plan.experiment.annotator) for manifest in clips}
 
 
 def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> dict[str, bool]:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
-from harness.pipeline.cache import Account, cache_lines
+from harness.pipeline.cache import cache_lines
 from harness.pipeline.cache_store import Store
-from harness.run.directory import Pair, RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
+from harness.run.directory import RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
-from harness.run.jobs import executor, run_jobs
+from harness.run.jobs import Fit, Results, executor, run_jobs, skip
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
 from vfoa.errors import VfoaError
@@ -35,6 +35,7 @@ def run_plan(
     tell: Callable[[str], None] = lambda line: None,
     beside: bool = False,
     retry_failed: bool = False,
+    fit: Fit | None = None,
 ) -> RunDirectory:
     """Run a plan into a directory, and write its tables of frames; results of an earlier run of the plan are reused.
 
@@ -57,15 +58,22 @@ def run_plan(
         If ``out`` holds another run, use ``out-2``, ``out-3`` ... instead: the first that is free, or holds this run.
     retry_failed
         Repeat what failed in an earlier run of the same plan. By default, its failures are kept.
+    fit
+        Fits the weights of configurations that have none; the manifest's ``fitted`` gets them.
 
     Raises
     ------
     VfoaError
-        If the directory holds another run, or one in progress, or nothing could be finished. A run that is refused
-        before its first finished frame leaves no directory.
+        If the directory holds another run, or one in progress, or nothing could be finished, or weights are to be
+        fitted without a ``fit``. A run that is refused before its first finished frame leaves no directory.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
+    unfitted = (each.name for each in plan.experiment.configurations if each.attend.attention.is_unfitted)
+    if fit is None and (name := next(unfitted, None)):
+        raise VfoaError(
+            f"{plan.experiment.name}: {name}: its weights are to be fitted; expected `vfoa run`, which does"
+        )
     for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
         KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})
     with used_digests() as inputs:
@@ -76,8 +84,7 @@ def run_plan(
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
     if _is_done(plan, directory, retry_failed):
         for prepared in plan.clips:
-            for _ in prepared.frames:
-                progress(prepared.manifest.name)
+            skip(prepared, progress)
         tell(f"{directory.path}: finished already; nothing was computed")
         return directory
     made = missing_of(directory.path)
@@ -93,13 +100,13 @@ def run_plan(
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
-                failures, account = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
+                results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, fit=fit)
         except KeyboardInterrupt:
             perceived = ", and stage outputs in the cache" if cache else ""
             tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
             raise
-        _finish(plan, directory, of_run, failures, account, started)
-    for line in cache_lines(account.rows()):
+        _finish(plan, directory, of_run, results, started)
+    for line in cache_lines(results.account.rows()):
         tell(line)
     return directory
 
@@ -117,14 +124,7 @@ def _is_done(plan: Plan, directory: RunDirectory, retry_failed: bool) -> bool:
     return True
 
 
-def _finish(
-    plan: Plan,
-    directory: RunDirectory,
-    of_run: dict[str, Any],
-    failures: Mapping[Pair, VfoaError],
-    account: Account,
-    started: str,
-) -> None:
+def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], results: Results, started: str) -> None:
     """Join the times of the stages, and write the manifest that marks the run as finished.
 
     Raises
@@ -132,6 +132,7 @@ def _finish(
     VfoaError
         If no configuration could be finished on any clip.
     """
+    failures = results.failures
     failed = [directory.failure(pair, failures[pair]) for pair in plan.pairs if pair in failures]
     finished = [pair for pair in plan.pairs if pair not in failures]
     if not finished:
@@ -142,7 +143,8 @@ def _finish(
         {
             **of_run,
             "failed": failed,
-            "cache": account.rows(),
+            "cache": results.account.rows(),
+            "fitted": {name: attention.model_dump(mode="json") for name, attention in results.fitted.items()},
             "labels_sha256": {
                 prepared.manifest.name: prepared.manifest.annotations.digest(plan.experiment.annotator)
                 for prepared in plan.clips

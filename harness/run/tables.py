@@ -336,16 +336,21 @@ def find_tables(
     names = [clip["name"] for clip in manifest.get("clips", ()) if clips is None or clip["name"] in clips]
     for clip, configuration in product(names, manifest.get("configurations", ())):
         if (clip, configuration) not in failed:
-            path = directory.answers((clip, configuration))
-            with open_table(path, "answers") as file:
-                about = {key.decode(): value.decode() for key, value in file.schema_arrow.metadata.items()}
-            if missing := [name for name in ("scene", "directions") if f"vfoa.{name}" not in about]:
-                raise VfoaError(f"{path}: expected its {' and '.join(missing)} in the file's metadata, found none")
-            shared = {
-                **scene_tables(directory.path, clip, about["vfoa.scene"]),
-                **directions_tables(directory.path, clip, about["vfoa.directions"]),
-            }
-            yield (clip, configuration), {**shared, "answers": path}
+            yield (clip, configuration), answer_tables(directory, (clip, configuration))
+
+
+def answer_tables(directory: RunDirectory, pair: Pair) -> dict[str, Path]:
+    """The files of the tables of a finished (clip, configuration). Raises the errors of :func:`find_tables`."""
+    path = directory.answers(pair)
+    with open_table(path, "answers") as file:
+        about = {key.decode(): value.decode() for key, value in file.schema_arrow.metadata.items()}
+    if missing := [name for name in ("scene", "directions") if f"vfoa.{name}" not in about]:
+        raise VfoaError(f"{path}: expected its {' and '.join(missing)} in the file's metadata, found none")
+    return {
+        **scene_tables(directory.path, pair[0], about["vfoa.scene"]),
+        **directions_tables(directory.path, pair[0], about["vfoa.directions"]),
+        "answers": path,
+    }
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """``vfoa fit``: fits the weights of the logit to labels, and scores them on people and times that were left out.
 
 With several clips, each is left out in turn. With one clip, blocks of at least :data:`BLOCK_S` are. An experiment with
-``attention.weights = "left-out"`` gets such weights for each clip: see :func:`with_left_out_weights`.
+``attention.weights = "left-out"`` gets such weights for each clip: see :func:`left_out_weights`.
 """
 
 from __future__ import annotations
@@ -9,19 +9,22 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from harness.labels.labels import Labels
 from harness.pipeline.configuration import Configuration
-from harness.run.directory import RunDirectory
+from harness.run.attend import attend_scenes
+from harness.run.directory import Pair
 from harness.run.experiment import Experiment, FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
+from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledRun, Person, read_features
+from harness.score.labelled_run import LabelledRun, Person, labelled_runs
 from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.statistics import Flags
 from vfoa import __version__
@@ -29,7 +32,6 @@ from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
-from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
 from vfoa.types import Float
 
@@ -252,42 +254,52 @@ def _constant(person: Person, share: float) -> Float:
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
-def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], RunDirectory]) -> Experiment:
-    """Return the experiment with weights wherever a configuration has ``"left-out"``.
+def left_out_weights(
+    experiment: Experiment, tables: Mapping[Pair, Mapping[str, Path]], labels: Mapping[str, Labels]
+) -> dict[str, LogitSettings]:
+    """Return the settings of each configuration whose weights are ``"left-out"``, with weights.
 
-    ``run`` runs an experiment: the clips under the stages of these configurations, which give the features. The seeds
-    of a configuration are fitted together. A clip without labels gets weights fitted to all clips with labels.
+    The seeds of a configuration are fitted together. A clip without labels gets weights fitted to all others.
+
+    Parameters
+    ----------
+    tables
+        The scene and directions of each (clip, configuration), which give the features
+        (:func:`harness.run.tables.find_tables`).
+    labels
+        Those of each clip that has some, in the order of the experiment.
 
     Raises
     ------
     VfoaError
         If fewer than two clips have labels.
     """
-    unfitted = [
-        (configuration, cast("LogitSettings", configuration.attend.attention))
-        for configuration in experiment.configurations
-        if configuration.attend.attention.is_unfitted
-    ]
-    shared = _first_with_the_stages(configuration for configuration, _ in unfitted)
-    plain = tuple(
-        _attending(configuration, NearestSettings(method="nearest"))
-        for configuration, _ in unfitted
-        if base_of(configuration.name) in shared.values()
-    )
-    directory = run(replace(experiment, configurations=plain, notes=(), published=None))
+    unfitted = [each for each in experiment.configurations if each.attend.attention.is_unfitted]
+    shared = _first_with_the_stages(unfitted)
+    read = [each for each in unfitted if base_of(each.name) in shared.values()]
     fitted: dict[str, dict[str, Any]] = {}
-    for labelled in read_features(directory, dict.fromkeys(shared.values())):
-        users = [(base_of(configuration.name), attention.smoothing) for configuration, attention in unfitted]
-        smoothings = sorted({smoothing for base, smoothing in users if shared[base] == labelled.configuration})
+    records = _measured(read, tables, labels)
+    for labelled in labelled_runs(experiment.name, records, labels, dict.fromkeys(shared.values())):
+        users = [each for each in unfitted if shared[base_of(each.name)] == labelled.configuration]
+        smoothings = sorted({_logit(each).smoothing for each in users})
         fitted[labelled.configuration] = _left_out_weights(labelled.people, smoothings, experiment.name)
-    with_weights = {
-        configuration.name: _attending(
-            configuration, attention.model_copy(update=fitted[shared[base_of(configuration.name)]])
-        )
-        for configuration, attention in unfitted
-    }
-    configurations = (with_weights.get(known.name, known) for known in experiment.configurations)
-    return replace(experiment, configurations=tuple(configurations))
+    return {each.name: _logit(each).model_copy(update=fitted[shared[base_of(each.name)]]) for each in unfitted}
+
+
+def _logit(configuration: Configuration) -> LogitSettings:
+    return cast("LogitSettings", configuration.attend.attention)
+
+
+def _measured(
+    configurations: Sequence[Configuration], tables: Mapping[Pair, Mapping[str, Path]], clips: Iterable[str]
+) -> Iterator[FrameRecord]:
+    """Yield what is measured in each frame: filtered directions and targets; answers are of the simplest method."""
+    for clip in clips:
+        for configuration in configurations:
+            pair = clip, configuration.name
+            settings = configuration.attend.model_copy(update={"attention": NearestSettings(method="nearest")})
+            for name, result in attend_scenes(tables[pair], {pair[1]: settings}) if pair in tables else ():
+                yield to_record(clip, name, result)
 
 
 def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:
@@ -312,7 +324,3 @@ def _left_out_weights(people: Sequence[Person], smoothings: Collection[Smoothing
     others = {clip: [person for person in people if person.sequence.group != clip] for clip in clips}
     by_clip = {clip: fitted_to(of_others, smoothings) for clip, of_others in others.items()}
     return {"weights": fitted_to(people, smoothings), "by_clip": by_clip}
-
-
-def _attending(configuration: Configuration, attention: MethodSettings) -> Configuration:
-    return replace(configuration, attend=configuration.attend.model_copy(update={"attention": attention}))

@@ -16,7 +16,7 @@ from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import JudgedPart
+from harness.score.outcomes import JudgedPart, Reference
 from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
@@ -96,7 +96,9 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
-    return _labelled_runs(run, [chosen], defaultdict(JudgedPart), tuple(ROWS))[0]
+    reference, judged = run.reference(), defaultdict[Pair, JudgedPart](JudgedPart)
+    records = _judging(run.records(), reference, judged)
+    return labelled_runs(_experiment(run), records, reference.labels, [chosen], tuple(ROWS), judged)[0]
 
 
 def read_features(
@@ -111,28 +113,48 @@ def read_features(
     VfoaError
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
-    return _labelled_runs(FinishedRun.read(directory), configurations, None, cases)
+    run = FinishedRun.read(directory)
+    return labelled_runs(_experiment(run), run.records(), run.reference().labels, configurations, cases)
 
 
 _Judged = defaultdict[Pair, JudgedPart]
 
 
-def _labelled_runs(
-    run: FinishedRun, configurations: Collection[str], judged: _Judged | None, cases: Collection[Case] | None
-) -> list[LabelledRun]:
-    """Read the configurations in one pass; ``judged`` takes the answers of all configurations, if it is given."""
-    reference = run.reference()
-    labels = reference.labels
-    records_of: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
-    for record in run.records():
-        if record.clip not in labels:
-            continue
+def _judging(records: Iterable[FrameRecord], reference: Reference, judged: _Judged) -> Iterator[FrameRecord]:
+    """Yield records of labelled clips; ``judged`` takes the answers of all configurations."""
+    for record in records:
         base = base_of(record.configuration)
-        if base in records_of:
-            records_of[base].setdefault((record.clip, record.configuration), []).append(record)
-        if judged is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
+        if record.clip in reference.labels and record.configuration in (base, f"{base}.seed1"):
             judged[record.clip, base].take(record, reference)
-    experiment = str(run.manifest.get("experiment", ""))
+        yield record
+
+
+def _experiment(run: FinishedRun) -> str:
+    return str(run.manifest.get("experiment", ""))
+
+
+def labelled_runs(
+    experiment: str,
+    records: Iterable[FrameRecord],
+    labels: Mapping[str, Labels],
+    configurations: Collection[str],
+    cases: Collection[Case] | None = None,
+    judged: _Judged | None = None,
+) -> list[LabelledRun]:
+    """Return the features and labels of configurations, by their names without seeds, from records in one pass.
+
+    ``labels`` are those of each clip that has some; ``cases`` as in :func:`read_features`.
+
+    Raises
+    ------
+    VfoaError
+        If no labelled frame of a configuration has a measured direction.
+    """
+    records_of: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
+    for record in records:
+        base = base_of(record.configuration)
+        if record.clip in labels and base in records_of:
+            records_of[base].setdefault((record.clip, record.configuration), []).append(record)
     runs = []
     for name, by_run in records_of.items():
         seeds = len({configuration for _, configuration in by_run})

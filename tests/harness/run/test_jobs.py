@@ -63,8 +63,7 @@ def _run(executor: Any, folder: Path) -> dict[Pair, VfoaError]:
     directory = RunDirectory(folder / "run")
     directory.write_manifest({"run_id": new_run_id()})
     store = Store(folder / "cache", 10**9)
-    failures, _ = run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None)
-    return failures
+    return run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None).failures
 
 
 def test_a_clip_that_kills_workers_is_perceived_under_each_configuration_by_itself(tmp_path: Path) -> None:

@@ -10,18 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import harness
 from harness.cli.fit import fit
 from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.report.experiment_run import run_plainly
+from harness.pipeline.cache_store import Store
+from harness.report.experiment_run import run_plainly, run_whole
+from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment, read_fitted
-from harness.score.fit_logit import folds_of, with_left_out_weights
+from harness.run.runner import prepare, run_plan
+from harness.score.fit_logit import folds_of
 from harness.score.labelled_run import labelled_people, read_labelled
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
-from tests.records import frame_record, subject_record, target_record
+from tests.records import frame_record, subject_record, tables_of, target_record
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.bayes import BayesSettings
@@ -228,19 +232,71 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
     labelled_clips(tmp_path, ("one", "two", "three"), 60)
     text = Path("talk.toml").read_text()
     write_text(tmp_path / "talk.toml", text + 'attention.weights = "left-out"\n')
-    experiment = load_experiment("talk.toml")
-    found = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside", cache=None))
-    attention = found.configurations[1].attend.attention
-    assert isinstance(attention, LogitSettings)
-    assert set(attention.by_clip) == {"one", "two", "three"}
-    assert all(isinstance(each, LogitWeights) for each in attention.by_clip.values())
+    first = _fitted(tmp_path / "first")
+    assert set(first.by_clip) == {"one", "two", "three"}
+    assert all(isinstance(each, LogitWeights) for each in first.by_clip.values())
+    assert not list(tmp_path.glob("*-fit"))
     # labels of a clip do not reach its own weights
     write_text(tmp_path / "annotations" / "one.csv", true_labels(60).replace("robot", "none"))
-    again = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside", cache=None))
-    other = again.configurations[1].attend.attention
-    assert isinstance(other, LogitSettings)
-    assert other.by_clip["one"] == attention.by_clip["one"]
-    assert other.by_clip["two"] != attention.by_clip["two"]
+    other = _fitted(tmp_path / "other")
+    assert other.by_clip["one"] == first.by_clip["one"]
+    assert other.by_clip["two"] != first.by_clip["two"]
+
+
+def _run(out: Path, workers: int = 1, cache: Store | None = None) -> RunDirectory:
+    experiment = load_experiment("talk.toml")
+    return run_whole(experiment, out, workers=workers, cache=cache, beside=False, recording="none")[1]
+
+
+def _fitted(out: Path) -> LogitSettings:
+    """The weights of the first configuration that has left-out ones, after a run."""
+    manifest = _run(out).read_manifest()
+    assert manifest["configurations"]["forward"]["attention"]["weights"] == "left-out"
+    return LogitSettings.model_validate(manifest["fitted"]["forward"])
+
+
+@pytest.fixture
+def left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A working directory with an experiment on two labelled clips, whose second configuration has left-out weights."""
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two"), 40)
+    with Path("talk.toml").open("a", encoding="utf-8") as file:
+        file.write('attention.weights = "left-out"\n')
+
+
+def test_workers_and_interrupts_change_nothing_of_left_out_weights(
+    left_out: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = _run(tmp_path / "whole")
+    shared = _run(tmp_path / "shared", 2, Store(tmp_path / "cache", 10**9))
+    assert tables_of(shared) == tables_of(whole)
+    assert shared.read_manifest()["fitted"] == whole.read_manifest()["fitted"]
+    for place in ("harness.score.fit_logit.left_out_weights", "harness.run.runner._finish"):
+        with monkeypatch.context() as patch:
+            patch.setattr(place, _interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                _run(tmp_path / "continued")
+    continued = _run(tmp_path / "continued")
+    assert tables_of(continued) == tables_of(whole)
+    assert continued.read_manifest()["fitted"] == whole.read_manifest()["fitted"]
+
+
+def _interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_script_attends_again_with_the_weights_of_the_run(left_out: None, tmp_path: Path) -> None:
+    run = harness.load_run(_run(tmp_path / "run").path)
+    assert run.attend({}).astype(str).equals(run.answers.astype(str))
+
+
+def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left_out: None, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="talk: forward: its weights are to be fitted; expected `vfoa run`"):
+        run_plan(prepare(load_experiment("talk.toml")), tmp_path / "plain", workers=1, progress=lambda clip: None)
+    assert not (tmp_path / "plain").exists()
+    (tmp_path / "annotations" / "two.csv").unlink()
+    with pytest.raises(VfoaError, match=r'attention\.weights = "left-out": labels of one alone; expected two labelled'):
+        _run(tmp_path / "alone")
 
 
 def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
