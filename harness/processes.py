@@ -1,4 +1,4 @@
-"""The process of this program, and its child processes, which import nothing from the working directory."""
+"""Ctrl-C in the process of this program, and its child processes, which import nothing from the working directory."""
 
 from __future__ import annotations
 
@@ -10,28 +10,6 @@ if TYPE_CHECKING:
     from types import FrameType
 
 _AGAIN_S = 0.02
-
-
-def main() -> None:
-    """Run the command line; Ctrl-C ends it without a traceback, also while it is still imported.
-
-    This module is the first that the command imports, and imports nothing: before :func:`main` is called, Python itself
-    would print a traceback. While the command line is imported there is nothing to clean up, so that Ctrl-C ends
-    the process at once. After that, Ctrl-C calls :func:`interrupt`.
-    """
-    try:
-        import signal
-        from importlib import import_module
-
-        handler = signal.getsignal(signal.SIGINT)
-        if handler is signal.default_int_handler:  # a job in the background ignores Ctrl-C
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            handler = interrupt
-        command_line = import_module("harness.cli")
-        signal.signal(signal.SIGINT, handler)
-        command_line.main()
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:

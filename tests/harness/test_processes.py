@@ -27,12 +27,12 @@ sys.meta_path.insert(0, Interrupt())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
-@pytest.mark.parametrize("name", ["importlib", "typing", "harness.cli", "typer"])
+@pytest.mark.parametrize("name", ["harness.processes", "typing", "harness.cli", "typer"])
 def test_ctrl_c_while_a_module_is_imported_says_nothing(tmp_path: Path, name: str) -> None:
     """Interrupt a Python that has imported only what every start imports (``-S``), at the import of a module."""
     paths = [str(REPOSITORY), *(path for path in sys.path if path)]
     code = f"import sys; sys.path[:0] = {paths!r}\n{INTERRUPTED.format(name=name)}"
-    code += "from harness.processes import main\nsys.argv = ['vfoa', '--version']\nmain()\n"
+    code += "from harness.__main__ import main\nsys.argv = ['vfoa', '--version']\nmain()\n"
     script = write_text(tmp_path / "start.py", code)
     done = subprocess.run(
         [sys.executable, "-S", script],
