@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from harness.run.answers import answer_rows, filtered_cues
-from harness.run.columns import PairColumns, Tables, Words, answer_columns, look_columns, scene_columns
+from harness.run.columns import (
+    PairColumns,
+    Tables,
+    Words,
+    answer_columns,
+    look_columns,
+    measured_part,
+    scene_columns,
+)
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scenes import FolderWriter, key_of, remove_unused
@@ -37,8 +45,9 @@ def columns_of(records: Sequence[FrameRecord], words: Words) -> PairColumns:
         rows["answers"] += answer_rows(record, ())
     tables = MemoryTables(rows)
     scene = scene_columns(tables, words, {})
+    looks, measured = look_columns(scene, tables, words), measured_part(scene, tables, words)
     pair = records[0].clip, records[0].configuration
-    return answer_columns(pair, scene, look_columns(scene, tables, words), tables, words, ())
+    return answer_columns(pair, scene, looks, measured, tables, words, ())
 
 
 SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")

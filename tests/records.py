@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.report.record_parts import RecordParts
 from harness.report.stages import stage_times
-from harness.report.write import render_tables, run_tables, write_scores
+from harness.report.write import Scored, render_tables, run_tables, scored, write_scores
+from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.score.outcomes import Outcomes, Reference, to_outcomes
+from harness.score.outcomes import Outcomes, Reference
 from harness.score.score import Scores
-from tests.record_tables import write_tables
+from harness.score.score import score as score_columns
+from tests.record_tables import columns_of, write_tables
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -116,9 +117,7 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
 
     ``about`` are more keys of the manifest, or others for the same keys.
     """
-    directory, by_pair = RunDirectory(folder), dict[Pair, list[FrameRecord]]()
-    for record in records:
-        by_pair.setdefault((record.clip, record.configuration), []).append(record)
+    directory, by_pair = RunDirectory(folder), _by_pair(records)
     if about or not directory.manifest.exists():
         frames = {clip: [each.frame for each in of_pair] for (clip, _), of_pair in by_pair.items()}
         clips = [{"name": clip, "frames": numbers} for clip, numbers in frames.items()]
@@ -126,6 +125,13 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
         directory.write_manifest({"clips": clips, "configurations": configurations, "finished": "now", **about})
     write_tables(directory, by_pair)
     return directory
+
+
+def _by_pair(records: Iterable[FrameRecord]) -> dict[Pair, list[FrameRecord]]:
+    by_pair: dict[Pair, list[FrameRecord]] = {}
+    for record in records:
+        by_pair.setdefault((record.clip, record.configuration), []).append(record)
+    return by_pair
 
 
 ANNOTATIONS_HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
@@ -162,8 +168,25 @@ def tables_of(directory: RunDirectory) -> dict[str, bytes]:
 
 def score_run(folder: Path, records: Iterable[FrameRecord], reference: Reference) -> None:
     """Score records, and write the tables and the page into the folder."""
-    parts, directory = RecordParts(reference, records), RunDirectory(folder)
-    write_scores(directory, parts, run_manifest(reference.labels), stage_times(directory.timings))
+    directory = RunDirectory(folder)
+    found = scored_records(records, reference)
+    write_scores(directory, found, run_manifest(reference.labels), stage_times(directory.timings))
+
+
+def columns_by_pair(records: Iterable[FrameRecord]) -> list[PairColumns]:
+    """The columns of every (clip, configuration), in the order in which records name them."""
+    words = Words()
+    return [columns_of(of_pair, words) for of_pair in _by_pair(records).values()]
+
+
+def scored_records(records: Iterable[FrameRecord], reference: Reference) -> Scored:
+    """The scores of records, and what else a page shows."""
+    return scored(columns_by_pair(records), reference)
+
+
+def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
+    """The scores of records."""
+    return score_columns(columns_by_pair(records), reference)
 
 
 def texts_of(scores: Scores) -> dict[str, str]:
@@ -172,5 +195,5 @@ def texts_of(scores: Scores) -> dict[str, str]:
 
 
 def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
-    """Judge records, reading each of them once."""
-    return to_outcomes(RecordParts(reference, records).of("judged"), reference)
+    """The outcomes of records."""
+    return [*score(records, reference).outcomes]

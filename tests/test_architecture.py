@@ -84,7 +84,13 @@ DOORS = {
         "harness/sources/recordings/containers.py",
         "harness/sources/recordings/bags.py",
     ),
-    "pyarrow": ("harness/record/", "harness/run/tables.py", "harness/files/parquet.py", "harness/api.py"),
+    "pyarrow": (
+        "harness/record/",
+        "harness/run/tables.py",
+        "harness/files/parquet.py",
+        "harness/report/stages.py",
+        "harness/api.py",
+    ),
     "yaml": ("harness/files/parsing.py", "harness/sources/calibration_files/documents.py"),
     "platformdirs": ("vfoa/weights.py", "harness/files/folders.py", "harness/studio/store.py"),
 }

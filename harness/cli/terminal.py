@@ -140,7 +140,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     for line in further:
         console.print(line, markup=False)
     say(f"Report (all tables: frr.md): {run / 'report.html'}")
-    if any(verdict.outcome == "wrong" for verdict in scores.verdicts):
+    if scores.wrong_frames:
         say(f"Scrub a failure: vfoa view {run} --failures")
     else:
         say(f"Scrub: vfoa view {run}")

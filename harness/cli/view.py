@@ -228,11 +228,11 @@ def _wrong_frames(
 
 def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
-    wrong = (verdict for verdict in scores.verdicts if verdict.outcome == "wrong")
-    of_clip = (verdict for verdict in wrong if clip in (None, verdict.clip))
+    judged = (outcome.judged for outcome in scores.outcomes if clip in (None, outcome.clip))
+    of_clip = [each.where(each.is_wrong) for each in judged if configuration in (None, each.configuration)]
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(
-        (verdict for verdict in of_clip if configuration in (None, verdict.configuration)),
+        (verdict for each in of_clip for verdict in each.verdicts()),
         key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
     )
 

@@ -11,14 +11,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import platformdirs
 
-from harness.files.digests import settled_stamp
 from harness.files.io import is_file_or_link, replacing
 
 if TYPE_CHECKING:
@@ -63,29 +61,6 @@ def write_value(path: Path, value: object) -> None:
 
     with replacing(path) as draft:
         draft.write_bytes(sealed(msgspec.msgpack.encode(value)))
-
-
-def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:
-    """Return what ``read`` returns for a file, without reading it if neither file nor code has changed.
-
-    Parameters
-    ----------
-    path
-        Where the value is kept, with the stamp of ``source`` (:mod:`harness.files.digests`).
-    kind
-        The type of the value.
-    code
-        The digest of the code that reads it.
-    """
-    stamp = settled_stamp([("file", str(source))])
-    kept = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
-    if kept is not None and kept[:2] == (stamp, code):
-        value: Value = kept[2]
-        return value
-    value = read()
-    if stamp is not None:
-        write_value(path, (stamp, code, value))
-    return value
 
 
 def sealed(body: bytes) -> bytes:

@@ -52,7 +52,6 @@ class _Stretch(msgspec.Struct, frozen=True):
 def write_verdict_layers(
     directory: RunDirectory,
     labels: Mapping[str, Labels],
-    reader: TableReader | None = None,
     names_now: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
@@ -64,8 +63,6 @@ def write_verdict_layers(
     ----------
     labels
         The labels of the clips by name; a clip without any has only predictions.
-    reader
-        The reader of the run's tables; a new one if not given.
     names_now
         The present names of renamed targets by clip and name in the results.
 
@@ -76,7 +73,7 @@ def write_verdict_layers(
     """
     manifest = directory.read_manifest()
     clips = {clip["name"]: clip_names(clip) for clip in manifest["clips"]}
-    reader, of_pair = reader or TableReader(directory), dict[Pair, list[Block]]()
+    reader, of_pair = TableReader(directory), dict[Pair, list[Block]]()
     for block in reader.blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():

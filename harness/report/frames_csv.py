@@ -78,7 +78,7 @@ def run_frames(directory: RunDirectory) -> Iterator[str]:
     """
     run = FinishedRun.read(directory)
     reference = run.reference()
-    return frames_csv(run.records(), score(run.records(), reference).verdicts, reference.traits)
+    return frames_csv(run.records(), score(run.columns(), reference).verdicts, reference.traits)
 
 
 def frames_csv(

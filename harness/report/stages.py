@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.files.io import read_text
+from harness.files.io import read_bytes
 from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
@@ -141,22 +138,32 @@ def stage_times(timings: Path) -> StageTimes:
     VfoaError
         If the file is not a run's timings. A missing file gives no stages: scores need none.
     """
-    times: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
-    if timings.is_file():
-        rows = csv.reader(io.StringIO(read_text(timings), newline=""))
-        if (header := next(rows, [])) != _TIMINGS:
-            raise VfoaError(f"{timings}:1: expected the columns {','.join(_TIMINGS)}, found {','.join(header)}")
-        try:
-            for _, configuration, _, stage, ms in rows:
-                times[stage, configuration].append(float(ms))
-        except ValueError as error:
-            raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
-    configurations = tuple(dict.fromkeys(configuration for _, configuration in times))
-    medians = {key: round(float(np.median(times_ms)), 1) for key, times_ms in times.items()}
+    import pyarrow as pa  # type: ignore[import-untyped]
+    from pyarrow import csv
+
+    if not timings.is_file():
+        return StageTimes(configurations=(), ms={})
+    content, expected = read_bytes(timings), ",".join(_TIMINGS)
+    if (header := content.partition(b"\n")[0].decode(errors="replace").rstrip("\r")) != expected:
+        raise VfoaError(f"{timings}:1: expected the columns {expected}, found {header}")
+    types = {**dict.fromkeys(("configuration", "stage"), pa.dictionary(pa.int32(), pa.string())), "ms": pa.float64()}
+    try:
+        table = csv.read_csv(
+            pa.BufferReader(content),
+            read_options=csv.ReadOptions(use_threads=False),
+            convert_options=csv.ConvertOptions(include_columns=[*types], column_types=types, null_values=[]),
+        )
+    except pa.ArrowException as error:
+        raise VfoaError(f"{timings}: not the times of stages: {' '.join(str(error).split())}") from None
+    names, stages = (table.column(name).combine_chunks() for name in ("configuration", "stage"))
+    configurations = tuple(names.dictionary.to_pylist())
+    of_stages = stages.dictionary.to_pylist()
+    keys = stages.indices.to_numpy() * len(configurations) + names.indices.to_numpy()
+    ends = np.cumsum(np.bincount(keys, minlength=len(of_stages) * len(configurations)))
+    groups = np.split(table.column("ms").to_numpy()[np.argsort(keys.astype(np.int16), kind="stable")], ends[:-1])
+    medians = [round(float(np.median(ms)), 1) if len(ms) else None for ms in groups]
+    per_stage = len(configurations)
     return StageTimes(
         configurations=configurations,
-        ms={
-            stage: [medians.get((stage, name)) for name in configurations]
-            for stage in dict.fromkeys(stage for stage, _ in times)
-        },
+        ms={stage: medians[row * per_stage : (row + 1) * per_stage] for row, stage in enumerate(of_stages)},
     )

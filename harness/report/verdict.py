@@ -243,8 +243,10 @@ def _next_lines(scores: Scores, room: int) -> list[str]:
 
 def _error_types(scores: Scores, configurations: Collection[str]) -> Counter[str]:
     """The number of wrong frames by error type; among equal numbers, in the order of :data:`ERROR_TYPES`."""
-    verdicts = (verdict for verdict in scores.verdicts if verdict.configuration in configurations)
-    counts = Counter(verdict.error_type for verdict in verdicts if verdict.error_type is not None)
+    counts = Counter[str]()
+    for outcome in scores.outcomes:
+        if outcome.configuration in configurations:
+            counts.update(outcome.error_types)
     return Counter({name: counts[name] for name in ERROR_TYPES if counts[name]})
 
 

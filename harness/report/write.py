@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from harness.files.io import write_together
 from harness.report.comparisons import (
@@ -20,8 +20,8 @@ from harness.report.comparisons import (
 from harness.report.csv_tables import scores_table
 from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
+from harness.report.page.packing import Attention, AttentionPart
 from harness.report.page.render import RunTables, render_page
-from harness.report.record_parts import KeptParts, RecordParts
 from harness.report.stages import (
     StageTimes,
     object_measures_table,
@@ -47,43 +47,59 @@ from harness.report.tables import (
     visible_table,
 )
 from harness.report.thumbnails import BUDGET_BYTES, SERVED_BYTES, read_thumbnails
+from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
-from harness.score.score import Scores
+from harness.score.outcomes import Reference
+from harness.score.score import Scores, score
 from harness.score.subset import conditions_of
 
 
-def write_scores(directory: RunDirectory, run: RecordParts, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
-    """Write the tables and the page of a run's records into its directory, all or none.
+class Scored(NamedTuple):
+    """The scores of a run, and what else its page shows: the attention, and the present names of renamed targets."""
+
+    scores: Scores
+    attention: Attention
+    names_now: Mapping[str, Mapping[str, str]]
+
+
+def scored(columns: Iterable[PairColumns], reference: Reference) -> Scored:
+    """Score a run; the columns are as for :func:`harness.score.score.score`, and each is read once."""
+    attention: dict[Pair, AttentionPart] = {}
+
+    def watched() -> Iterator[PairColumns]:
+        for each in columns:
+            attention[each.clip, each.configuration] = AttentionPart.of(each)
+            yield each
+
+    return Scored(score(watched(), reference), attention, reference.names_now)
+
+
+def write_scores(directory: RunDirectory, run: Scored, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
+    """Write the tables and the page of a run into its directory, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``comparisons.csv .md`` and
     ``report.html``. ``manifest`` and ``times`` are as for
     :func:`harness.report.page.render.render_page`.
     """
-    scores = run.scores()
-    tables = run_tables(scores)
-    texts = {
-        **render_tables(scores, tables),
-        "report.html": _page(directory, run, scores, tables, manifest, times),
-    }
+    tables = run_tables(run.scores)
+    texts = {**render_tables(run.scores, tables), "report.html": _page(directory, run, tables, manifest, times)}
     write_together({directory.path / name: text for name, text in texts.items()})
-    return scores
+    return run.scores
 
 
 def _page(
     directory: RunDirectory,
-    run: RecordParts,
-    scores: Scores,
+    run: Scored,
     tables: RunTables,
     manifest: Mapping[str, Any],
     times: StageTimes,
     **of_page: Any,
 ) -> str:
     budget = SERVED_BYTES if of_page.get("served") else BUDGET_BYTES
-    thumbnails = read_thumbnails(directory.path, scores.verdicts, run.reference.names_now, budget)
-    attention = run.of("attention")
-    return render_page(scores, tables, attention, manifest, times=times, thumbnails=thumbnails, **of_page)
+    thumbnails = read_thumbnails(directory.path, run.scores.wrong_frames, run.names_now, budget)
+    return render_page(run.scores, tables, run.attention, manifest, times=times, thumbnails=thumbnails, **of_page)
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -102,13 +118,13 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     with _collector_paused():
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
-        kept = KeptParts(run, reference)
-        scores = write_scores(directory, kept.read(), run.manifest, kept.times())
+        found = scored(run.columns(), reference)
+        scores = write_scores(directory, found, run.manifest, stage_times(directory.timings))
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
-            write_verdict_layers(directory, reference.labels, kept.reader, reference.names_now)
+            write_verdict_layers(directory, reference.labels, reference.names_now)
         run.note_labels(annotator)
     return scores
 
@@ -133,12 +149,11 @@ def report_page(
         As :func:`rescore` and :func:`harness.score.subset.subset`.
     """
     run = FinishedRun.read(directory)
-    parts = RecordParts(run.reference(where=conditions_of(where)), run.records())
-    scores = parts.scores()
+    found = scored(run.columns(), run.reference(where=conditions_of(where)))
     served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
     of_page = {"served": served, "where": where, "run_folder": run_folder}
     times = stage_times(directory.timings)
-    return _page(directory, parts, scores, run_tables(scores), run.manifest, times, **of_page)
+    return _page(directory, found, run_tables(found.scores), run.manifest, times, **of_page)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ A record of each frame (:mod:`harness.run.table_records`) is the view of one fra
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
+from harness.run.results import MeasuredPart
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, find_tables, read_arrow
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, Float
 
 Codes = NDArray[np.intp]
 Flags = NDArray[np.bool_]
+_OF_OBJECT, _OF_PERSON = ([each.name for each in fields(kind)] for kind in (TargetMeasure, PersonMeasure))
+
 UNKNOWN = -1
 """The code of no word, and the row of nothing."""
 NO_ID = np.iinfo(np.int64).min
@@ -54,6 +58,14 @@ class Words:
     def word(self, code: int) -> str | None:
         """The word of a number; None for :data:`UNKNOWN`."""
         return None if code < 0 else self._words[code]
+
+    def __len__(self) -> int:
+        return len(self._words)
+
+    def counts(self, codes: Codes) -> dict[str, int]:
+        """How often each word is there, of the words that are."""
+        known, counts = np.unique(codes[codes != UNKNOWN], return_counts=True)
+        return {self._words[code]: count for code, count in zip(known.tolist(), counts.tolist(), strict=True)}
 
     def words(self, codes: Codes) -> list[str | None]:
         """The words of numbers."""
@@ -111,11 +123,12 @@ class PairColumns:
     ``missing`` (P,) are codes of reasons for no answer; ``focus`` (P,) is the row of the instance with the most
     attention, :data:`UNKNOWN` for nowhere. ``attending`` (A,) is the row of the person, ``attended`` that of the
     instance; ``gaze`` and ``head`` (A,) are NaN where they were not measured. ``fits`` (P, 4) are the fields of
-    :class:`vfoa.types.DirectionFit`, NaN without a fit.
+    :class:`vfoa.types.DirectionFit`, NaN without a fit. ``measured`` are the measures of the clip's stages.
     """
 
     clip: str
     configuration: str
+    words: Words
     scene: SceneColumns
     looks: LookColumns
     missing: Codes
@@ -126,13 +139,14 @@ class PairColumns:
     head: Float
     total: Float
     fits: Float
+    measured: MeasuredPart
 
 
 class Tables:
     """The files of tables, by the tables' names."""
 
     def __init__(self, paths: Mapping[str, Path]) -> None:
-        self.paths = paths
+        self.paths = dict(paths)
 
     @classmethod
     def beside(cls, folder: Path, tables: Iterable[str]) -> Tables:
@@ -147,11 +161,6 @@ class Tables:
 class ColumnReader:
     """Reads the columns of a finished run. What configurations share is read once for those that follow.
 
-    Parameters
-    ----------
-    words
-        Gets the words of all columns.
-
     Raises
     ------
     VfoaError
@@ -159,31 +168,42 @@ class ColumnReader:
         also holds for what is read later.
     """
 
-    def __init__(self, directory: RunDirectory, words: Words) -> None:
-        self.words = words
-        self.paths = dict(find_tables(directory))
+    def __init__(self, directory: RunDirectory) -> None:
+        self.words = Words()
+        self._paths = dict(find_tables(directory))
         configurations = directory.read_manifest().get("configurations", {})
         self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
         kept = lru_cache(maxsize=_KEPT_SCENES)
         self._scene = kept(self._read_scene)
         self._looks = kept(self._read_looks)
+        self._measured = kept(self._read_measured)
 
     def frames(self, pair: Pair) -> int:
         """The number of frames of a (clip, configuration)."""
-        return len(self._scene(self.paths[pair]["frames"].parent, ()).frames)
+        return len(self._scene(self._paths[pair]["frames"].parent, ()).frames)
 
     def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
         """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""
-        paths = self.paths[pair]
+        paths = self._paths[pair]
         scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
         looks = self._looks(paths["directions"].parent, scene)
-        return answer_columns(pair, scene, looks, Tables(paths), self.words, self._filtered[pair[1]])
+        measured = self._measured(paths["directions"].parent, paths["frames"].parent, scene)
+        return answer_columns(pair, scene, looks, measured, Tables(paths), self.words, self._filtered[pair[1]])
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """Every (clip, configuration), in the order of the experiment."""
+        return [*self._paths]
 
     def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
         return scene_columns(Tables.beside(folder, SCENE_TABLES), self.words, dict(names_now))
 
     def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
         return look_columns(scene, Tables.beside(folder, DIRECTIONS_TABLES), self.words)
+
+    def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> MeasuredPart:
+        tables = Tables.beside(of_scene, SCENE_TABLES).paths | Tables.beside(folder, DIRECTIONS_TABLES).paths
+        return measured_part(scene, Tables(tables), self.words)
 
 
 def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
@@ -237,7 +257,13 @@ _ANSWERS = ("frame", "track_id", "missing", "focus", "targets", "gaze", "head", 
 
 
 def answer_columns(
-    pair: Pair, scene: SceneColumns, looks: LookColumns, tables: Tables, words: Words, filtered: Sequence[Cue]
+    pair: Pair,
+    scene: SceneColumns,
+    looks: LookColumns,
+    measured: MeasuredPart,
+    tables: Tables,
+    words: Words,
+    filtered: Sequence[Cue],
 ) -> PairColumns:
     """Read the answers of a (clip, configuration), of which some cues are filtered.
 
@@ -263,7 +289,9 @@ def answer_columns(
     return PairColumns(
         clip=pair[0],
         configuration=pair[1],
+        words=words,
         scene=scene,
+        measured=measured,
         looks=replace(looks, gaze=after["gaze"], head=after["head"]) if filtered else looks,
         missing=_words(table, "missing", words),
         focus=focus,
@@ -274,6 +302,46 @@ def answer_columns(
         total=total,
         fits=np.stack([each.to_numpy(zero_copy_only=False) for each in _column(table, "fit").flatten()], axis=1),
     )
+
+
+def measured_part(scene: SceneColumns, tables: Tables, words: Words) -> MeasuredPart:
+    """Read the measures of a scene and of where its people look; none without ground truth."""
+    if not scene.has_truth.any():
+        return MeasuredPart()
+    disparity = ("disparity_error_px", "disparity_over_2_px", "disparity_known")
+    disparities = _rows(tables, "frames", disparity, scene)
+    objects, people = _rows(tables, "objects", _OF_OBJECT, scene), _rows(tables, "true_people", _OF_PERSON, scene)
+    names = dict(
+        zip(
+            zip(scene.instance_at.tolist(), scene.instance_ids.tolist(), strict=True), scene.names.tolist(), strict=True
+        )
+    )
+    part = MeasuredPart()
+    for at in np.flatnonzero(scene.has_truth).tolist():
+        ((error_px, over_2_px, known),) = disparities[at]
+        targets = tuple(TargetMeasure(**dict(zip(_OF_OBJECT, row, strict=True))) for row in objects[at])
+        part.frames.append(
+            FrameMeasures(
+                disparity=None
+                if known is None
+                else DisparityMeasure(error_px=error_px, over_2_px=over_2_px, known=known),
+                targets=targets,
+                people=tuple(PersonMeasure(**dict(zip(_OF_PERSON, row, strict=True))) for row in people[at]),
+            )
+        )
+        for target in targets:
+            if (name := names.get((at, target.instance_id))) is not None:
+                part.names.setdefault(target.truth_id, str(words.word(name)))
+    return part
+
+
+def _rows(tables: Tables, name: str, columns: Sequence[str], scene: SceneColumns) -> list[list[tuple[Any, ...]]]:
+    """The rows of a table by the place of their frame, as plain values."""
+    table, at = _in_order(tables.read(name, ("frame", *columns)), scene.frames, tables.paths[name])
+    rows: list[list[tuple[Any, ...]]] = [[] for _ in scene.frames]
+    for place, *row in zip(at.tolist(), *(table.column(column).to_pylist() for column in columns), strict=True):
+        rows[place].append(tuple(row))
+    return rows
 
 
 def _instances(scene: SceneColumns, people: Codes, ids: NDArray[np.int64], path: Path) -> Codes:

@@ -230,14 +230,9 @@ class RunDirectory:
         return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
 
     @property
-    def score_cache(self) -> Path:
-        """What a scoring keeps for the next one (:mod:`harness.report.record_parts`)."""
-        return self.path / "score_cache"
-
-    @property
     def noted_inputs(self) -> Path:
         """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.files.digests`)."""
-        return self.score_cache / "inputs.noted"
+        return self.path / "inputs.noted"
 
     def traceback(self, pair: Pair) -> Path:
         """The file for the traceback of a (clip, configuration) that a stage's fault ended."""

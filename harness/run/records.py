@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from harness.pipeline.frame_measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Person, Target
@@ -228,21 +227,3 @@ def _vector(array: Float) -> Vector:
 def _box_px(array: Float) -> BoxPx:
     u0, v0, u1, v1 = array.tolist()
     return u0, v0, u1, v1
-
-
-def merge(ours: Any, more: Any) -> None:
-    """Add the plain values taken from later records of one configuration on one clip to those of earlier ones.
-
-    Lists and bytes are extended, dictionaries by key, dataclasses by field; of two other values the first stays.
-    """
-    if isinstance(ours, list | bytearray):
-        ours.extend(more)
-    elif isinstance(ours, dict):
-        for key, value in more.items():
-            if key in ours:
-                merge(ours[key], value)
-            else:
-                ours[key] = value
-    elif is_dataclass(ours):
-        for field in fields(ours):
-            merge(getattr(ours, field.name), getattr(more, field.name))

@@ -121,16 +121,6 @@ class MeasuredPart:
     frames: list[FrameMeasures] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
 
-    def take(self, record: FrameRecord) -> None:
-        """Add a record's measures, and the names of the instances that were matched with true objects."""
-        if record.measures is None:
-            return
-        self.frames.append(record.measures)
-        names = {target.instance_id: target.name for target in record.targets}
-        for target in record.measures.targets:
-            if target.instance_id in names:
-                self.names.setdefault(target.truth_id, names[target.instance_id])
-
 
 def pooled_measures(parts: Mapping[Pair, MeasuredPart]) -> dict[tuple[str | None, str], list[FrameMeasures]]:
     """The measures of each (clip, configuration) and, of several clips, of all together under the clip None.

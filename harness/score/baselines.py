@@ -19,8 +19,7 @@ with a box), it makes no prediction, which counts as wrong, as it does for the p
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,10 +55,6 @@ class Choices(NamedTuple):
     central: int | None = None
     in_angle: int | None = None
     angle_rad: float = math.nan
-
-    def hits(self, right: Collection[int | None]) -> tuple[bool, ...]:
-        """Whether each of the first four picks is among these instances; a missing pick never is."""
-        return tuple(pick is not None and pick in right for pick in self[:4])
 
 
 def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
@@ -121,9 +116,8 @@ def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
     return float((angles[last] + angles[last - 1]) / 2) if last else -1.0
 
 
-def commonest(truths: Iterable[str]) -> str | None:
+def commonest(counts: Mapping[str, int]) -> str | None:
     """The commonest label; of equally common ones the first by name; None without labels."""
-    counts = Counter(truths)
     return min(counts, key=lambda name: (-counts[name], name), default=None)
 
 

@@ -25,10 +25,11 @@ import numpy as np
 from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
-from harness.score.outcomes import JudgedPart, Outcomes
+from harness.score.judged import JudgedPart
+from harness.score.outcomes import Outcomes
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
-from vfoa.types import DirectionFit, Float
+from vfoa.types import Float
 
 BINS = 10
 
@@ -156,21 +157,22 @@ def coverages(outcomes: Iterable[Outcomes]) -> list[SetCoverage]:
 
 def direction_checks(judged: Mapping[Pair, JudgedPart]) -> list[DirectionCheck]:
     """One check for each clip and configuration with a posterior, over the named subjects."""
-    fits: dict[Pair, list[DirectionFit]] = {}
+    fits: dict[Pair, list[Float]] = {}
     for (clip, name), part in judged.items():
-        if part.fits:
-            fits.setdefault((clip, base_of(name)), []).extend(part.fits)
+        if len(part.fits):
+            fits.setdefault((clip, base_of(name)), []).append(part.fits)
     return [
         DirectionCheck(
             clip=clip,
             configuration=name,
-            n=len(of_name),
-            surprises=float(np.mean([fit.tail < SMALL_TAIL for fit in of_name])),
-            claimed_deg=_median((fit.claimed_error_rad for fit in of_name), _DEGREES),
-            implied_deg=_median((fit.implied_error_rad for fit in of_name), _DEGREES),
-            share=_median([fit.implied_share for fit in of_name]),
+            n=len(tail),
+            surprises=float(np.mean(tail < SMALL_TAIL)),
+            claimed_deg=_median(claimed_rad, _DEGREES),
+            implied_deg=_median(implied_rad, _DEGREES),
+            share=_median(share),
         )
         for (clip, name), of_name in fits.items()
+        for tail, claimed_rad, implied_rad, share in [np.concatenate(of_name).T]
     ]
 
 
@@ -230,6 +232,6 @@ def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     return notes
 
 
-def _median(values: Iterable[float | None], scale: float = 1) -> float | None:
-    known = [value for value in values if value is not None]
-    return scale * float(np.median(known)) if known else None
+def _median(values: Float, scale: float = 1) -> float | None:
+    known = values[~np.isnan(values)]
+    return scale * float(np.median(known)) if len(known) else None

@@ -16,10 +16,11 @@ from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
+from harness.run.columns import ColumnReader, PairColumns
 from harness.run.directory import Pair, Published, RunDirectory, differences
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import answer_traits, has_images
-from harness.run.table_records import Block, TableReader, most_people
+from harness.run.table_records import TableReader, most_people
 from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import Condition, subset
@@ -41,7 +42,7 @@ def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Sco
         no labelled frame meets the conditions.
     """
     run = FinishedRun.read(directory)
-    return score(run.records(), run.reference(where=where))
+    return score(run.columns(), run.reference(where=where))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +75,26 @@ class FinishedRun:
         """
         names = self._names_now(self._manifests(self.manifest.get("annotator")))
         reader = TableReader(self.directory)
-        for block in self.scored_blocks(reader.blocks):
-            yield from (renamed(record, names[block.clip]) for record in reader.read(block))
+        counts = Counter[Pair]()
+        for block in reader.blocks:
+            counts[block.clip, block.configuration] += len(block.frames)
+        scored = {*self._scored(counts)}
+        for block in reader.blocks:
+            if (block.clip, block.configuration) in scored:
+                yield from (renamed(record, names[block.clip]) for record in reader.read(block))
+
+    def columns(self) -> Iterator[PairColumns]:
+        """Yield the columns of what :meth:`records` yields, a (clip, configuration) at a time.
+
+        Raises
+        ------
+        VfoaError
+            If there is no such frame, or a table is missing, damaged, of another version, or has lost frames.
+        """
+        names = self._names_now(self._manifests(self.manifest.get("annotator")))
+        reader = ColumnReader(self.directory)
+        for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}):
+            yield reader.read(pair, names[pair[0]])
 
     def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
         """The present manifest of each clip, whose names the labels of this annotator have."""
@@ -91,13 +110,13 @@ class FinishedRun:
             for clip in self.manifest["clips"]
         }
 
-    def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
-        """Return the blocks of the run that hold comparable records.
+    def _scored(self, counts: Mapping[Pair, int]) -> list[Pair]:
+        """Those (clip, configuration) that can be compared, of the numbers of frames in the tables of all.
 
         Raises
         ------
         VfoaError
-            If there is no such record, or tables have lost frames: these would be scored as without a prediction.
+            If there is none, or tables have lost frames: these would be scored as without a prediction.
         """
         run, (clips, configurations, _) = self.manifest, _left_out(self.manifest)
         if not run["configurations"].keys() - configurations:
@@ -105,18 +124,15 @@ class FinishedRun:
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
         frames = {clip["name"]: len(clip["frames"]) for clip in run["clips"]}
-        counts: Counter[Pair] = Counter()
-        for block in blocks:
-            counts[block.clip, block.configuration] += len(block.frames)
         failed = {(failure["clip"], failure["configuration"]) for failure in run.get("failed", [])}
         for clip, configuration in product(frames, run["configurations"]):
-            count = counts[clip, configuration]
+            count = counts.get((clip, configuration), 0)
             if (clip, configuration) not in failed and count != frames[clip]:
                 raise VfoaError(
                     f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
                 )
-        return [block for block in blocks if block.clip not in clips and block.configuration not in configurations]
+        return [pair for pair in counts if pair[0] not in clips and pair[1] not in configurations]
 
     def reference(
         self, annotator: str | None = None, *, compare_content: bool = False, where: Sequence[Condition] = ()

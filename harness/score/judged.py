@@ -22,6 +22,7 @@ from harness.run.results import AnswerTraits
 from harness.score.baselines import angle_rad, choose_among
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import (
+    ANOTHER,
     NO_HIT,
     NO_OBJECT,
     NO_PROBABILITIES,
@@ -85,6 +86,15 @@ class Judged:
         """The frames with an error type."""
         return self.error_type != UNKNOWN
 
+    def answers(self) -> Codes:
+        """The code of the answer that each prediction counts as (:func:`harness.score.verdicts.answer`)."""
+        code, answers = self.words.code, self.predicted.copy()
+        is_same = self.is_wrong & (self.predicted == self.truth)
+        for same in np.unique(self.predicted[is_same]).tolist():
+            answers[is_same & (self.predicted == same)] = code(f"{self.words.word(same)} {ANOTHER}")
+        answers[self.predicted == code(NO_HIT)] = UNKNOWN
+        return np.where(self.is_scored & ~self.is_wrong, self.truth, answers)
+
     def verdicts(self) -> list[Verdict]:
         """The verdict of each frame."""
         outcomes: list[Outcome] = ["unscored", "correct", "wrong"]
@@ -119,6 +129,7 @@ class JudgedPart:
     ``head_widths_m`` are some widths, ``targets`` the names of all targets that were found.
     """
 
+    words: Words
     by_subject: Mapping[str, Judged]
     frames: NDArray[np.int64]
     times_ns: NDArray[np.int64]
@@ -128,10 +139,13 @@ class JudgedPart:
     head_widths_m: Float
     targets: frozenset[str]
 
+    def is_in(self, frames: NDArray[np.int64], phase: str) -> Flags:
+        """Whether each of some frames is in a phase; one without a record is in none."""
+        return np.isin(frames, self.frames[self.phase_of == self.words.code(phase)])
+
 
 def judge_columns(
     columns: PairColumns,
-    words: Words,
     labels: Labels | None,
     wanted: Iterable[int],
     traits: AnswerTraits,
@@ -146,17 +160,20 @@ def judge_columns(
     phases
         The name of each phase by the number of things beside people in a frame.
     """
-    scene, looks = columns.scene, columns.looks
+    scene, looks, words = columns.scene, columns.looks, columns.words
     named = {word: code for code in np.unique(scene.person_names).tolist() if (word := words.word(code)) is not None}
-    pair = _Pair(columns, words, traits)
+    pair = _Pair(columns, traits)
     judged, at, aims = dict[str, Judged](), [np.zeros(0, dtype=np.intp)], list[Float]([np.zeros((0, 2, 3))])
     absent = np.setdiff1d(np.array([*wanted], dtype=np.int64), scene.frames)
     for subject in sorted({*named, *(labels.subjects if labels else ())}):
-        judged[subject], places, of_subject = pair.judge(subject, labels, absent)
+        found, places, of_subject = pair.judge(subject, labels, absent)
+        if len(found.frames):
+            judged[subject] = found
         at.append(places)
         aims.append(of_subject)
     compared = looks.head_widths_m[scene.person_at % COMPARED_EVERY == 0]
     return JudgedPart(
+        words=words,
         by_subject=judged,
         frames=scene.frames,
         times_ns=scene.times_ns,
@@ -280,8 +297,8 @@ def _known(values: Float) -> Any:
 class _Pair:
     """One configuration on one clip, to judge each subject of it."""
 
-    def __init__(self, columns: PairColumns, words: Words, traits: AnswerTraits) -> None:
-        self.columns, self.words, self.traits = columns, words, traits
+    def __init__(self, columns: PairColumns, traits: AnswerTraits) -> None:
+        self.columns, self.words, self.traits = columns, columns.words, traits
         self.view, self.choices = _view(columns.scene), _choices(columns.scene, columns.looks)
         people = len(columns.missing)
         self.place = columns.attended - self.view.firsts[columns.attending]

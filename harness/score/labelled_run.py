@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -11,13 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import JudgedPart, Reference
-from harness.score.verdicts import UNKNOWN_WORTH, find_subject, right_answers
+from harness.score.judged import Judged
+from harness.score.outcomes import Reference
+from harness.score.score import judged_part
+from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
@@ -96,9 +97,9 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
-    reference, judged = run.reference(), defaultdict[Pair, JudgedPart](JudgedPart)
-    records = _judging(run.records(), reference, judged)
-    return labelled_runs(_experiment(run), records, reference.labels, [chosen], tuple(ROWS), judged)[0]
+    reference = run.reference()
+    answers = _answers(run, reference)
+    return labelled_runs(_experiment(run), run.records(), reference.labels, [chosen], tuple(ROWS), answers)[0]
 
 
 def read_features(
@@ -117,16 +118,8 @@ def read_features(
     return labelled_runs(_experiment(run), run.records(), run.reference().labels, configurations, cases)
 
 
-_Judged = defaultdict[Pair, JudgedPart]
-
-
-def _judging(records: Iterable[FrameRecord], reference: Reference, judged: _Judged) -> Iterator[FrameRecord]:
-    """Yield records of labelled clips; ``judged`` takes the answers of all configurations."""
-    for record in records:
-        base = base_of(record.configuration)
-        if record.clip in reference.labels and record.configuration in (base, f"{base}.seed1"):
-            judged[record.clip, base].take(record, reference)
-        yield record
+Answers = Mapping[tuple[str, str, int], Mapping[str, Outcome]]
+"""The outcome of each configuration by clip, subject and labelled frame."""
 
 
 def _experiment(run: FinishedRun) -> str:
@@ -139,11 +132,12 @@ def labelled_runs(
     labels: Mapping[str, Labels],
     configurations: Collection[str],
     cases: Collection[Case] | None = None,
-    judged: _Judged | None = None,
+    others: Answers | None = None,
 ) -> list[LabelledRun]:
     """Return the features and labels of configurations, by their names without seeds, from records in one pass.
 
-    ``labels`` are those of each clip that has some; ``cases`` as in :func:`read_features`.
+    ``labels`` are those of each clip that has some; ``cases`` as in :func:`read_features`; ``others`` are the answers
+    of all configurations.
 
     Raises
     ------
@@ -161,7 +155,7 @@ def labelled_runs(
         people = [
             person
             for (clip, _), records in by_run.items()
-            for person in labelled_people(clip, records, labels[clip], judged, 1 / seeds, cases)
+            for person in labelled_people(clip, records, labels[clip], others, 1 / seeds, cases)
         ]
         if not any(person.labelled for person in people):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
@@ -173,14 +167,14 @@ def labelled_people(
     clip: str,
     records: Sequence[FrameRecord],
     labels: Labels,
-    judged: _Judged | None,
+    others: Answers | None,
     weight: float,
     cases: Collection[Case] | None = None,
 ) -> list[Person]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
-    Without ``judged``, the answers of simple rules are left out, too: NaN, and none. ``cases``: those that will be
-    fitted; without it, those that the clip has.
+    Without the answers of ``others``, those of simple rules are left out, too: NaN, and none. ``cases``: those that
+    will be fitted; without it, those that the clip has.
     """
     measured = list(_seen(records, None))
     found = {seen.case for by_track in measured for seen in by_track.values()}
@@ -198,10 +192,10 @@ def labelled_people(
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
             nearest, answers = (math.nan, False), dict[str, Outcome]()
-            if judged is not None:
+            if others is not None:
                 pick = choose(record, person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
-                answers = dict(_answers(judged, clip, name, record.frame))
+                answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:
                     cones = pay_attention(_subject(person), tuple(map(_target, record.targets)), _CONES)
                     answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
@@ -255,13 +249,24 @@ def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
     )
 
 
-def _answers(judged: _Judged, clip: str, name: str, frame: int) -> Iterator[tuple[str, Outcome]]:
-    """Yield the answer of each configuration about a person in a labelled frame."""
-    for (of, configuration), part in judged.items():
-        judgement = part.by_subject.get(name, {}).get(frame) if of == clip else None
-        if judgement is not None and judgement.verdict.outcome != "unscored":
-            worth = judgement.worth if judgement.worth.confidence >= 0 else UNKNOWN_WORTH
-            yield configuration, (judgement.verdict.outcome == "correct", worth.confidence, worth.on_truth)
+def _answers(run: FinishedRun, reference: Reference) -> Answers:
+    """The answers of all configurations, of the first seed of each."""
+    answers: dict[tuple[str, str, int], dict[str, Outcome]] = {}
+    for columns in run.columns():
+        name, base = columns.configuration, base_of(columns.configuration)
+        if columns.clip in reference.labels and (base == name or name.endswith(".seed1")):
+            for subject, judged in judged_part(columns, reference).by_subject.items():
+                for frame, outcome in _outcomes(judged):
+                    answers.setdefault((columns.clip, subject, frame), {})[base] = outcome
+    return answers
+
+
+def _outcomes(judged: Judged) -> Iterator[tuple[int, Outcome]]:
+    """Yield the scored frames of a subject."""
+    scored = judged.where(judged.is_scored)
+    columns = scored.frames, ~scored.is_wrong, *scored.worth[:, :2].T
+    for frame, is_right, confidence, on_truth in zip(*(column.tolist() for column in columns), strict=True):
+        yield frame, (is_right, confidence, on_truth if confidence >= 0 else math.nan)
 
 
 def _subject(record: SubjectRecord, case: Case | None = None) -> Subject:

@@ -1,41 +1,28 @@
-"""Outcomes: records and labels as columns of the scored frames of one subject in one clip under one configuration."""
+"""Outcomes: verdicts as columns of the scored frames of one subject in one clip under one configuration."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
+from harness.run.columns import Words
 from harness.run.directory import Pair, Published
-from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import AnswerTraits
-from harness.score.baselines import BASELINES, Choices, best_limit_rad, choose, commonest
+from harness.score.baselines import BASELINES, best_limit_rad, commonest
+from harness.score.judged import Judged, JudgedPart
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.statistics import Codes, Flags
-from harness.score.verdicts import (
-    NO_HIT,
-    NO_PROBABILITIES,
-    PLAIN,
-    UNKNOWN_WORTH,
-    Verdict,
-    Worth,
-    answer,
-    find_subject,
-    judge,
-    judge_absent,
-    right_answers,
-    worth_of,
-)
-from vfoa.types import DirectionFit, Float
+from harness.score.verdicts import NO_HIT
+from vfoa.types import Float
 
 NO_PREDICTION = -1
-COMPARED_EVERY = 4
-"""Of every so many frames, one is looked at for what tells of other axes and units."""
 USUAL_HEAD_M = (0.1, 0.45)
 """Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
 
@@ -69,7 +56,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcomes:
-    """A subject's frames in order: all verdicts, and columns (n,) of the scored ones.
+    """A subject's frames in order: all of them as judged, and columns (n,) of the scored ones.
 
     ``truth`` and ``predicted`` are codes of names, the same in a whole run; :data:`NO_PREDICTION` if there is none.
     ``positions`` count the clip's frames, so that a difference above 1 is a gap; ``frames`` are their numbers.
@@ -78,15 +65,15 @@ class Outcomes:
     so, ``blocked`` those whose line of sight the label calls blocked. ``confidence``, ``on_truth``, ``brier``,
     ``set_size`` and ``is_covered`` are as in :class:`harness.score.verdicts.Worth`. ``baselines`` (n, baselines)
     says which baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is
-    the smallest angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
-    ``rate_hz`` is the rate of the clip's frames, None if unknown.
+    the smallest angle from the gaze to a box's centre, NaN if not known. ``rate_hz`` is the rate of the clip's
+    frames, None if unknown.
     """
 
     clip: str
     configuration: str
     subject: str
-    verdicts: tuple[Verdict, ...]
-    frames: tuple[int, ...]
+    judged: Judged
+    frames: NDArray[np.int64]
     positions: Codes
     looks: Codes
     correct: Flags
@@ -103,93 +90,24 @@ class Outcomes:
     is_covered: Flags
     baselines: Flags
     angles_rad: Float
-    error_types: tuple[str, ...]
     rate_hz: float | None
 
+    @property
+    def true_names(self) -> list[str | None]:
+        """The true target of each scored frame."""
+        return self.judged.words.words(self.judged.truth[self.judged.is_scored])
 
-NO_HITS = Choices().hits(())
-
-
-class Judgement(NamedTuple):
-    """Truth and prediction of a subject in a frame, and what its probabilities are worth.
-
-    ``hits`` says which baselines that use the frame are right, ``angle_rad`` is as in :class:`Choices`.
-    """
-
-    verdict: Verdict
-    is_blocked: bool
-    hits: tuple[bool, ...] = NO_HITS
-    angle_rad: float = math.nan
-    worth: Worth = UNKNOWN_WORTH
-
-
-Judged = dict[int, Judgement]
-"""Judgements by frame."""
-
-
-@dataclass(slots=True)
-class JudgedPart:
-    """The judgements of a configuration on a clip by subject, time and phase of each frame, fits of the directions.
-
-    ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
-    other, each with the vector from the eyes to what the label says: six numbers. ``head_widths_m`` are some widths.
-    ``targets`` are the names of all targets that were found.
-    """
-
-    by_subject: dict[str, Judged] = field(default_factory=dict)
-    times_ns: dict[int, int] = field(default_factory=dict)
-    phases: dict[int, str] = field(default_factory=dict)
-    fits: list[DirectionFit] = field(default_factory=list)
-    aims: list[float] = field(default_factory=list)
-    head_widths_m: list[float] = field(default_factory=list)
-    targets: dict[str, bool] = field(default_factory=dict)
-
-    def take(self, record: FrameRecord, reference: Reference) -> None:
-        """Judge every labelled or named subject of a record."""
-        self.times_ns[record.frame] = record.time_ns
-        self.targets.update((target.name, True) for target in record.targets)
-        if phases := reference.phases.get(record.clip):
-            bodies = {subject.instance_id for subject in record.subjects}
-            things = sum(target.instance_id not in bodies for target in record.targets)
-            if (phase := phases.get(things)) is not None:
-                self.phases[record.frame] = phase
-        named = [subject for subject in record.subjects if subject.name is not None]
-        self.fits += [subject.fit for subject in named if subject.fit is not None]
-        is_compared = len(self.times_ns) % COMPARED_EVERY == 1
-        if is_compared:
-            self.head_widths_m += [subject.head_width_m for subject in record.subjects if subject.head_width_m]
-        of_clip = reference.labels.get(record.clip)
-        traits = reference.traits.get(record.configuration, PLAIN)
-        labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
-        for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
-            label = labels.get(subject)
-            verdict = judge(record, subject, label, traits)
-            judgement = Judgement(verdict, label is not None and label.is_blocked)
-            if label and verdict.outcome != "unscored":
-                person = find_subject(record, subject)
-                choices, right = choose(record, person), right_answers(record, label)
-                hits = choices.hits(right)
-                if is_compared:
-                    self.aims += _aim(record, person, right)
-                worth = worth_of(record, person, label, traits)
-                judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
-            self.by_subject.setdefault(subject, {})[record.frame] = judgement
-
-
-def _aim(record: FrameRecord, person: SubjectRecord | None, right: Iterable[int | None]) -> tuple[float, ...]:
-    """A person's direction (the gaze's, else the head's) and the vector to the box looked at; nothing if not known."""
-    box = next((box for number in right if number is not None and (box := record.target(number).box)), None)
-    if person is None or person.eye_origin_m is None or box is None:
-        return ()
-    to_target = (end - start for end, start in zip(box.center_m, person.eye_origin_m, strict=True))
-    return (*direction, *to_target) if (direction := person.gaze or person.head) else ()
+    @property
+    def error_types(self) -> dict[str, int]:
+        """The number of wrong frames by error type."""
+        return self.judged.words.counts(self.judged.error_type)
 
 
 def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
     """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
-        directions, to_targets = np.array(part.aims).reshape(-1, 2, 3).swapaxes(0, 1)
+        directions, to_targets = part.aims.swapaxes(0, 1)
         if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
             notes[clip] = f"{clip} under {configuration}: {found}."
     return tuple(notes.values())
@@ -199,7 +117,7 @@ def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
     """A note for each clip whose heads have no usual size in metres, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
-        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m else USUAL_HEAD_M[0]
+        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m.size else USUAL_HEAD_M[0]
         if clip not in notes and not USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
             notes[clip] = (
                 f"{clip} under {configuration}: heads are {width_m:.2g} m wide (median): is the unit of depth right? "
@@ -218,38 +136,30 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: 
     codes: dict[str, int] = {}
     outcomes = []
     for name in dict.fromkeys(clip for clip, _ in judged):
-        parts = {configuration: part for (clip, configuration), part in judged.items() if clip == name}
-        wanted = _wanted(name, reference)
-        times_ns = {frame: time for part in parts.values() for frame, time in part.times_ns.items()}
-        places = {frame: place for place, frame in enumerate(sorted({*wanted, *times_ns}))}
-        labels = reference.labels.get(name)
-        wanted_labels = list(labels.labelled(wanted)) if labels else []
-        for configuration, part in parts.items():
-            traits = reference.traits.get(configuration, PLAIN)
-            worth = NO_PROBABILITIES if traits.probabilistic else UNKNOWN_WORTH
-            for frame, subject, label in wanted_labels:
-                of_subject = part.by_subject.setdefault(subject, {})
-                if frame not in of_subject:
-                    verdict = judge_absent(name, configuration, frame, subject, label, traits)
-                    of_subject[frame] = Judgement(verdict, label.is_blocked, worth=worth)
-            for subject, judgements in sorted(part.by_subject.items()):
-                in_phase = {k: each for k, each in judgements.items() if phase in (None, part.phases.get(k))}
-                key = name, configuration, subject
-                outcomes.append(_outcomes(key, in_phase, places, _rate_hz(times_ns), codes))
+        parts = [part for (clip, _), part in judged.items() if clip == name]
+        wanted = np.array(wanted_frames(name, reference), dtype=np.int64)
+        frames = np.unique(np.concatenate([wanted, *(part.frames for part in parts)]))
+        rate = _rate_hz(parts)
+        for part in parts:
+            for of_subject in part.by_subject.values():
+                in_phase = of_subject if phase is None else of_subject.where(part.is_in(of_subject.frames, phase))
+                outcomes.append(_outcomes(in_phase, frames, rate, codes))
     return _with_limits(_with_commonest(_with_longer_looks(outcomes), judged, codes))
 
 
-def _wanted(clip: str, reference: Reference) -> list[int]:
-    """The frames of a clip that are scored if they have a label."""
+def wanted_frames(clip: str, reference: Reference) -> list[int]:
+    """The frames of a clip that are scored if they have a label, in order."""
     if (frames := reference.frames.get(clip)) is not None:
         return sorted(set(frames))
     ranges = labels.ranges if (labels := reference.labels.get(clip)) else ()
     return sorted({frame for row in ranges for frame in range(row.first_frame, row.last_frame + 1)})
 
 
-def _rate_hz(times_ns: Mapping[int, int]) -> float | None:
+def _rate_hz(parts: Sequence[JudgedPart]) -> float | None:
     """The frame rate by the median step between frames that have a time; None if all times are equal."""
-    times = np.array([time for _, time in sorted(times_ns.items())])
+    frames, times_ns = (np.concatenate([getattr(part, name) for part in parts]) for name in ("frames", "times_ns"))
+    _, last = np.unique(frames[::-1], return_index=True)
+    times = times_ns[::-1][last]
     step_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     return 1e9 / step_ns if step_ns > 0 else None
 
@@ -265,43 +175,36 @@ def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
     ]
 
 
-def _outcomes(
-    key: tuple[str, str, str], judged: Judged, places: dict[int, int], rate: float | None, codes: dict[str, int]
-) -> Outcomes:
-    clip, configuration, subject = key
-    in_order = [judged[frame] for frame in sorted(judged)]
-    scored = [judgement for judgement in in_order if judgement.verdict.outcome != "unscored"]
-    verdicts = [judgement.verdict for judgement in scored]
-    truths = [str(verdict.truth) for verdict in verdicts]
-    truth = _coded(truths, codes)
-    positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
-    worths = np.array([judgement.worth for judgement in scored], dtype=np.float64)
-    confidence, on_truth, brier, set_size, is_covered = worths.reshape(-1, len(UNKNOWN_WORTH)).T
-    always = commonest(truths)
-    baselines = [(False, *judgement.hits, truth == always) for truth, judgement in zip(truths, scored, strict=True)]
+def _outcomes(judged: Judged, frames: Codes, rate: float | None, codes: dict[str, int]) -> Outcomes:
+    """The outcomes of a subject. ``frames`` are all of the clip, ``codes`` the numbers of names in the whole run."""
+    scored, words = judged.where(judged.is_scored), judged.words
+    truth = _coded(scored.truth, words, codes)
+    positions = np.searchsorted(frames, scored.frames)
+    confidence, on_truth, brier, set_size, is_covered = scored.worth.T
+    always = words.code(commonest(words.counts(scored.truth)))
+    never = np.zeros((len(truth), 1), dtype=np.bool_)
     return Outcomes(
-        clip=clip,
-        configuration=configuration,
-        subject=subject,
-        verdicts=tuple(judgement.verdict for judgement in in_order),
-        frames=tuple(verdict.frame for verdict in verdicts),
+        clip=judged.clip,
+        configuration=judged.configuration,
+        subject=judged.subject,
+        judged=judged,
+        frames=scored.frames,
         positions=positions,
         looks=number_looks(truth, positions, rate),
-        correct=np.array([verdict.outcome == "correct" for verdict in verdicts], dtype=np.bool_),
+        correct=~scored.is_wrong,
         truth=truth,
-        predicted=_coded([answer(verdict) for verdict in verdicts], codes),
-        no_hit=np.array([verdict.predicted == NO_HIT for verdict in verdicts], dtype=np.bool_),
-        nowhere=np.array([name == NOWHERE for name in truths], dtype=np.bool_),
-        says_nowhere=np.array([verdict.predicted == NOWHERE for verdict in verdicts], dtype=np.bool_),
-        blocked=np.array([judgement.is_blocked for judgement in scored], dtype=np.bool_),
+        predicted=_coded(scored.answers(), words, codes),
+        no_hit=scored.predicted == words.code(NO_HIT),
+        nowhere=scored.truth == words.code(NOWHERE),
+        says_nowhere=scored.predicted == words.code(NOWHERE),
+        blocked=scored.is_blocked,
         confidence=confidence,
         on_truth=on_truth,
         brier=brier,
         set_size=set_size,
         is_covered=is_covered.astype(np.bool_),
-        baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
-        angles_rad=np.array([judgement.angle_rad for judgement in scored], dtype=np.float64),
-        error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
+        baselines=np.concatenate([never, scored.hits, (scored.truth == always)[:, None]], axis=1),
+        angles_rad=scored.angles_rad,
         rate_hz=rate,
     )
 
@@ -323,8 +226,8 @@ def _with_commonest(
         targets = {*judged[outcome.clip, outcome.configuration].targets, NOWHERE} - {outcome.subject}
         can_be = {name: int(others[code]) for name, code in codes.items() if name in targets and others[code]}
         baselines = outcome.baselines.copy()
-        if can_be:
-            baselines[:, place] = outcome.truth == codes[min(can_be, key=lambda name: (-can_be[name], name))]
+        if (name := commonest(can_be)) is not None:
+            baselines[:, place] = outcome.truth == codes[name]
         found.append(replace(outcome, baselines=baselines))
     return found
 
@@ -355,6 +258,11 @@ def _limit_rad(others: list[Outcomes], place: int) -> float:
     return best_limit_rad(angles_rad, hits, np.concatenate([outcome.nowhere for outcome in others]))
 
 
-def _coded(names: Iterable[str | None], codes: dict[str, int]) -> Codes:
-    coded = [NO_PREDICTION if name is None else codes.setdefault(name, len(codes)) for name in names]
-    return np.array(coded, dtype=np.intp)
+def _coded(found: Codes, words: Words, codes: dict[str, int]) -> Codes:
+    """The numbers of names in the whole run, which count names as they appear; :data:`NO_PREDICTION` for none."""
+    named, first, places = np.unique(found, return_index=True, return_inverse=True)
+    numbers = np.full(len(named), NO_PREDICTION, dtype=np.intp)
+    for place in np.argsort(first).tolist():
+        if (name := words.word(int(named[place]))) is not None:
+            numbers[place] = codes.setdefault(name, len(codes))
+    return numbers[places]

@@ -7,7 +7,7 @@ such a pair below. Pooled over subjects or clips means all their pairs together:
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -15,18 +15,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.run.columns import PairColumns
 from harness.run.directory import Pair, Published
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord
 from harness.run.results import MeasuredPart
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
+from harness.score.judged import JudgedPart, judge_columns
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import JudgedPart, Outcomes, Reference, axis_notes, to_outcomes, unit_notes
+from harness.score.outcomes import Outcomes, Reference, axis_notes, to_outcomes, unit_notes, wanted_frames
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
-from harness.score.verdicts import ERROR_TYPES, Verdict
+from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Float
 
 Beats = Literal["yes", "not shown", "no"]
@@ -101,9 +102,9 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """All scores of a run. ``rows`` hold only groups with annotated frames; ``verdicts`` include the unscored frames.
+    """All scores of a run. ``rows`` hold only groups with annotated frames; ``outcomes`` include the unscored frames.
 
-    Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
+    Clips and configurations are in the order of the results; outcomes by clip, configuration, subject. ``notes``
     are shown with every table; ``doubts`` are those of them that question the clip's axes and units, and are shown on
     the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
@@ -114,7 +115,6 @@ class Scores:
 
     clips: tuple[str, ...]
     configurations: tuple[str, ...]
-    verdicts: tuple[Verdict, ...]
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -127,6 +127,20 @@ class Scores:
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     phases: Mapping[str, Scores] = field(default_factory=dict)
     has_answers_of_file: bool = False
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """The verdicts, one object for each frame of a subject, made anew; the outcomes have them as columns."""
+        return tuple(verdict for outcome in self.outcomes for verdict in outcome.judged.verdicts())
+
+    @property
+    def wrong_frames(self) -> dict[Pair, set[int]]:
+        """The frames in which somebody was judged wrong, of those that have some."""
+        wrong: dict[Pair, set[int]] = {}
+        for outcome in self.outcomes:
+            if frames := {*outcome.frames[~outcome.correct].tolist()}:
+                wrong.setdefault((outcome.clip, outcome.configuration), set()).update(frames)
+        return wrong
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips and, if there are several, of all clips together."""
@@ -150,17 +164,15 @@ class Scores:
         """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
         seeds_of: dict[tuple[str, str], list[Outcomes]] = {}
         for outcome in self.outcomes:
-            if base_of(outcome.configuration) == configuration and outcome.frames:
+            if base_of(outcome.configuration) == configuration and len(outcome.frames):
                 seeds_of.setdefault((outcome.clip, outcome.subject), []).append(outcome)
         return [
             ScoredFrames(
                 clip=clip,
                 subject=subject,
-                frames=np.array(seeds[0].frames, dtype=np.intp),
+                frames=seeds[0].frames.astype(np.intp),
                 looks=seeds[0].looks,
-                truth=np.array(
-                    [verdict.truth for verdict in seeds[0].verdicts if verdict.outcome != "unscored"], np.object_
-                ),
+                truth=np.array(seeds[0].true_names, dtype=np.object_),
                 correct=np.sum([seed.correct for seed in seeds], axis=0, dtype=np.intp),
                 seeds=len(seeds),
             )
@@ -168,22 +180,33 @@ class Scores:
         ]
 
 
-def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
-    """Score every (clip, configuration) that has records.
+def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
+    """Score every (clip, configuration).
 
     Parameters
     ----------
-    records
-        As :func:`harness.run.table_records.read_records` yields them; each is read once.
+    columns
+        As :meth:`harness.score.finished_run.FinishedRun.columns` yields them.
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
-    judged, measured = defaultdict[Pair, JudgedPart](JudgedPart), defaultdict[Pair, MeasuredPart](MeasuredPart)
-    for record in records:
-        pair = record.clip, record.configuration
-        judged[pair].take(record, reference)
-        measured[pair].take(record)
+    judged, measured = dict[Pair, JudgedPart](), dict[Pair, MeasuredPart]()
+    for each in columns:
+        pair = each.clip, each.configuration
+        judged[pair], measured[pair] = judged_part(each, reference), each.measured
     return score_parts(judged, measured, reference)
+
+
+def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
+    """The verdicts of a configuration on a clip."""
+    clip = columns.clip
+    return judge_columns(
+        columns,
+        reference.labels.get(clip),
+        wanted_frames(clip, reference),
+        reference.traits.get(columns.configuration, PLAIN),
+        reference.phases.get(clip, {}),
+    )
 
 
 def score_parts(
@@ -201,11 +224,9 @@ def score_parts(
     }
     phases = dict.fromkeys(phase for of_clip in reference.phases.values() for phase in of_clip.values())
     rows = [_row(*group, metrics, says_nowhere) for group in _groups(outcomes, clips, configurations)]
-    verdicts = tuple(verdict for outcome in outcomes for verdict in outcome.verdicts)
     return Scores(
         clips=clips,
         configurations=configurations,
-        verdicts=verdicts,
         rows=tuple(rows),
         notes=(*reference.notes, *misfit_notes(directions), *doubts),
         doubts=doubts,
@@ -222,14 +243,13 @@ def score_parts(
 
 
 def _phase_scores(outcomes: Sequence[Outcomes], metrics: Mapping[str, Metric]) -> Scores:
-    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes if outcome.frames))
+    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes if len(outcome.frames)))
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     by_clip = [group for group in _groups(outcomes, clips, configurations) if group[1] is None]
     overall = [group for group in by_clip if group[0] is None] or by_clip
     return Scores(
         clips=clips,
         configurations=configurations,
-        verdicts=(),
         rows=tuple(_row(*group, metrics, ()) for group in overall),
         outcomes=tuple(outcomes),
     )
@@ -275,7 +295,7 @@ def _row(
     nowhere = column("nowhere")
     recalls = [baselines[frames].mean(axis=0) for frames in (~nowhere, nowhere) if frames.any()]
     answered = (column("predicted") >= 0) & ~no_hit
-    error_types = Counter(error_type for outcome in group for error_type in outcome.error_types)
+    error_types = sum((Counter(outcome.error_types) for outcome in group), Counter[str]())
     units = _units_of(group, [outcome.correct for outcome in group])
     return ScoreRow(
         clip=clip,

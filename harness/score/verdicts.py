@@ -123,14 +123,6 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
     )
 
 
-def judge_absent(
-    clip: str, configuration: str, frame: int, subject: str, label: Label, traits: AnswerTraits = PLAIN
-) -> Verdict:
-    """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
-    empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
-    return judge(empty, subject, label, traits)
-
-
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
     """Return the person of this name; the first in the record if tracks share it."""
     return next((person for person in record.subjects if person.name == subject), None)
@@ -249,22 +241,6 @@ class Worth(NamedTuple):
 UNKNOWN_WORTH = Worth()
 NO_PROBABILITIES = Worth(on_truth=0.0, brier=1.0)
 """A frame without an answer of a method that gives probabilities: it has none anywhere."""
-
-
-def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, traits: AnswerTraits) -> Worth:
-    """What a subject's probabilities are worth. A true target that the frame does not have has probability 0."""
-    worth = NO_PROBABILITIES if traits.probabilistic else UNKNOWN_WORTH
-    if subject is None:
-        return worth
-    right = right_answers(record, label)
-    if traits.probabilistic and subject.missing is None:
-        chances = probabilities(subject)
-        on_truth = sum(chances.get(key, 0.0) for key in right)
-        brier = (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in right)
-        held = prediction_set(subject)
-        is_covered = not set(held).isdisjoint(right)
-        worth = Worth(min(chances[subject.focus], 1.0), on_truth, brier, len(held) or math.nan, is_covered)
-    return worth
 
 
 def _confidence(subject: SubjectRecord) -> float | None:

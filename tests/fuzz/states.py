@@ -24,6 +24,7 @@ from harness.pipeline.outputs.heads import read_heads
 from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
+from harness.run.columns import ColumnReader
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -31,7 +32,7 @@ from harness.run.table_records import read_records
 from harness.score.finished_run import FinishedRun
 from harness.score.labelled_run import read_labelled
 from harness.score.outcomes import Reference
-from harness.score.score import score
+from harness.score.score import score as score_columns
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages
 from harness.sources.recordings.clip import RecordingClip
@@ -46,7 +47,7 @@ from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
 from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured, openface_file
 from tests.openvino import affine
-from tests.records import labels
+from tests.records import labels, score
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Head, Instance, Instances
 
@@ -135,9 +136,9 @@ def open_run(path: Path) -> Any:
     directory = RunDirectory(_run(once(path, _run)))
     shutil.copyfile(path, directory.manifest)
     run = FinishedRun.read(directory)
-    records, reference = list(run.records()), run.reference()
+    columns, reference = list(run.columns()), run.reference()
     read_labelled(directory, None)
-    return score(records, reference)
+    return score_columns(columns, reference)
 
 
 def _table(run: Path, name: str) -> Path:
@@ -150,10 +151,13 @@ def write_table(path: Path) -> None:
 
 
 def read_run(path: Path) -> Any:
-    """The records of a run with this table, of the same name as one of its own."""
+    """The records and the columns of a run with this table, of the same name as one of its own."""
     run = _run(once(path, _run))
     shutil.copyfile(path, _table(run, path.name))
-    return list(read_records(RunDirectory(run)))
+    directory = RunDirectory(run)
+    reader = ColumnReader(directory)
+    columns = [reader.read(pair) for pair in reader.pairs]
+    return list(read_records(directory)), columns
 
 
 def write_thumbnails(path: Path) -> None:
@@ -168,7 +172,7 @@ def open_thumbnails(path: Path) -> Any:
     """Lines beside whole pictures, of frames that are wrong."""
     folder = once(path, lambda folder: write_thumbnails(folder / path.name))
     shutil.copyfile(path, lines_path(folder, "clip", "one"))
-    return read_thumbnails(folder, _verdicts())
+    return read_thumbnails(folder, _wrong())
 
 
 @cache
@@ -177,9 +181,9 @@ def _shown() -> Any:
 
 
 @cache
-def _verdicts() -> Any:
+def _wrong() -> Any:
     reference = Reference(labels={"clip": labels("red cup", "red cup", "red cup", subject=ANN)})
-    return score((each.record for each in _shown()), reference).verdicts
+    return score((each.record for each in _shown()), reference).wrong_frames
 
 
 # The cache: nothing in it may stop a run

@@ -8,12 +8,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from harness.files.parsing import flattened
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.packing import (
     Attention,
-    Judged,
+    BySubject,
     attended,
     frames_of,
     pack_attention,
@@ -23,11 +25,14 @@ from harness.report.page.packing import (
     target_colours,
 )
 from harness.report.thumbnails import Thumbnails
+from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.directory import Pair
+from harness.score.judged import Judged
 from harness.score.oracle_ablation import without_oracles
 from harness.score.outcomes import Outcomes
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES, Verdict, answered
+from harness.score.statistics import Codes
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
 
 STATES = ("correct", "unscored", *ERROR_TYPES)
 """States of a frame of a timeline; the data holds the place in this list, -1 if there is no frame."""
@@ -131,7 +136,7 @@ def page_data(
             packs[f"attention-{number}"] = values[clip]
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
-        frames = {frame for judged in subjects.values() for frame in frames_of(judged)}
+        frames = {frame for judged in subjects.values() for frame in frames_of(judged).tolist()}
         clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "rate_hz": rates_hz.get(clip)})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
@@ -155,11 +160,11 @@ def page_data(
     return data, packs
 
 
-def _by_clip(outcomes: Iterable[Outcomes]) -> dict[str, dict[str, Judged]]:
-    by_clip: dict[str, dict[str, Judged]] = {}
+def _by_clip(outcomes: Iterable[Outcomes]) -> dict[str, dict[str, BySubject]]:
+    by_clip: dict[str, dict[str, BySubject]] = {}
     for outcome in outcomes:
         judged = by_clip.setdefault(outcome.clip, {}).setdefault(outcome.subject, {})
-        judged[outcome.configuration] = outcome.verdicts
+        judged[outcome.configuration] = outcome.judged
     return by_clip
 
 
@@ -179,7 +184,7 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], names: Names, attention: Attention
+    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: Names, attention: Attention
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
@@ -191,19 +196,15 @@ def _clip_data(
     tracks = []
     for subject, judged in subjects.items():
         frames = frames_of(judged)
-        place = {frame: i for i, frame in enumerate(frames)}
-        truth = [-1] * len(frames)
+        truth = np.full(len(frames), -1)
         configurations = []
         for configuration, verdicts in judged.items():
-            states, predicted, answers, confidence = ([-1] * len(frames) for _ in range(4))
-            for verdict in verdicts:
-                i = place[verdict.frame]
-                truth[i] = names.code(verdict.truth)
-                if verdict.confidence is not None:
-                    confidence[i] = round(100 * verdict.confidence)
-                states[i] = _STATE_CODES[verdict.error_type or verdict.outcome]
-                predicted[i] = names.code(verdict.predicted)
-                answers[i] = -1 if verdict.outcome == "unscored" else names.code(answered(verdict))
+            states, predicted, answers, confidence = (np.full(len(frames), -1) for _ in range(4))
+            i = np.searchsorted(frames, verdicts.frames)
+            truth[i], predicted[i], answers[i] = _numbered(verdicts, names)
+            known = ~np.isnan(verdicts.confidence)
+            confidence[i[known]] = np.rint(100 * verdicts.confidence[known])
+            states[i] = _states(verdicts)
             configurations.append(
                 {
                     "configuration": numbers[configuration],
@@ -220,6 +221,27 @@ def _clip_data(
     return {"tracks": tracks, "colours": _colours(target_colours(attention, clip), tracks, names)}
 
 
+def _numbered(verdicts: Judged, names: Names) -> Codes:
+    """The numbers (3, n) of truths, predictions and answers; they are given in the order in which words are shown."""
+    words = verdicts.words
+    no_hit = words.code(NO_HIT)
+    answers = np.where(verdicts.is_wrong & (verdicts.predicted == no_hit), no_hit, verdicts.answers())
+    answers[answers == UNKNOWN_WORD] = words.code(NO_PREDICTION)
+    shown = np.stack([verdicts.truth, verdicts.predicted, np.where(verdicts.is_scored, answers, UNKNOWN_WORD)], axis=1)
+    codes, first, places = np.unique(shown, return_index=True, return_inverse=True)
+    numbers = np.zeros(len(codes), dtype=np.intp)
+    for place in np.argsort(first).tolist():
+        numbers[place] = names.code(words.word(int(codes[place])))
+    return numbers[places.reshape(shown.shape)].T
+
+
+def _states(verdicts: Judged) -> Codes:
+    """The places of the frames' states in :data:`STATES`."""
+    codes, places = np.unique(verdicts.error_type, return_inverse=True)
+    states = np.array([_STATE_CODES[verdicts.words.word(code) or "correct"] for code in codes.tolist()], dtype=np.intp)
+    return np.where(verdicts.is_scored, states[places], _STATE_CODES["unscored"])
+
+
 def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:
     shown = {code for track in tracks for code in track["truth"][::2] if code >= 0}
     shown |= {code for track in tracks for made in track["configurations"] for code in made["attended"]}
@@ -228,7 +250,7 @@ def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> di
 
 
 def _pictures(
-    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], thumbnails: Thumbnails
+    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], thumbnails: Thumbnails
 ) -> dict[str, Any] | None:
     """``pictures`` by frame; ``seen`` by subject, configuration and frame, for the frames judged wrong."""
     pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}
@@ -241,14 +263,14 @@ def _pictures(
     return {"pictures": pictures, "seen": seen}
 
 
-def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
+def _seen(verdicts: Judged, thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
     """By frame, the marks drawn over the picture of a subject who was judged wrong."""
     drawn = {}
-    for verdict in verdicts:
-        thumbnail = thumbnails.seen.get((verdict.clip, verdict.configuration, verdict.frame))
-        if thumbnail is not None and verdict.outcome == "wrong":
-            subject = next((person for person in thumbnail.subjects if person.name == verdict.subject), None)
-            drawn[verdict.frame] = {
+    for frame in verdicts.frames[verdicts.is_wrong].tolist():
+        thumbnail = thumbnails.seen.get((verdicts.clip, verdicts.configuration, frame))
+        if thumbnail is not None:
+            subject = next((person for person in thumbnail.subjects if person.name == verdicts.subject), None)
+            drawn[frame] = {
                 "size": thumbnail.size,
                 "boxes": thumbnail.boxes,
                 "head": subject and subject.head,

@@ -12,19 +12,20 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.record.appearance import Colours, attention_by_name
+from harness.record.appearance import Colours
+from harness.run.columns import UNKNOWN as UNKNOWN_WORD
+from harness.run.columns import PairColumns
 from harness.run.directory import Pair
-from harness.run.records import FrameRecord
+from harness.score.judged import Judged
 from harness.score.statistics import Codes
-from harness.score.verdicts import Verdict, find_subject
+from vfoa.types import Float
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|function) (\w+))", re.MULTILINE)
@@ -43,20 +44,16 @@ def pack_json(value: object) -> str:
     return pack(json.dumps(value, separators=(",", ":"), ensure_ascii=False).encode())
 
 
-def runs(values: Iterable[int]) -> list[int]:
+def runs(values: NDArray[np.integer]) -> list[int]:
     """Run-length code: each value and its number of repetitions, ``[value, count, value, count, ...]``."""
-    array = np.fromiter(values, dtype=np.int64)
-    begins = np.flatnonzero(np.diff(array, prepend=array[:1] - 1))
-    lengths = np.diff(begins, append=len(array))
-    return np.stack([array[begins], lengths], axis=1).ravel().tolist()
+    begins = np.flatnonzero(np.diff(values, prepend=values[:1] - 1))
+    lengths = np.diff(begins, append=len(values))
+    return [*map(int, np.stack([values[begins], lengths], axis=1).ravel())]
 
 
-def steps(numbers: Iterable[int]) -> list[int]:
+def steps(numbers: NDArray[np.integer]) -> list[int]:
     """Increasing numbers as the first one and the run-length code of the differences."""
-    numbers = list(numbers)
-    if not numbers:
-        return []
-    return [numbers[0], *runs(after - before for before, after in pairwise(numbers))]
+    return [int(numbers[0]), *runs(np.diff(numbers))] if len(numbers) else []
 
 
 def bundle(entry: Path) -> str:
@@ -92,30 +89,64 @@ MOST_BYTES = 3_000_000
 """Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
 values."""
 
-Judged = dict[str, Sequence[Verdict]]
+BySubject = dict[str, Judged]
 """A subject's verdicts by configuration."""
-Track = dict[str, dict[str, bytearray]]
-"""A subject's attention by target, in the order of appearance: ``frames`` (int64), and a byte of each part for each."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Attended:
+    """A subject's attention to the targets of one name over n frames: their numbers, and ``values`` (PARTS, n)."""
+
+    frames: NDArray[np.int64]
+    values: Bytes
+
+
+Track = dict[str, Attended]
+"""A subject's attention by target, in the order of appearance."""
+
+
+@dataclass(frozen=True, slots=True)
 class AttentionPart:
     """The attention of each subject of one clip under one configuration, and all targets in order of appearance."""
 
     tracks: dict[str, Track] = field(default_factory=dict)
-    targets: dict[str, None] = field(default_factory=dict)
+    targets: tuple[str, ...] = ()
 
-    def take(self, record: FrameRecord) -> None:
-        """Add the attention of each named subject of a record."""
-        self.targets |= dict.fromkeys(target.name for target in record.targets)
-        for person in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
-            if (subject := find_subject(record, person)) is not None and subject.attention:
-                track = self.tracks.setdefault(person, {})
-                for target, value in attention_by_name(record, subject).items():
-                    columns = track.setdefault(target, {name: bytearray() for name in ("frames", *PARTS)})
-                    columns["frames"].extend(record.frame.to_bytes(8, "little"))
-                    for name in PARTS:
-                        columns[name].append(_byte(getattr(value, name)))
+    @classmethod
+    def of(cls, columns: PairColumns) -> AttentionPart:
+        """The attention of each named subject; of instances that share a name, the greatest.
+
+        If tracks share the name of a subject, the first one is the subject's.
+        """
+        scene, words = columns.scene, columns.words
+        named = np.flatnonzero(scene.person_names != UNKNOWN_WORD)
+        _, first = np.unique(scene.person_at[named] * len(words) + scene.person_names[named], return_index=True)
+        is_subject = np.zeros(len(scene.person_at), dtype=np.bool_)
+        is_subject[named[first]] = True
+        entries = np.flatnonzero(is_subject[columns.attending])
+        people, targets = columns.attending[entries], scene.names[columns.attended[entries]]
+        tracks: dict[str, Track] = {}
+        pairs = scene.person_names[people] * len(words) + targets
+        _, begins, groups = np.unique(pairs, return_index=True, return_inverse=True)
+        for group in np.argsort(begins).tolist():
+            within = np.flatnonzero(groups == group)
+            within = within[_greatest(people[within], columns.total[entries[within]])]
+            chosen = entries[within]
+            parts = (columns.total[chosen], columns.gaze[chosen], columns.head[chosen])
+            subject, target = (str(words.word(code)) for code in divmod(int(pairs[begins[group]]), len(words)))
+            tracks.setdefault(subject, {})[target] = Attended(
+                frames=scene.frames[scene.person_at[people[within]]], values=np.stack([*map(_bytes, parts)])
+            )
+        names, appears = np.unique(scene.names, return_index=True)
+        return cls(tracks, tuple(map(str, words.words(names[np.argsort(appears)]))))
+
+
+def _greatest(people: Codes, totals: Float) -> Codes:
+    """The places of the greatest total of each person, the first of equal ones; ``people`` ascend."""
+    if (np.diff(people) > 0).all():
+        return np.arange(len(people))
+    order = np.lexsort((-totals, people))  # it is stable
+    return order[np.diff(people[order], prepend=-1) > 0]
 
 
 Attention = Mapping[Pair, AttentionPart]
@@ -124,10 +155,12 @@ Attention = Mapping[Pair, AttentionPart]
 
 def attended(attention: Attention, pair: Pair, subject: str) -> Track:
     """A subject's attention to the targets that got any; empty if there is none."""
+    of_subject = attention.get(pair, AttentionPart()).tracks.get(subject, {})
+    totals = PARTS.index("total")
     return {
-        name: columns
-        for name, columns in attention.get(pair, AttentionPart()).tracks.get(subject, {}).items()
-        if any(0 < value < UNKNOWN for value in columns["total"])
+        name: found
+        for name, found in of_subject.items()
+        if ((found.values[totals] > 0) & (found.values[totals] < UNKNOWN)).any()
     }
 
 
@@ -136,26 +169,27 @@ def target_colours(attention: Attention, clip: str) -> Colours:
     return Colours(name for (of, _), part in attention.items() if of == clip for name in part.targets)
 
 
-def frames_of(judged: Judged) -> list[int]:
+def frames_of(judged: BySubject) -> NDArray[np.int64]:
     """The numbers of all frames with a verdict, in order."""
-    return sorted({verdict.frame for verdicts in judged.values() for verdict in verdicts})
+    return np.unique(np.concatenate([each.frames for each in judged.values()]))
 
 
-def aligned(columns: Mapping[str, bytearray], frames: Codes) -> Bytes:
+def aligned(found: Attended, frames: NDArray[np.int64]) -> Bytes:
     """A target's values (:data:`PARTS`, frames) at these frames; :data:`UNKNOWN` if there are none."""
-    own = np.frombuffer(columns["frames"], dtype="<i8")
-    _, here, there = np.intersect1d(own, frames, assume_unique=True, return_indices=True)
+    _, here, there = np.intersect1d(found.frames, frames, assume_unique=True, return_indices=True)
     values = np.full((len(PARTS), len(frames)), UNKNOWN, dtype=np.uint8)
-    values[:, there] = np.array([np.frombuffer(columns[name], dtype=np.uint8) for name in PARTS])[:, here]
+    values[:, there] = found.values[:, here]
     return values
 
 
-def _byte(value: float | None) -> int:
-    return UNKNOWN if value is None else min(max(round(SCALE * value), 0), SCALE)
+def _bytes(values: Float) -> Bytes:
+    """A byte for each value; :data:`UNKNOWN` for NaN."""
+    known = np.rint(SCALE * np.nan_to_num(values)).clip(0, SCALE)
+    return np.where(np.isnan(values), UNKNOWN, known).astype(np.uint8)
 
 
 def pack_attention(
-    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: Attention
+    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, BySubject]], attention: Attention
 ) -> tuple[int, dict[str, str]]:
     """Pack the attention of every frame or, if that is too much, of every second, third ...: stride, packs by clip."""
 
@@ -168,11 +202,11 @@ def pack_attention(
     return (stride, packed(stride)) if stride > 1 else (1, whole)
 
 
-def _values(clip: str, subjects: Mapping[str, Judged], attention: Attention, stride: int) -> bytes:
+def _values(clip: str, subjects: Mapping[str, BySubject], attention: Attention, stride: int) -> bytes:
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():
-        frames = np.array(frames_of(judged)[::stride])
+        frames = frames_of(judged)[::stride]
         for configuration in judged:
             for columns in attended(attention, (clip, configuration), subject).values():
                 total, gaze, head = aligned(columns, frames)

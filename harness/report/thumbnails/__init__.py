@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import base64
 import re
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
 
 FOLDER = "thumbnails"
@@ -81,13 +80,14 @@ class Thumbnails:
 
 def read_thumbnails(
     run: Path,
-    verdicts: Iterable[Verdict],
+    wrong: Mapping[tuple[str, str], Collection[int]],
     names_now: Mapping[str, Mapping[str, str]] | None = None,
     budget: int = BUDGET_BYTES,
 ) -> Thumbnails:
     """Read the thumbnails of the frames in which somebody was judged wrong.
 
-    ``names_now`` are the present names of renamed targets, by clip and name in the thumbnails.
+    ``wrong`` are these frames by clip and configuration. ``names_now`` are the present names of renamed targets, by
+    clip and name in the thumbnails.
 
     If all of them take more than ``budget`` bytes, every second one is read, or every third ...: as many as fit. A run
     without thumbnails has none here.
@@ -97,10 +97,6 @@ def read_thumbnails(
     VfoaError
         If one of their files cannot be read.
     """
-    wrong: defaultdict[tuple[str, str], set[int]] = defaultdict(set)
-    for verdict in verdicts:
-        if verdict.outcome == "wrong":
-            wrong[verdict.clip, verdict.configuration].add(verdict.frame)
     lines = {
         (*place, frame): line
         for place, frames in wrong.items()

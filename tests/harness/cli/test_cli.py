@@ -156,7 +156,7 @@ def test_a_spoilt_clip_is_one_line_and_no_table(
     assert line in said, said
     assert said.count("\n") == 1, said
     written = {path.name for path in (tmp_path / "out").glob("*")}
-    assert written <= {".lock", "manifest.json", "partial", "score_cache", "thumbnails"}
+    assert written <= {".lock", "manifest.json", "partial", "inputs.noted", "thumbnails"}
 
 
 @pytest.mark.parametrize(

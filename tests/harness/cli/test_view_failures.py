@@ -8,39 +8,37 @@ import pytest
 
 from harness.cli import main
 from harness.cli.view import describe, next_place, wrong_verdicts
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.directory import RunDirectory
+from harness.score.outcomes import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
+from tests.records import frame_record, score, subject_record, target_record
+
+WRONG = {("b", "two"): {(7, "ann"), (3, "bob")}, ("b", "one"): {(1, "ann")}, ("a", "two"): {(9, "ann")}}
+LABELLED = {"b": [(1, "ann"), (3, "bob"), (4, "ann"), (7, "ann")], "a": [(9, "ann")]}
 
 
-def _verdict(clip: str, configuration: str, frame: int, outcome: str = "wrong", subject: str = "ann") -> Verdict:
-    wrong = outcome == "wrong"
-    return Verdict(
-        clip=clip,
-        configuration=configuration,
-        frame=frame,
-        subject=subject,
-        truth="cup",
-        predicted="book" if wrong else "cup",
-        outcome=outcome,  # type: ignore[arg-type]
-        error_type="outscored" if wrong else None,
-    )
+def _scores() -> Scores:
+    """Scores of two clips, in which these people look at the book instead of the cup; frame 2 has no label."""
+    things = [target_record(1, "cup"), target_record(2, "book")]
+    records = []
+    for clip, configuration in (("b", "two"), ("b", "one"), ("a", "two"), ("a", "one")):
+        for frame, name in [*LABELLED[clip], (2, "ann")]:
+            focus = 2 if (frame, name) in WRONG.get((clip, configuration), ()) else 1
+            subject = subject_record(name, totals={1: 0.2, 2: 0.2, focus: 0.5}, focus=focus)
+            records.append(frame_record(things, [subject], frame=frame, clip=clip, configuration=configuration))
+    labels = {
+        clip: Labels(
+            LabelRange(first_frame=frame, last_frame=frame, subject=name, label=Label(target="cup"))
+            for frame, name in rows
+        )
+        for clip, rows in LABELLED.items()
+    }
+    return score(records, Reference(labels=labels))
 
 
-SCORES = Scores(
-    clips=("b", "a"),
-    configurations=("two", "one"),
-    # by subject before frame, as scores are
-    verdicts=(
-        _verdict("b", "two", 7),
-        _verdict("b", "two", 3, subject="bob"),
-        _verdict("b", "two", 4, "correct"),
-        _verdict("b", "one", 1),
-        _verdict("b", "one", 2, "unscored"),
-        _verdict("a", "two", 9),
-    ),
-    rows=(),
-)
+SCORES = _scores()
 
 
 def _places(found: list[Verdict]) -> list[tuple[str, str, int]]:

@@ -21,14 +21,13 @@ from harness.record.web_app import failures_routes, site
 from harness.record.web_viewer import page_files, web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
-from harness.report.record_parts import RecordParts
 from harness.report.write import run_tables
 from harness.score.outcomes import Reference
 from harness.score.verdicts import Verdict
 from tests.annotating import wait_for
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width
 from tests.harness.record.conftest import ANN, CONFIGURATION
-from tests.records import labels, run_manifest
+from tests.records import labels, run_manifest, scored_records
 from tests.web import running
 
 if TYPE_CHECKING:
@@ -67,10 +66,10 @@ def report(frames: list[Any], clip: RecordedClip, viewer_files: dict[str, bytes]
     """The address of a report on four frames, the last one wrong."""
     recording = clip.compose()
     truth = labels(*["red cup"] * 14, subject=ANN)
-    run = RecordParts(Reference(labels={"clip": truth}), (shown.record for shown in frames))
-    scores = run.scores()
+    records = (shown.record for shown in frames)
+    scores, attention, _ = scored_records(records, Reference(labels={"clip": truth}))
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
-    page = render_page(scores, run_tables(scores), run.of("attention"), run_manifest(scores.clips), served=served)
+    page = render_page(scores, run_tables(scores), attention, run_manifest(scores.clips), served=served)
     with running(site({recording.name: recording}, viewer_files, page=lambda where: page)) as server:
         yield server.address
 

@@ -19,10 +19,10 @@ from harness.run.directory import Published
 from harness.run.experiment import load_experiment
 from harness.score.comparison import Comparison
 from harness.score.outcomes import Reference
-from harness.score.score import Scores, score
+from harness.score.score import Scores
 from harness.score.statistics import Interval
 from tests.disk import write_text
-from tests.records import answers, labels, texts_of
+from tests.records import answers, labels, score, texts_of
 from vfoa.errors import VfoaError
 
 

@@ -18,13 +18,12 @@ from harness.report.page import packing
 from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import Attention, bundle, runs, steps
 from harness.report.page.render import RunTables, render_page
-from harness.report.record_parts import RecordParts
 from harness.report.write import run_tables
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import NO_HIT, answered
-from tests.records import answers, frame_record, labels, run_manifest, subject_record, target_record
+from tests.records import answers, frame_record, labels, run_manifest, scored_records, subject_record, target_record
 
 EVIL = "</script><script>alert(1)</script>"
 
@@ -33,9 +32,8 @@ def _scored(
     records: Iterable[FrameRecord], truth: Mapping[str, Labels]
 ) -> tuple[Scores, RunTables, Attention, dict[str, Any]]:
     """What a page is made of."""
-    run = RecordParts(Reference(labels=truth), records)
-    scores = run.scores()
-    return scores, run_tables(scores), run.of("attention"), run_manifest(scores.clips)
+    scores, attention, _ = scored_records(records, Reference(labels=truth))
+    return scores, run_tables(scores), attention, run_manifest(scores.clips)
 
 
 class _Page(HTMLParser):
@@ -78,11 +76,11 @@ def _expanded(coded: list[int]) -> list[int]:
 
 
 def test_runs_and_steps_say_what_was_coded() -> None:
-    values, frames = [3, 3, -1, 3, 7, 7, 7], [2, 4, 6, 7, 8, 20]
-    assert _expanded(runs(values)) == values
+    values, frames = np.array([3, 3, -1, 3, 7, 7, 7]), np.array([2, 4, 6, 7, 8, 20])
+    assert _expanded(runs(values)) == values.tolist()
     first, *differences = steps(frames)
-    assert [first + sum(_expanded(differences)[:k]) for k in range(len(frames))] == frames
-    assert runs([]) == steps([]) == []
+    assert [first + sum(_expanded(differences)[:k]) for k in range(len(frames))] == frames.tolist()
+    assert runs(values[:0]) == steps(frames[:0]) == []
 
 
 def test_timelines_say_what_the_verdicts_say() -> None:

@@ -14,8 +14,8 @@ from harness.report.stages import object_measures_table, stage_measures_table, s
 from harness.report.write import run_tables
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
-from harness.score.score import Scores, score
-from tests.records import answers, labels, run_manifest
+from harness.score.score import Scores
+from tests.records import answers, labels, run_manifest, score
 from vfoa.errors import VfoaError
 
 
@@ -96,15 +96,15 @@ def test_a_stage_has_its_median_over_clips_and_frames(tmp_path: Path) -> None:
 
 
 def test_no_timings_no_rows(tmp_path: Path) -> None:
-    assert stage_times(tmp_path / "timings.csv").ms == {}
+    assert stage_times(tmp_path / "timings.csv").ms == stage_times(_written(tmp_path, HEADER)).ms == {}
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("a,b\n", "expected the columns clip,"),
-        (f"{HEADER}a,one,1,gaze,fast\n", ":2: not a stage"),
-        (f"{HEADER}a,one\n", ":2: not a stage"),
+        (f"{HEADER}a,one,1,gaze,fast\n", "not the times of stages: .*'fast'"),
+        (f"{HEADER}a,one\n", "not the times of stages: .*Expected 5 columns, got 2"),
     ],
 )
 def test_other_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:

@@ -16,15 +16,24 @@ from harness.report.formats import to_rich
 from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
-from harness.report.record_parts import RecordParts
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
 from harness.run.records import FrameRecord
 from harness.run.results import AnswerTraits
 from harness.run.table_records import read_records
 from harness.score.outcomes import Reference
-from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
-from tests.records import answers, frame_record, labels, score_run, subject_record, target_record, texts_of, write_run
+from tests.records import (
+    answers,
+    frame_record,
+    labels,
+    score,
+    score_run,
+    scored_records,
+    subject_record,
+    target_record,
+    texts_of,
+    write_run,
+)
 from vfoa.errors import VfoaError
 
 PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}
@@ -234,8 +243,8 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
         ("sure", "3", "", "", ""),
     ]
     assert {row[3:] for row in shown[5:]} == {("", "")}
-    run = RecordParts(reference, records)
-    data, packs = page_data(run.scores(), run.of("attention"), NO_THUMBNAILS, None, {})
+    scores, attention, _ = scored_records(records, reference)
+    data, packs = page_data(scores, attention, NO_THUMBNAILS, None, {})
     (track,) = json.loads(zlib.decompress(base64.b64decode(packs["clip-0"])))["tracks"]
     found = {
         data["configurations"][each["configuration"]]["name"]: each["confidence"] for each in track["configurations"]

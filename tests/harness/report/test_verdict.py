@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import pytest
 
-from harness.labels.labels import Label
 from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
 from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
 from harness.score.outcomes import Reference
-from harness.score.score import Scores, score
-from harness.score.verdicts import judge_absent
-from tests.records import answers, labels
+from harness.score.score import Scores
+from tests.records import answers, frame_record, labels, score, subject_record, target_record
 
 TRUTH = [name for _ in range(30) for name in ("cup",) * 60 + ("book",) * 60]
 """Looks of 60 frames, far longer than what is joined."""
@@ -181,10 +178,18 @@ def test_factors_are_those_of_a_whole_grid(factors: dict[str, dict[str, str]], l
 
 
 def test_the_most_frequent_error_types_are_told_with_their_share() -> None:
-    absent = judge_absent("clip", "one", 1, "girl", Label(target="bird"))
-    types = ["missed"] * 3 + ["outscored"] * 2 + ["no_subject"] * 3 + [None] * 9
-    verdicts = tuple(replace(absent, error_type=each) for each in types)
-    found = next_steps(replace(score([], Reference(labels={})), verdicts=verdicts), ("one",))
+    things = [target_record(1, "bird"), target_record(2, "cup")]
+    totals = {"missed": {2: 0.5}, "outscored": {1: 0.1, 2: 0.5}, "right": {1: 0.5, 2: 0.1}}
+    types = ["missed"] * 3 + ["outscored"] * 2 + ["no_subject"] * 3 + ["right"] * 9
+    records = [
+        frame_record(
+            things,
+            [subject_record("girl", totals=totals[each], focus=1 if each == "right" else 2)] if each in totals else [],
+            frame=frame,
+        )
+        for frame, each in enumerate(types, start=1)
+    ]
+    found = next_steps(score(records, Reference(labels={"clip": labels(*["bird"] * len(types))})), ("one",))
     assert [line.split(" (")[0] for line in found] == ["3 of 8 wrong frames: no_subject", "3 of 8 wrong frames: missed"]
     assert all("Next: " in line for line in found)
 

@@ -224,6 +224,6 @@ def test_a_frame_that_cannot_be_read_leaves_no_table(
         )
     assert "\n" not in str(caught.value)
     left = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert left == [".lock", "manifest.json", "partial", "score_cache"]
+    assert left == [".lock", "inputs.noted", "manifest.json", "partial"]
     with pytest.raises(VfoaError, match="this run is not finished"):
         rescore(RunDirectory(tmp_path / "out"))

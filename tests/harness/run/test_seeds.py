@@ -17,9 +17,8 @@ from harness.run.results import AnswerTraits, pooled_measures
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
-from harness.score.score import score
 from tests.disk import write_text
-from tests.records import answers, labels
+from tests.records import answers, labels, score
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
 

@@ -15,9 +15,9 @@ from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, Tar
 from harness.run.results import AnswerTraits
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
 from harness.score.outcomes import Reference
-from harness.score.score import Scores, score
+from harness.score.score import Scores
 from harness.score.verdicts import prediction_set
-from tests.records import frame_record, subject_record, target_record
+from tests.records import frame_record, score, subject_record, target_record
 from vfoa.types import DirectionFit
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from harness.score.outcomes import Reference
-from harness.score.score import score
-from tests.records import frame_record, subject_record
+from tests.records import frame_record, score, subject_record
 
 
 @pytest.mark.parametrize(

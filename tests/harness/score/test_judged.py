@@ -15,7 +15,8 @@ from harness.run.columns import Words
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import AnswerTraits
 from harness.score.judged import judge_columns
-from harness.score.outcomes import JudgedPart, Reference
+from harness.score.outcomes import Reference
+from tests.frame_by_frame import JudgedPart
 from tests.record_tables import columns_of
 from tests.records import AXES
 from vfoa.types import DirectionFit
@@ -108,7 +109,7 @@ def test_columns_say_of_every_frame_what_is_said_of_it_alone(data: st.DataObject
     for record in records:
         expected.take(record, reference)
     words = Words()
-    found = judge_columns(columns_of(records, words), words, of_clip, [*range(1, 14)], of_method, phases)
+    found = judge_columns(columns_of(records, words), of_clip, [*range(1, 14)], of_method, phases)
     for subject, judged in found.by_subject.items():
         told = dict(zip(judged.frames.tolist(), judged.verdicts(), strict=True))
         of_subject = expected.by_subject.get(subject, {})
@@ -144,13 +145,13 @@ def test_a_frame_without_a_record_has_the_error_of_a_person_who_was_not_found() 
         Labels([LabelRange(first_frame=1, last_frame=3, subject="ann", label=Label(target="cup"))]),
     )
     record = FrameRecord(clip="clip", configuration="one", frame=2, time_ns=0, targets=(), subjects=())
-    found = judge_columns(columns_of([record], words), words, of_clip, [1, 2], AnswerTraits(), {})
+    found = judge_columns(columns_of([record], words), of_clip, [1, 2], AnswerTraits(), {})
     (judged,) = found.by_subject.values()
     assert [(verdict.frame, verdict.error_type) for verdict in judged.verdicts()] == [
         (1, "no_subject"),
         (2, "no_subject"),
     ]
     from_file = judge_columns(
-        columns_of([replace(record, frame=9)], words), words, of_clip, [1], AnswerTraits(from_file=True), {}
+        columns_of([replace(record, frame=9)], words), of_clip, [1], AnswerTraits(from_file=True), {}
     )
     assert words.words(from_file.by_subject["ann"].error_type) == ["no_answer"]

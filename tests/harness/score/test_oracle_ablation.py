@@ -19,10 +19,9 @@ from harness.run.results import pooled_measures
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
-from harness.score.score import score
 from harness.score.statistics import UNKNOWN
 from harness.sources import PersonTruth, Truth
-from tests.records import answers, labels
+from tests.records import answers, labels, score
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Instances
 

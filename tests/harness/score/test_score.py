@@ -15,10 +15,10 @@ from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.outcomes import Outcomes, Reference
-from harness.score.score import ScoreRow, Scores, _beats, score
+from harness.score.score import ScoreRow, Scores, _beats
 from harness.score.statistics import sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES
-from tests.records import answers, frame_record, labels, subject_record, target_record
+from tests.records import answers, frame_record, labels, score, subject_record, target_record
 
 
 def _row(scores: Scores, clip: str | None = "clip", subject: str | None = None, configuration: str = "one") -> ScoreRow:
@@ -345,7 +345,7 @@ def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
 
 
 def test_no_records_have_no_scores() -> None:
-    assert score([], Reference(labels={})) == Scores(clips=(), configurations=(), verdicts=(), rows=())
+    assert score([], Reference(labels={})) == Scores(clips=(), configurations=(), rows=())
 
 
 @pytest.mark.parametrize(("correct", "frr"), [(28, 0.56), (35, 0.70), (31, 0.62), (38, 0.76)])

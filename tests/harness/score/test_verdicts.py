@@ -6,7 +6,8 @@ import pytest
 
 from harness.labels.labels import Label
 from harness.run.records import FrameRecord
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, judge, judge_absent
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, judge
+from tests.frame_by_frame import judge_absent
 from tests.records import frame_record, subject_record, target_record
 
 CUP, CAN = target_record(1, "cup"), target_record(2, "can")

@@ -12,11 +12,10 @@ from PIL import Image
 
 from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter, picture, thumbnail
+from harness.run.directory import Pair
 from harness.score.outcomes import Reference
-from harness.score.score import score
-from harness.score.verdicts import Verdict
 from tests.harness.record.conftest import ANN, EYES, Shown, shared, show
-from tests.records import labels
+from tests.records import labels, score
 from vfoa.errors import VfoaError
 from vfoa.geometry import project
 
@@ -43,8 +42,8 @@ def _write(run: Path, shown: Iterable[Shown], configuration: str) -> None:
             writer.write(each.finished)
 
 
-def _verdicts(shown: list[Shown], *truth: str) -> list[Verdict]:
-    return score((each.record for each in shown), Reference(labels={"clip": labels(*truth, subject=ANN)})).verdicts
+def _wrong(shown: list[Shown], *truth: str) -> dict[Pair, set[int]]:
+    return score((each.record for each in shown), Reference(labels={"clip": labels(*truth, subject=ANN)})).wrong_frames
 
 
 def _of(thumbnails: Thumbnails) -> list[int]:
@@ -85,8 +84,8 @@ def test_a_line_that_passes_the_camera_is_left_out(shown: list[Shown]) -> None:
 
 def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: list[Shown]) -> None:
     # the answer is the book in every frame
-    verdicts = _verdicts(shown, "red cup", "book#4", "red cup", "ignore", "none", "book#4")
-    thumbnails = read_thumbnails(run, verdicts)
+    wrong = _wrong(shown, "red cup", "book#4", "red cup", "ignore", "none", "book#4")
+    thumbnails = read_thumbnails(run, wrong)
     assert _of(thumbnails) == [1, 3, 5]
     assert list(thumbnails.seen) == [("clip", "two cones", frame) for frame in (1, 3, 5)]
     assert thumbnails.wrong == 3
@@ -98,15 +97,15 @@ def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: lis
 
 
 def test_labels_that_are_edited_later_find_other_pictures(run: Path, shown: list[Shown]) -> None:
-    assert _of(read_thumbnails(run, _verdicts(shown, *["book#4"] * 6))) == []
-    assert _of(read_thumbnails(run, _verdicts(shown, "book#4", "red cup"))) == [2]
+    assert _of(read_thumbnails(run, _wrong(shown, *["book#4"] * 6))) == []
+    assert _of(read_thumbnails(run, _wrong(shown, "book#4", "red cup"))) == [2]
 
 
 def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[Shown]) -> None:
-    verdicts = _verdicts(shown, *["red cup"] * 6)
-    whole = read_thumbnails(run, verdicts)
+    wrong = _wrong(shown, *["red cup"] * 6)
+    whole = read_thumbnails(run, wrong)
     weight = sum(map(len, whole.pictures.values()))
-    some = read_thumbnails(run, verdicts, budget=weight * 2 // 3)
+    some = read_thumbnails(run, wrong, budget=weight * 2 // 3)
     assert (_of(whole), _of(some), some.wrong) == ([1, 2, 3, 4, 5, 6], [1, 3, 5], 6)
     assert sum(map(len, some.pictures.values())) <= weight * 2 // 3
 
@@ -132,14 +131,14 @@ def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path
 
 
 def test_a_run_without_stills_has_none(tmp_path: Path, shown: list[Shown]) -> None:
-    assert read_thumbnails(tmp_path, _verdicts(shown, "red cup")) == Thumbnails()
+    assert read_thumbnails(tmp_path, _wrong(shown, "red cup")) == Thumbnails()
 
 
 @pytest.mark.parametrize("line", [b"{}\n", b'{"frame":"1"}\n', b"not JSON\n", b'{"frame":1}\n'])
 def test_a_damaged_file_is_named(run: Path, shown: list[Shown], line: Any) -> None:
     lines_path(run, "clip", "two cones").write_bytes(line)
     with pytest.raises(VfoaError, match=r"clip__two cones\.jsonl: not the thumbnails"):
-        read_thumbnails(run, _verdicts(shown, "red cup"))
+        read_thumbnails(run, _wrong(shown, "red cup"))
 
 
 def test_a_picture_that_cannot_be_written_leaves_no_draft(

@@ -1,0 +1,129 @@
+"""Judging records one after the other: what verdicts as columns must say, too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from harness.labels.labels import Label
+from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import AnswerTraits
+from harness.score.baselines import choose
+from harness.score.judged import COMPARED_EVERY
+from harness.score.outcomes import Reference
+from harness.score.verdicts import (
+    NO_PROBABILITIES,
+    PLAIN,
+    UNKNOWN_WORTH,
+    Verdict,
+    Worth,
+    find_subject,
+    judge,
+    prediction_set,
+    probabilities,
+    right_answers,
+)
+from vfoa.types import DirectionFit
+
+NO_HITS = (False,) * 4
+
+
+class Judgement(NamedTuple):
+    """Truth and prediction of a subject in a frame, and what its probabilities are worth.
+
+    ``hits`` says which baselines that use the frame are right, ``angle_rad`` is as in :class:`Choices`.
+    """
+
+    verdict: Verdict
+    is_blocked: bool
+    hits: tuple[bool, ...] = NO_HITS
+    angle_rad: float = math.nan
+    worth: Worth = UNKNOWN_WORTH
+
+
+Judged = dict[int, Judgement]
+"""Judgements by frame."""
+
+
+@dataclass(slots=True)
+class JudgedPart:
+    """The judgements of a configuration on a clip by subject, time and phase of each frame, fits of the directions.
+
+    ``fits`` are those of all frames of named subjects, labelled or not. ``aims`` are some directions, one after the
+    other, each with the vector from the eyes to what the label says: six numbers. ``head_widths_m`` are some widths.
+    ``targets`` are the names of all targets that were found.
+    """
+
+    by_subject: dict[str, Judged] = field(default_factory=dict)
+    times_ns: dict[int, int] = field(default_factory=dict)
+    phases: dict[int, str] = field(default_factory=dict)
+    fits: list[DirectionFit] = field(default_factory=list)
+    aims: list[float] = field(default_factory=list)
+    head_widths_m: list[float] = field(default_factory=list)
+    targets: dict[str, bool] = field(default_factory=dict)
+
+    def take(self, record: FrameRecord, reference: Reference) -> None:
+        """Judge every labelled or named subject of a record."""
+        self.times_ns[record.frame] = record.time_ns
+        self.targets.update((target.name, True) for target in record.targets)
+        if phases := reference.phases.get(record.clip):
+            bodies = {subject.instance_id for subject in record.subjects}
+            things = sum(target.instance_id not in bodies for target in record.targets)
+            if (phase := phases.get(things)) is not None:
+                self.phases[record.frame] = phase
+        named = [subject for subject in record.subjects if subject.name is not None]
+        self.fits += [subject.fit for subject in named if subject.fit is not None]
+        is_compared = len(self.times_ns) % COMPARED_EVERY == 1
+        if is_compared:
+            self.head_widths_m += [subject.head_width_m for subject in record.subjects if subject.head_width_m]
+        of_clip = reference.labels.get(record.clip)
+        traits = reference.traits.get(record.configuration, PLAIN)
+        labels = {subject: label for _, subject, label in of_clip.labelled([record.frame])} if of_clip else {}
+        for subject in dict.fromkeys((*labels, *(str(person.name) for person in named))):
+            label = labels.get(subject)
+            verdict = judge(record, subject, label, traits)
+            judgement = Judgement(verdict, label is not None and label.is_blocked)
+            if label and verdict.outcome != "unscored":
+                person = find_subject(record, subject)
+                choices, right = choose(record, person), right_answers(record, label)
+                hits = tuple(pick is not None and pick in right for pick in choices[:4])
+                if is_compared:
+                    self.aims += _aim(record, person, right)
+                worth = worth_of(record, person, label, traits)
+                judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, worth)
+            self.by_subject.setdefault(subject, {})[record.frame] = judgement
+
+
+def _aim(record: FrameRecord, person: SubjectRecord | None, right: Iterable[int | None]) -> tuple[float, ...]:
+    """A person's direction (the gaze's, else the head's) and the vector to the box looked at; nothing if not known."""
+    box = next((box for number in right if number is not None and (box := record.target(number).box)), None)
+    if person is None or person.eye_origin_m is None or box is None:
+        return ()
+    to_target = (end - start for end, start in zip(box.center_m, person.eye_origin_m, strict=True))
+    return (*direction, *to_target) if (direction := person.gaze or person.head) else ()
+
+
+def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, traits: AnswerTraits) -> Worth:
+    """What a subject's probabilities are worth. A true target that the frame does not have has probability 0."""
+    worth = NO_PROBABILITIES if traits.probabilistic else UNKNOWN_WORTH
+    if subject is None:
+        return worth
+    right = right_answers(record, label)
+    if traits.probabilistic and subject.missing is None:
+        chances = probabilities(subject)
+        on_truth = sum(chances.get(key, 0.0) for key in right)
+        brier = (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in right)
+        held = prediction_set(subject)
+        is_covered = not set(held).isdisjoint(right)
+        worth = Worth(min(chances[subject.focus], 1.0), on_truth, brier, len(held) or math.nan, is_covered)
+    return worth
+
+
+def judge_absent(
+    clip: str, configuration: str, frame: int, subject: str, label: Label, traits: AnswerTraits = PLAIN
+) -> Verdict:
+    """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
+    empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
+    return judge(empty, subject, label, traits)

@@ -1,0 +1,97 @@
+"""Scoring reads the tables of a run as they are now, in however many row groups they are."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from harness.report.write import rescore
+from harness.run import tables
+from harness.run.directory import RunDirectory
+from harness.run.records import FrameRecord
+from harness.run.table_records import read_records
+from tests import large_run
+from tests.records import write_run
+from vfoa.types import DirectionFit
+
+FRAMES, GROUP, CONFIGURATIONS = 90, 30, 2
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
+    """A run of two configurations, one of them with probabilities, in three row groups each; scored once."""
+    monkeypatch.setattr(tables, "GROUP_FRAMES", GROUP)
+    directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
+    manifest = directory.read_manifest()
+    manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
+    directory.write_manifest(manifest)
+    write_run(directory.path, map(_with_probabilities, list(read_records(directory))))
+    large_run.write_labels(tmp_path, FRAMES, 2, 0)
+    rescore(directory)
+    return directory
+
+
+def _with_probabilities(record: FrameRecord) -> FrameRecord:
+    """The record, of the second configuration with totals that are probabilities, and how well they fit."""
+    if record.configuration != "configuration-1":
+        return record
+    fit = DirectionFit(tail=0.01 * (record.frame % 90), claimed_error_rad=0.1, implied_error_rad=0.3)
+    sums = [1.1 * sum(each.total for each in subject.attention) for subject in record.subjects]
+    attentions = (
+        tuple(replace(each, total=each.total / total) for each in subject.attention)
+        for subject, total in zip(record.subjects, sums, strict=True)
+    )
+    subjects = zip(record.subjects, attentions, strict=True)
+    return replace(record, subjects=tuple(replace(each, fit=fit, attention=values) for each, values in subjects))
+
+
+def _written(directory: RunDirectory) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in directory.path.iterdir() if path.is_file()}
+
+
+def test_several_row_groups_give_the_tables_of_one(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    rescore(run)  # the page shows the labels that the first scoring noted in the manifest
+    in_groups = _written(run)
+    records = list(read_records(run))
+    monkeypatch.setattr(tables, "GROUP_FRAMES", FRAMES)
+    write_run(run.path, records)
+    rescore(run)
+    assert _written(run) == in_groups
+    assert {"frr.csv", "measures.csv", "objects.csv", "report.html"} <= in_groups.keys()
+
+
+def test_another_record_and_another_label_change_the_tables_and_back_again(run: RunDirectory) -> None:
+    rescore(run)
+    before, records = _written(run), list(read_records(run))
+    first, *others = records[65].subjects
+    edited = [*records]
+    edited[65] = replace(records[65], subjects=(replace(first, missing="no_eyes_3d"), *others))
+    tables_of = [before["frr.csv"]]
+    for of_run, edit in ((edited, 0), (edited, 1), (records, 1), (records, 0)):
+        write_run(run.path, of_run)
+        large_run.write_labels(run.path.parent, FRAMES, 2, edit)
+        rescore(run)
+        tables_of.append(_written(run)["frr.csv"])
+    assert len({*tables_of}) == 4
+    assert all(_written(run)[name] == before[name] for name in ("frr.csv", "comparisons.csv", "measures.csv"))
+
+
+def test_scoring_imports_what_it_needs_alone() -> None:
+    heavy = {
+        "rerun",
+        "pandas",
+        "pyarrow",
+        "cv2",
+        "scipy",
+        "onnxruntime",
+        "vfoa.pipeline",
+        "harness.pipeline.configuration",
+    }
+    code = "import sys, harness.report.write; print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "harness.score.judged" in found
+    assert heavy.isdisjoint(found)
