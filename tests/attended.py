@@ -45,7 +45,7 @@ def assert_scenes_give_the_same(
     settings = [configuration.for_clip(clip) for configuration in configurations]
     for name, expected in attended_in_memory(prepared, settings).items():
         (attend,) = (each.attend for each in settings if each.name == name)
-        results = [result for _, result in attend_scenes(tables[clip, name], {name: attend})]
+        results = [result for _, _, result in attend_scenes(tables[clip, name], {name: attend})]
         assert [result.scene.index for result in results] == list(prepared.frames)
         for ours, theirs in zip(results, expected, strict=True):
             assert values_of(ours) == values_of(theirs), f"{name}, frame {theirs.scene.index}"

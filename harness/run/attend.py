@@ -187,10 +187,10 @@ def _array(numbers: tuple[float, ...] | None) -> Float | None:
 
 def attend_scenes(
     paths: Mapping[str, Path], settings: Mapping[str, AttendSettings]
-) -> Iterator[tuple[str, FrameResult]]:
+) -> Iterator[tuple[str, SceneFrame, FrameResult]]:
     """Attend to the frames of a scene and its directions under each of these settings.
 
-    Yields the name of the settings and a frame's result: for each name in the order of the frames.
+    Yields the name of the settings, a frame and its result: for each name in the order of the frames.
 
     Raises
     ------
@@ -201,13 +201,15 @@ def attend_scenes(
     clouds = {each.attention.cloud_points for each in settings.values()}
     if len(clouds) > 1:
         raise ValueError(f"found settings with {sorted(clouds)} points of a cloud; expected the same number")
+    waiting = {name: deque[SceneFrame]() for name in settings}
     for frame in read_scenes(paths, *clouds):
         for name, each in attending.items():
+            waiting[name].append(frame)
             for result in guarded("attention", each.step, frame.scene, frame.tracked, frame.names):
-                yield name, result
+                yield name, waiting[name].popleft(), result
     for name, each in attending.items():
         for result in guarded("attention", each.finish):
-            yield name, result
+            yield name, waiting[name].popleft(), result
 
 
 class Answering:
@@ -378,8 +380,9 @@ def attend_again(
         clip = group[0][0]
         of_clip = {name: _of_clip(settings[name], clip) for _, name in group}
         filtered = {name: filtered_cues(each.model_dump(mode="json")) for name, each in of_clip.items()}
-        for name, result in attend_scenes(tables[group[0]], of_clip):
-            rows[clip, name].extend(answer_rows(to_record(clip, name, result), filtered[name]))
+        for name, frame, result in attend_scenes(tables[group[0]], of_clip):
+            record = to_record(clip, name, result, targets=frame.targets)
+            rows[clip, name].extend(answer_rows(record, filtered[name]))
     for pair, of_pair in rows.items():
         scene, directions = (tables[pair][table].parts[-3] for table in ("frames", "directions"))
         yield {"clip": pair[0], "scene": scene, "directions": directions, "configuration": pair[1]}, of_pair

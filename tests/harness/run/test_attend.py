@@ -146,9 +146,10 @@ def test_methods_that_share_a_scene_give_what_each_gives_alone(images: Finished)
     paths = dict(find_tables(images.directory))["studio_talk", "off"]
     settings = {each.name: each.attend for each in images.plan.experiment.configurations if each.name in SHARING}
     together = defaultdict[str, list[Any]](list)
-    for name, result in attend_scenes(paths, settings):
+    for name, frame, result in attend_scenes(paths, settings):
+        assert frame.scene is result.scene
         together[name].append(values_of(result))
-    alone = {name: [values_of(each) for _, each in attend_scenes(paths, {name: settings[name]})] for name in SHARING}
+    alone = {name: [values_of(each) for _, _, each in attend_scenes(paths, {name: settings[name]})] for name in SHARING}
     assert together == alone
     assert alone["off"] != alone["both"]
 
