@@ -66,7 +66,7 @@ def update(
         looks=counted(
             prior.looks,
             (total - went_on.sum(axis=-1)) / total,
-            (joint - went_on)[..., -1] / total,
+            (joint[..., -1] - went_on[..., -1]) / total,
             0.0 if before is None else dt_s,
         ),
         error=error,
