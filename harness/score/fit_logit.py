@@ -298,8 +298,9 @@ def _measured(
         for configuration in configurations:
             pair = clip, configuration.name
             settings = configuration.attend.model_copy(update={"attention": NearestSettings(method="nearest")})
-            for name, result in attend_scenes(tables[pair], {pair[1]: settings}) if pair in tables else ():
-                yield to_record(clip, name, result)
+            attended = attend_scenes(tables[pair], {pair[1]: settings}) if pair in tables else ()
+            for name, frame, result in attended:
+                yield to_record(clip, name, result, targets=frame.targets)
 
 
 def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:
