@@ -27,7 +27,7 @@ from harness.cli.run import demo, run
 from harness.cli.scores import compare, plan, report, score
 from harness.cli.terminal import say
 from harness.cli.view import catalog, export_failure, view
-from harness.files.io import shown
+from harness.files.safe_names import shown
 from harness.processes import keep_working_directory_out
 from vfoa.errors import StageError, VfoaError
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from harness.files.io import shown
+from harness.files.safe_names import shown
 from harness.processes import interrupt
 
 if TYPE_CHECKING:

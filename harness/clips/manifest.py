@@ -27,8 +27,9 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program, folders, names
-from harness.files.io import check_name, is_file, read_text
+from harness.files.io import is_file, read_text
 from harness.files.parsing import parse_toml, read_toml
+from harness.files.safe_names import check_name
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline

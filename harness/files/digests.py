@@ -26,7 +26,8 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from pkgutil import get_importer
 
-from harness.files.io import LARGE_BYTES, note_stamp, opened
+from harness.files.io import opened
+from harness.files.unchanged import LARGE_BYTES, note_stamp
 
 SETTLED_NS = 3 * 10**9
 """Least age of the last change, ns, of a file whose digest is kept: the coarsest clock (FAT) ticks every 2 s."""

@@ -1,25 +1,19 @@
-"""Files: read with errors of one line, and written atomically, under names that are safe in tables and on terminals.
-
-A clip is read as it was when a run began: a change of its files while they are read is an error
-(:class:`UnchangedFiles`).
-"""
+"""Files: read with errors of one line, written atomically, locked."""
 
 from __future__ import annotations
 
 import errno
 import fcntl
 import os
-import re
 import stat
 import tempfile
-from array import array
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
+from harness.files.unchanged import check_unchanged
 from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 
@@ -32,8 +26,7 @@ def read_bytes(path: Path) -> bytes:
     """Read a whole file; raises a :class:`VfoaError` that names it if that fails."""
     with opened(path) as file:
         content = file.read()
-        if _active is not None:
-            _active.check(os.fspath(path), os.fstat(file.fileno()))
+        check_unchanged(os.fspath(path), os.fstat(file.fileno()))
     return content
 
 
@@ -200,170 +193,3 @@ def take_lock(file: IO[Any]) -> bool:
     except BlockingIOError:
         return False
     return True
-
-
-def place_in(ascending: Sequence[int], number: int) -> int | None:
-    """The place of a number in an ascending sequence; None if it is not there. An hour of video has 90,000 frames."""
-    place = bisect_left(ascending, number)
-    return place if place < len(ascending) and ascending[place] == number else None
-
-
-Frame = TypeVar("Frame")
-
-LARGE_BYTES = 1 << 20
-"""Larger files have digests by stamp of their own."""
-
-_FEW = 16
-"""The stamps of this many files, and of as many large ones, such as videos, are compared at each frame."""
-
-_ATTEMPTS = 3
-
-
-class ChangedError(VfoaError):
-    """A file is not as it was when the clip was digested."""
-
-
-class UnchangedFiles:
-    """The files of a clip, which is read as it was when it was digested: outputs are cached under that digest.
-
-    While the object is active, every file that is read is compared with its stamp. A comparison at the end would miss
-    files that were exchanged and put back, and links that were switched and switched back.
-
-    Parameters
-    ----------
-    clip
-        The name of the clip.
-    digest
-        Computes the digest of its files.
-    expected
-        The digest that the run began with.
-
-    Raises
-    ------
-    VfoaError
-        If the digest is another one.
-    """
-
-    def __init__(self, clip: str, digest: Callable[[], str], expected: str) -> None:
-        self._clip, self._digest, self._expected = clip, digest, expected
-        self._noted: dict[int, int] = {}
-        self._watched: set[str] = set()
-        self._renew()
-
-    @contextmanager
-    def active(self) -> Iterator[None]:
-        """Compare every file of the clip that is read in the block."""
-        global _active
-        before, _active = _active, self
-        try:
-            yield
-        finally:
-            _active = before
-
-    def read(self, frame: Callable[[int], Frame], number: int) -> Frame:
-        """Return ``frame(number)``, read from unchanged files. If files were only touched, it is read again.
-
-        Raises
-        ------
-        VfoaError
-            If a file has changed.
-        """
-        for _ in range(_ATTEMPTS):
-            try:
-                value = frame(number)
-                if len(self._watched) <= 2 * _FEW:  # not read by read_bytes: a video stays open while it is read
-                    for path in tuple(self._watched):
-                        self.check(path, os.stat(path))
-            except (ChangedError, FileNotFoundError):
-                self._renew()
-            else:
-                return value
-        raise VfoaError(changed_during_run(self._clip))
-
-    def check(self, path: str, status: os.stat_result) -> None:
-        """Raise a :class:`ChangedError` if a file of the clip has another stamp."""
-        paths, stamps = self._stamps
-        place = place_in(paths, hash(path))
-        if place is not None and stamps[place] != _short(status):
-            raise ChangedError(f"{path}: changed during the run")
-
-    def note(self, path: str, status: os.stat_result) -> None:
-        """Note the stamp of a file that is being digested."""
-        self._noted[hash(path)] = _short(status)
-        if status.st_size > LARGE_BYTES or len(self._noted) <= _FEW:
-            self._watched.add(path)
-
-    def _renew(self) -> None:
-        global _noting
-        before, _noting = _noting, self
-        try:
-            if self._digest() != self._expected:
-                raise VfoaError(changed_during_run(self._clip))
-        finally:
-            _noting = before
-        paths = sorted(self._noted)
-        # arrays take a third of the memory of a dict; other threads may be reading the old ones
-        self._stamps = array("q", paths), array("q", (self._noted[path] for path in paths))
-        self._noted = {}
-
-
-def changed_during_run(clip: str) -> str:
-    """The error of a clip whose files changed since the run began."""
-    return (
-        f"{clip}: its images or calibration changed during the run; expected the same content to the end: "
-        "remove the run's directory and run again"
-    )
-
-
-def note_stamp(path: str, status: os.stat_result) -> None:
-    """Note the stamp of a file, if an :class:`UnchangedFiles` is being digested."""
-    if _noting is not None:
-        _noting.note(path, status)
-
-
-def read_unchanged(frame: Callable[[int], Frame], number: int) -> Frame:
-    """Return ``frame(number)``, by :meth:`UnchangedFiles.read` of the active object, if there is one."""
-    return frame(number) if _active is None else _active.read(frame, number)
-
-
-def _short(status: os.stat_result) -> int:
-    return hash((status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_dev))
-
-
-_active: UnchangedFiles | None = None
-_noting: UnchangedFiles | None = None
-
-
-_FORMULA = ("=", "+", "-", "@")
-"""A spreadsheet executes a cell that begins with one of these as a formula."""
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-"""Control characters: a terminal obeys some of them (ESC), and some reverse the direction of text."""
-
-_NUMBER = re.compile(r"[+-][0-9.][0-9.,]*([eE][+-]?[0-9]+)?( .*)?$")
-"""A number in the form of a table, perhaps followed by its unit or interval."""
-
-
-def check_name(name: str) -> str:
-    """Return a valid name; called wherever names are defined or come from another program.
-
-    Raises
-    ------
-    ValueError
-        If it is empty, holds a control character, or begins like a formula.
-    """
-    if not name.strip() or not name.isprintable() or name.startswith(_FORMULA):
-        raise ValueError(f"found the name {name!r}; expected text that does not begin with {' '.join(_FORMULA)}")
-    return name
-
-
-def shown(text: str) -> str:
-    """Text of unknown origin for a terminal: control characters are escaped as in Python."""
-    return _CONTROL.sub(lambda sign: "\n" if sign[0] == "\n" else ascii(sign[0])[1:-1], text)
-
-
-def plain_cell(text: str) -> str:
-    """Text of unknown origin as a cell of a table, escaped so that a spreadsheet does not run it as a formula."""
-    safe = text if text.isprintable() else shown(text)
-    if safe.startswith(_FORMULA) and safe not in _FORMULA and not _NUMBER.match(safe):
-        return f"'{safe}"
-    return safe

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import Namer, Names
-from harness.files.io import read_unchanged
+from harness.files.unchanged import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn import DrawnClip

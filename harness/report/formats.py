@@ -17,7 +17,7 @@ from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING, Protocol
 
-from harness.files.io import plain_cell
+from harness.files.safe_names import plain_cell
 from harness.score.statistics import Interval
 from vfoa.registry import Registry
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
-from harness.files.io import ChangedError, UnchangedFiles
+from harness.files.unchanged import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.cache import Identity as StageIdentity
 from harness.pipeline.cache_store import Store

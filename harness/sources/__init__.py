@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from harness.files.io import place_in
+from harness.files.ascending import place_in
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 from vfoa.types import Box3D, Disparity, Float, Image, Instances, Scene, StereoFrame

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from harness.files.io import place_in
+from harness.files.ascending import place_in
 from vfoa.errors import VfoaError
 
 Value = TypeVar("Value")

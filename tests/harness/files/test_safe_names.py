@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.clips.manifest import make_manifest
-from harness.files.io import plain_cell, shown
+from harness.files.safe_names import plain_cell, shown
 from harness.labels.files import read_annotations
 from harness.pipeline.outputs.maps import _Category, _Segment
 from harness.report.formats import Table, csv_cell, to_csv

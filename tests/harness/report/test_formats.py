@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from harness.files.io import plain_cell
+from harness.files.safe_names import plain_cell
 from harness.report.formats import Table, csv_cell, in_parts, to_csv, to_latex, to_markdown, to_rich
 
 TABLE = Table(

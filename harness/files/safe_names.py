@@ -1,0 +1,39 @@
+"""Text of unknown origin: names that are safe in tables, and text that is safe on terminals and in spreadsheets."""
+
+from __future__ import annotations
+
+import re
+
+_FORMULA = ("=", "+", "-", "@")
+"""A spreadsheet executes a cell that begins with one of these as a formula."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""Control characters: a terminal obeys some of them (ESC), and some reverse the direction of text."""
+
+_NUMBER = re.compile(r"[+-][0-9.][0-9.,]*([eE][+-]?[0-9]+)?( .*)?$")
+"""A number in the form of a table, perhaps followed by its unit or interval."""
+
+
+def check_name(name: str) -> str:
+    """Return a valid name; called wherever names are defined or come from another program.
+
+    Raises
+    ------
+    ValueError
+        If it is empty, holds a control character, or begins like a formula.
+    """
+    if not name.strip() or not name.isprintable() or name.startswith(_FORMULA):
+        raise ValueError(f"found the name {name!r}; expected text that does not begin with {' '.join(_FORMULA)}")
+    return name
+
+
+def shown(text: str) -> str:
+    """Text of unknown origin for a terminal: control characters are escaped as in Python."""
+    return _CONTROL.sub(lambda sign: "\n" if sign[0] == "\n" else ascii(sign[0])[1:-1], text)
+
+
+def plain_cell(text: str) -> str:
+    """Text of unknown origin as a cell of a table, escaped so that a spreadsheet does not run it as a formula."""
+    safe = text if text.isprintable() else shown(text)
+    if safe.startswith(_FORMULA) and safe not in _FORMULA and not _NUMBER.match(safe):
+        return f"'{safe}"
+    return safe
