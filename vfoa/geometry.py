@@ -312,6 +312,35 @@ def _stacked(boxes: Sequence[Box3D]) -> Boxes:
     return Boxes(center, half_size, axes, axes / half_size[:, None, :], corners, d_max, d_min)
 
 
+class Outlines(NamedTuple):
+    """T boxes as seen from a point: ``distance`` (T,) of their centres, ``axes`` (T, 3, 3) and ``corners`` (T, 8, 3).
+
+    The axes right, down and ahead, to the centre, are columns. The corners are from the point, in these axes.
+    """
+
+    distance: Float
+    axes: Float
+    corners: Float
+
+
+_OUTLINES: Recent[Outlines] = Recent(32)
+NEAREST_M = 1e-6
+"""What is nearer to the point counts as ahead of it."""
+
+
+def outlines(origin_left: Float, boxes: Sequence[Box3D]) -> Outlines:
+    """Return boxes as seen from a point (3,); the last ones are kept, as by :func:`stacked`."""
+    return _OUTLINES.get(tuple(boxes), (origin_left.tobytes(),), lambda: _outlines(origin_left, stacked(boxes)))
+
+
+def _outlines(origin_left: Float, boxes: Boxes) -> Outlines:
+    towards = boxes.center - origin_left
+    distance = length_of(towards)
+    towards[distance < NEAREST_M] = 0, 0, 1
+    axes = left_from_crop(towards)
+    return Outlines(distance, axes, (boxes.corners - origin_left) @ axes)
+
+
 def box_corners(boxes: Sequence[Box3D]) -> Float:
     """The eight corners (T, 8, 3) of each box, camera frame, metres."""
     return stacked(boxes).corners

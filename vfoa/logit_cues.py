@@ -21,6 +21,7 @@ posterior     f is the log odds of nowhere over the target by the posterior (:mo
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -28,7 +29,7 @@ from typing import Literal
 import numpy as np
 
 from vfoa.attention import boxes_of_others
-from vfoa.geometry import angle_between, left_from_crop, length_of, lowered, stacked
+from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
 from vfoa.types import Box3D, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
@@ -50,8 +51,8 @@ _OVERLAP_RAD, _LEAST_OVERLAP = math.radians(7), 1e-4
 """Standard deviation of the normal error of ``head_overlap``; what is added to the probability."""
 _LEAST_CHANCE = 1e-3
 """What is added to the probabilities of ``posterior``."""
-_NEAREST_M = 1e-6
-"""A target whose middle is nearer to the eyes counts as ahead of them."""
+_LEAST_RAD = 1e-6
+"""What an angle is divided by, at least."""
 _INNER = 0.5
 """Part of a target's radius within which the angle counts as 0."""
 
@@ -122,7 +123,8 @@ def observe(
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
     ids = shapes.ids
     chance = np.array([posterior.get(number, 0.0) for number in ids])
-    now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
+    now = np.empty((len(CUES), len(ids)))
+    now[:4], now[4], now[5] = angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
@@ -150,16 +152,16 @@ class _Shapes:
 
 def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float) -> _Shapes:
     """The targets as seen from ``origin`` (3,): people by their faces, other things by their boxes."""
-    known = stacked(tuple(boxes.values()))
-    middles, half = known.center - origin, known.half_size.mean(axis=1)
+    of_boxes = tuple(boxes.values())
+    distance, frames, corners = outlines(origin, of_boxes)
+    half = stacked(of_boxes).half_size.mean(axis=1)
     faces = [row for row, number in enumerate(boxes) if number in eyes]
-    for row, number in enumerate(boxes):
-        if number in eyes:
-            middles[row], half[row] = eyes[number] - origin, FACE_RADIUS_M
-    distance = length_of(middles)
-    middles[distance < _NEAREST_M] = (0, 0, _NEAREST_M)
-    frames = left_from_crop(middles)
-    corners = (known.corners - origin) @ frames
+    if faces:
+        towards = np.array([eyes[number] for number in boxes if number in eyes]) - origin
+        frames, distance = frames.copy(), distance.copy()
+        distance[faces], half[faces] = length_of(towards), FACE_RADIUS_M
+        towards[distance[faces] < NEAREST_M] = 0, 0, 1
+        frames[faces] = left_from_crop(towards)
     outline = np.arctan2(corners[..., :2], corners[..., 2:])
     radius = np.arctan2(half, distance)
     least, most = outline.min(axis=1), outline.max(axis=1)
@@ -169,7 +171,8 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
 
 def _swung(body: Float, head: Float) -> Float:
     """The head's direction (3,) turned on from that of the body, by a factor of its turn."""
-    angle = max(float(angle_between(body, head)), 1e-6)
+    start, end = body.tolist(), head.tolist()
+    angle = max(2 * math.atan2(math.dist(start, end), math.hypot(*map(operator.add, start, end))), 1e-6)
     turn = min(_SWING * angle, _WIDEST_RAD)
     swung = math.sin(angle - turn) * body + math.sin(turn) * head
     return np.asarray(swung / length_of(swung))
@@ -182,7 +185,7 @@ def _angles(cues: Float, shapes: _Shapes, gaze_scale: float) -> Float:
     beyond = np.arccos(np.minimum(np.maximum(cosines, -1), 1)) - np.arctan(_INNER * np.tan(shapes.radius_rad))
     beyond = np.maximum(beyond, 0)
     right, down = (shapes.directions @ left_from_crop(cues[3])[:, :2]).T
-    beyond[3] *= np.hypot(_SIDEWAYS * right, down) / np.maximum(np.hypot(right, down), _NEAREST_M)
+    beyond[3] *= np.hypot(_SIDEWAYS * right, down) / np.maximum(np.hypot(right, down), _LEAST_RAD)
     return np.log1p((beyond / scales) ** 2 / 4)
 
 

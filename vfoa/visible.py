@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from vfoa.geometry import left_from_crop, length_of, meets_own_box, stacked
+from vfoa.geometry import length_of, meets_own_box, outlines, stacked
 from vfoa.recent import Recent
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
@@ -98,14 +98,12 @@ def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> 
     The rays are even over the narrowest cap about the centre of the box that holds its corners: the whole sphere for a
     box that holds the eyes, or is so near that it fills half of their view.
     """
-    known = stacked(boxes)
-    towards = known.center - origin
-    within = length_of(towards) <= known.d_max
-    towards[within] = 0, 0, 1
-    axes = left_from_crop(towards)
-    right, down, ahead = np.moveaxis((known.corners - origin) @ axes, -1, 0)
-    reach = np.arctan2(np.hypot(right, down), ahead).max(axis=1)
-    reach[within] = np.pi
+    seen = outlines(origin, boxes)
+    right, down, ahead = np.moveaxis(seen.corners, -1, 0)
+    reach, axes = np.arctan2(np.hypot(right, down), ahead).max(axis=1), seen.axes
+    within = seen.distance <= stacked(boxes).d_max
+    if within.any():
+        reach[within], axes = np.pi, np.where(within[:, None, None], np.eye(3), axes)
     rays = _lattices(reach, count)
     met = meets_own_box(origin, axes, rays, boxes)
     counts = met.sum(axis=1)[:, None]

@@ -29,6 +29,7 @@ from vfoa.geometry import (
     lowered,
     meets_own_box,
     on_the_way,
+    outlines,
     perturb,
     pixel_ray,
     project,
@@ -319,6 +320,20 @@ def test_rays_enter_boxes_where_they_first_meet_a_face(seed):
     rays = (directions.reshape(4, 5, 3) @ axes).transpose(0, 2, 1)
     own = meets_own_box(origin, axes, rays, boxes)
     np.testing.assert_array_equal(own, np.isfinite([np.array(expected)[5 * k : 5 * k + 5, k] for k in range(4)]))
+
+
+@given(SEEDS)
+def test_an_outline_has_the_corners_in_axes_ahead_to_the_centre(seed):
+    origin = np.random.default_rng(seed).normal(size=3)
+    boxes = [make_box(center, (0.1, 0.2, 0.3)) for center in (*vectors(seed, 4), origin)]
+    seen = outlines(origin, boxes)
+    assert outlines(origin.copy(), boxes) is seen
+    assert outlines(origin + 1, boxes) is not seen
+    np.testing.assert_allclose(seen.corners @ seen.axes.transpose(0, 2, 1) + origin, box_corners(boxes), atol=1e-12)
+    for box, distance, axes in zip(boxes[:4], seen.distance, seen.axes, strict=False):
+        np.testing.assert_allclose(distance * axes[:, 2], box.center_m - origin, atol=1e-12)
+    assert seen.distance[4] == 0
+    np.testing.assert_array_equal(seen.axes[4], np.eye(3))
 
 
 def test_boxes_are_stacked_once_for_all_who_ask_for_them():
