@@ -22,6 +22,8 @@ from tests.disk import write_text
 from tests.recorded import values_of
 from tests.records import tables_of
 from vfoa.errors import VfoaError
+from vfoa.segmentation.key_frames import KeyFrameSegmenter
+from vfoa.types import Instances, StereoFrame
 
 FRAMES = 2
 
@@ -149,4 +151,23 @@ def test_a_configuration_that_is_repeated_leaves_the_masks_of_the_others_in_the_
         patched.setattr(attend, "to_record", fail_for_the_second)
         partly = _run(experiment, tmp_path / "out")
     assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
+    _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)
+
+
+def test_a_configuration_that_is_perceived_again_leaves_the_masks_of_the_others_in_the_shared_recording(
+    experiment: Path, killed: tuple[RunDirectory, list[Path]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _ = killed
+    segment = KeyFrameSegmenter.segment
+
+    def fail_at_the_end(self: KeyFrameSegmenter, frame: StereoFrame) -> Instances:
+        if frame.index == FRAMES:
+            raise VfoaError("out of memory")
+        return segment(self, frame)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(KeyFrameSegmenter, "segment", fail_at_the_end)
+        partly = _run(experiment, tmp_path / "out")
+    assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
+    assert values_of(partly.path / "studio_table.rrd") != values_of(whole.path / "studio_table.rrd")
     _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)
