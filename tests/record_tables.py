@@ -15,7 +15,7 @@ from harness.run.columns import (
     Words,
     answer_columns,
     look_columns,
-    measured_part,
+    measured_columns,
     scene_columns,
 )
 from harness.run.directory import Pair, RunDirectory
@@ -45,7 +45,7 @@ def columns_of(records: Sequence[FrameRecord], words: Words) -> PairColumns:
         rows["answers"] += answer_rows(record, ())
     tables = MemoryTables(rows)
     scene = scene_columns(tables, words, {})
-    looks, measured = look_columns(scene, tables, words), measured_part(scene, tables, words)
+    looks, measured = look_columns(scene, tables, words), measured_columns(scene, tables, words)
     pair = records[0].clip, records[0].configuration
     return answer_columns(pair, scene, looks, measured, tables, words, ())
 

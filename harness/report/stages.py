@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 
 from harness.files.io import read_bytes
-from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
-from harness.run.results import measures_by_thing, pooled_measures
+from harness.run.measured import Measured, measures_by_thing, pooled_measures
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from vfoa.errors import VfoaError
-
-_Value = float | None
+from vfoa.types import Float
 
 _TIMINGS = ["clip", "configuration", "frame", "stage", "ms"]
 """The header of ``timings.csv``."""
@@ -38,7 +36,7 @@ def stage_measures_table(scores: Scores) -> Table:
         "Stages against the truth",
         "Clip | Configuration | Disparity px | Over 2 px % | Known % | Mask IoU | Box IoU | Centre cm | Head box IoU | "
         "Eyes cm | Eyes 95 % | Head deg | Head 95 % | Gaze deg | Gaze 95 %",
-        ((clip or ALL, name, *_cells(frames)) for (clip, name), frames in pooled_measures(scores.measures).items()),
+        ((clip or ALL, name, *_cells(found)) for (clip, name), found in pooled_measures(scores.measures).items()),
         words=2,
         notes=_NOTES,
     )
@@ -74,38 +72,37 @@ def object_measures_table(scores: Scores) -> Table:
     )
 
 
-def _cells(frames: Sequence[FrameMeasures]) -> Iterator[str]:
-    disparities = [frame_measures.disparity for frame_measures in frames if frame_measures.disparity is not None]
-    people = [person for frame in frames for person in frame.people]
-    yield _printed((disparity.error_px for disparity in disparities), np.median, digits=2)
-    yield _printed((disparity.over_2_px for disparity in disparities), np.mean, 100)
-    yield _printed((disparity.known for disparity in disparities), np.mean, 100)
-    yield from _object_cells([target for frame in frames for target in frame.targets])
-    yield _printed((person.head_box_iou for person in people), np.mean, digits=2)
-    for name, scale in (("eye_error_m", 100), ("head_error_deg", 1), ("gaze_error_deg", 1)):
-        values = [getattr(person, name) for person in people]
+def _cells(measured: Measured) -> Iterator[str]:
+    error_px, over_2_px, known = measured.disparities.T
+    yield _printed(error_px, np.median, digits=2)
+    yield _printed(over_2_px, np.mean, 100)
+    yield _printed(known, np.mean, 100)
+    yield from _object_cells(measured.objects)
+    head_box_iou, *errors = measured.people.T
+    yield _printed(head_box_iou, np.mean, digits=2)
+    for values, scale in zip(errors, (100, 1, 1), strict=True):
         yield _printed(values, np.median, scale)
         yield _printed(values, _percentile_95, scale)
 
 
-def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
-    boxes: list[_Value] = [measure.box_iou for measure in measures]
-    if any(iou is not None for iou in boxes):
-        boxes = [iou or 0.0 for iou in boxes]
+def _object_cells(objects: Float) -> tuple[str, str, str]:
+    mask_iou, box_iou, center_error_m = objects.T
+    if not np.isnan(box_iou).all():
+        box_iou = np.nan_to_num(box_iou)
     return (
-        _printed((measure.mask_iou for measure in measures), np.mean, digits=2),
-        _printed(boxes, np.mean, digits=2),
-        _printed((measure.center_error_m for measure in measures), np.median, 100),
+        _printed(mask_iou, np.mean, digits=2),
+        _printed(box_iou, np.mean, digits=2),
+        _printed(center_error_m, np.median, 100),
     )
 
 
-def _printed(values: Iterable[_Value], statistic: Any, scale: float = 1, digits: int = 1) -> str:
+def _printed(values: Float, statistic: Any, scale: float = 1, digits: int = 1) -> str:
     """A statistic of the known values, as text."""
-    known = [value for value in values if value is not None]
-    return number(float(statistic(known)), digits, scale) if known else UNKNOWN
+    known = values[~np.isnan(values)]
+    return number(float(statistic(known)), digits, scale) if len(known) else UNKNOWN
 
 
-def _percentile_95(values: Sequence[float]) -> float:
+def _percentile_95(values: Float) -> float:
     return float(np.percentile(values, 95))
 
 

@@ -6,7 +6,7 @@ A record of each frame (:mod:`harness.run.table_records`) is the view of one fra
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,18 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
-from harness.run.results import MeasuredPart
+from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, find_tables, read_arrow
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, Float
 
 Codes = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-_OF_OBJECT, _OF_PERSON = ([each.name for each in fields(kind)] for kind in (TargetMeasure, PersonMeasure))
-
 UNKNOWN = -1
 """The code of no word, and the row of nothing."""
 NO_ID = np.iinfo(np.int64).min
@@ -139,7 +136,7 @@ class PairColumns:
     head: Float
     total: Float
     fits: Float
-    measured: MeasuredPart
+    measured: Measured
 
 
 class Tables:
@@ -201,9 +198,9 @@ class ColumnReader:
     def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
         return look_columns(scene, Tables.beside(folder, DIRECTIONS_TABLES), self.words)
 
-    def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> MeasuredPart:
+    def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> Measured:
         tables = Tables.beside(of_scene, SCENE_TABLES).paths | Tables.beside(folder, DIRECTIONS_TABLES).paths
-        return measured_part(scene, Tables(tables), self.words)
+        return measured_columns(scene, Tables(tables), self.words)
 
 
 def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
@@ -260,7 +257,7 @@ def answer_columns(
     pair: Pair,
     scene: SceneColumns,
     looks: LookColumns,
-    measured: MeasuredPart,
+    measured: Measured,
     tables: Tables,
     words: Words,
     filtered: Sequence[Cue],
@@ -304,62 +301,51 @@ def answer_columns(
     )
 
 
-def measured_part(scene: SceneColumns, tables: Tables, words: Words) -> MeasuredPart:
+def measured_columns(scene: SceneColumns, tables: Tables, words: Words) -> Measured:
     """Read the measures of a scene and of where its people look; none without ground truth."""
     if not scene.has_truth.any():
-        return MeasuredPart()
-    disparity = ("disparity_error_px", "disparity_over_2_px", "disparity_known")
-    disparities = _rows(tables, "frames", disparity, scene)
-    objects, people = _rows(tables, "objects", _OF_OBJECT, scene), _rows(tables, "true_people", _OF_PERSON, scene)
-    names = dict(
-        zip(
-            zip(scene.instance_at.tolist(), scene.instance_ids.tolist(), strict=True), scene.names.tolist(), strict=True
-        )
+        return Measured()
+    about = tables.read("frames", [f"disparity_{name}" for name in OF_DISPARITY])
+    disparities = np.stack([_floats(about, f"disparity_{name}") for name in OF_DISPARITY], axis=1)
+    truths = tables.read("objects", ("frame", "truth_id", "label", "instance_id", *OF_OBJECT))
+    objects, at = _in_order(truths, scene.frames, tables.paths["objects"])
+    people, _ = _in_order(tables.read("true_people", ("frame", *OF_PERSON)), scene.frames, tables.paths["true_people"])
+    truth_ids, labels = _numbers(objects, "truth_id"), _words(objects, "label", words)
+    _, first = np.unique(truth_ids, return_index=True)
+    rows = _find(scene, at, _numbers(objects, "instance_id", NO_ID))
+    found = np.flatnonzero(rows != UNKNOWN)
+    _, first_found = np.unique(truth_ids[found], return_index=True)
+    return Measured(
+        frames=int(np.count_nonzero(scene.has_truth)),
+        disparities=disparities[~np.isnan(disparities[:, OF_DISPARITY.index("known")])],
+        objects=np.stack([_floats(objects, name) for name in OF_OBJECT], axis=1),
+        people=np.stack([_floats(people, name) for name in OF_PERSON], axis=1),
+        truth_ids=truth_ids,
+        labels={int(truth_ids[row]): str(words.word(labels[row])) for row in np.sort(first)},
+        names={int(truth_ids[row]): str(words.word(scene.names[rows[row]])) for row in found[np.sort(first_found)]},
     )
-    part = MeasuredPart()
-    for at in np.flatnonzero(scene.has_truth).tolist():
-        ((error_px, over_2_px, known),) = disparities[at]
-        targets = tuple(TargetMeasure(**dict(zip(_OF_OBJECT, row, strict=True))) for row in objects[at])
-        part.frames.append(
-            FrameMeasures(
-                disparity=None
-                if known is None
-                else DisparityMeasure(error_px=error_px, over_2_px=over_2_px, known=known),
-                targets=targets,
-                people=tuple(PersonMeasure(**dict(zip(_OF_PERSON, row, strict=True))) for row in people[at]),
-            )
-        )
-        for target in targets:
-            if (name := names.get((at, target.instance_id))) is not None:
-                part.names.setdefault(target.truth_id, str(words.word(name)))
-    return part
-
-
-def _rows(tables: Tables, name: str, columns: Sequence[str], scene: SceneColumns) -> list[list[tuple[Any, ...]]]:
-    """The rows of a table by the place of their frame, as plain values."""
-    table, at = _in_order(tables.read(name, ("frame", *columns)), scene.frames, tables.paths[name])
-    rows: list[list[tuple[Any, ...]]] = [[] for _ in scene.frames]
-    for place, *row in zip(at.tolist(), *(table.column(column).to_pylist() for column in columns), strict=True):
-        rows[place].append(tuple(row))
-    return rows
 
 
 def _instances(scene: SceneColumns, people: Codes, ids: NDArray[np.int64], path: Path) -> Codes:
     """The rows of the instances with these ids in the frames of people."""
     at = scene.person_at[people]
-    keys, wanted = _key(scene.instance_at, scene.instance_ids), _key(at, ids)
-    order = np.argsort(keys, kind="stable")
-    places = np.searchsorted(keys[order], wanted)
-    rows = np.append(order, 0)[places]
-    is_there = (places < len(order)) & (np.append(keys, 0)[rows] == wanted)
-    if not is_there.all():
-        first = int(np.flatnonzero(~is_there)[0])
-        unknown = sorted({*ids[~is_there & (people == people[first])].tolist()})
+    rows = _find(scene, at, ids)
+    if (rows == UNKNOWN).any():
+        first = int(np.argmax(rows == UNKNOWN))
+        unknown = sorted({*ids[(rows == UNKNOWN) & (people == people[first])].tolist()})
         raise VfoaError(
             f"{path}: frame {scene.frames[at[first]]}: track {scene.tracks[people[first]]} attends to instances "
             f"{unknown}, which are not in targets"
         )
     return rows
+
+
+def _find(scene: SceneColumns, at: Codes, ids: NDArray[np.int64]) -> Codes:
+    """The rows of the instances with these ids in frames at these places; :data:`UNKNOWN` where there is none."""
+    keys, wanted = _key(scene.instance_at, scene.instance_ids), _key(at, ids)
+    order = np.append(np.argsort(keys, kind="stable"), UNKNOWN)
+    rows = order[np.searchsorted(keys[order[:-1]], wanted)]
+    return np.where((rows != UNKNOWN) & (np.append(keys, 0)[rows] == wanted) & (ids != NO_ID), rows, UNKNOWN)
 
 
 def _key(at: Codes, ids: NDArray[np.int64]) -> NDArray[np.int64]:

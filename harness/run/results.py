@@ -1,16 +1,14 @@
-"""The records of one clip of a finished run, and the measures in them."""
+"""The records of one clip of a finished run, and what its answers are."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from harness.clips.manifest import ClipManifest
-from harness.pipeline.frame_measures import FrameMeasures, TargetMeasure
-from harness.run.directory import Pair, RunDirectory
-from harness.run.grid import base_of
+from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
@@ -112,43 +110,3 @@ def choose(names: list[str], wanted: str | None, run: Path) -> str:
         raise VfoaError(f"{run}: has several configurations; choose one with --config: {', '.join(names)}")
     check_known(wanted, names, f"{run}: no configuration")
     return wanted
-
-
-@dataclass(slots=True)
-class MeasuredPart:
-    """The measures of a configuration's frames on a clip, and the run's names of the true objects in them."""
-
-    frames: list[FrameMeasures] = field(default_factory=list)
-    names: dict[int, str] = field(default_factory=dict)
-
-
-def pooled_measures(parts: Mapping[Pair, MeasuredPart]) -> dict[tuple[str | None, str], list[FrameMeasures]]:
-    """The measures of each (clip, configuration) and, of several clips, of all together under the clip None.
-
-    The seeds of a configuration are taken together, here and below.
-    """
-    pooled: dict[tuple[str | None, str], list[FrameMeasures]] = {}
-    for (clip, configuration), part in parts.items():
-        if part.frames:
-            pooled.setdefault((clip, base_of(configuration)), []).extend(part.frames)
-    if len({clip for clip, _ in pooled}) > 1:
-        for (_, name), frames in list(pooled.items()):
-            pooled.setdefault((None, name), []).extend(frames)
-    return pooled
-
-
-def measures_by_thing(parts: Mapping[Pair, MeasuredPart]) -> dict[tuple[str, str, str], list[TargetMeasure]]:
-    """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
-    names: dict[tuple[str, int], str] = {}
-    for (clip, _), part in parts.items():
-        for number, name in part.names.items():
-            names.setdefault((clip, number), name)
-    by_thing: dict[tuple[str, str, str], list[TargetMeasure]] = {}
-    for (clip, configuration), part in parts.items():
-        by_id: dict[int, list[TargetMeasure]] = {}
-        for target in (target for frame in part.frames for target in frame.targets):
-            by_id.setdefault(target.truth_id, []).append(target)
-        for number, measures in by_id.items():
-            name = names.get((clip, number), f"{measures[0].label}#{number}")
-            by_thing.setdefault((clip, name, base_of(configuration)), []).extend(measures)
-    return dict(sorted(by_thing.items(), key=lambda item: item[0][:2]))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, Published
 from harness.run.grid import base_of
-from harness.run.results import MeasuredPart
+from harness.run.measured import Measured
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
@@ -120,7 +120,7 @@ class Scores:
     doubts: tuple[str, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    measures: Mapping[Pair, MeasuredPart] = field(default_factory=dict, compare=False, repr=False)
+    measures: Mapping[Pair, Measured] = field(default_factory=dict, compare=False, repr=False)
     directions: tuple[DirectionCheck, ...] = ()
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -190,7 +190,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
-    judged, measured = dict[Pair, JudgedPart](), dict[Pair, MeasuredPart]()
+    judged, measured = dict[Pair, JudgedPart](), dict[Pair, Measured]()
     for each in columns:
         pair = each.clip, each.configuration
         judged[pair], measured[pair] = judged_part(each, reference), each.measured
@@ -209,9 +209,7 @@ def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
     )
 
 
-def score_parts(
-    judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, MeasuredPart], reference: Reference
-) -> Scores:
+def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measured], reference: Reference) -> Scores:
     """Score judged records; ``measured`` are the measures of the same ones."""
     outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
     doubts = (*axis_notes(judged), *unit_notes(judged))

@@ -12,8 +12,9 @@ from harness.pipeline.frame_measures import FrameMeasures
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
+from harness.run.measured import pooled_measures
 from harness.run.records import FrameRecord
-from harness.run.results import AnswerTraits, pooled_measures
+from harness.run.results import AnswerTraits
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
@@ -99,7 +100,7 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
     assert [(each.configuration, each.n) for *_, each in reliabilities_by_subject(scores.outcomes)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in coverages(scores.outcomes)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in scores.directions] == [("bayes", 6)]
-    assert {key: len(frames) for key, frames in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}
+    assert {key: found.frames for key, found in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}
 
 
 def fitted_and_measured(record: FrameRecord) -> FrameRecord:

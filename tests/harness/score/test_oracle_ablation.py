@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from harness.pipeline.configuration import StageChoice
-from harness.pipeline.frame_measures import FrameMeasures
 from harness.pipeline.ground_truth import OracleSettings
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
-from harness.run.results import pooled_measures
+from harness.run.measured import OF_DISPARITY, OF_PERSON, Measured, pooled_measures
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
@@ -23,7 +22,7 @@ from harness.score.statistics import UNKNOWN
 from harness.sources import PersonTruth, Truth
 from tests.records import answers, labels, score
 from vfoa.errors import VfoaError
-from vfoa.types import Disparity, Instances
+from vfoa.types import Disparity, Float, Instances
 
 
 def test_each_step_replaces_one_stage_more_and_leaves_the_rest() -> None:
@@ -186,9 +185,9 @@ def test_on_a_rendered_clip_no_step_falls_and_the_truth_is_all_right(tmp_path: P
     assert [step.replaced for step in climbed] == [None, "disparity", "head_pose", "gaze"]
     assert "falls" not in [step.reads for step in climbed]
     assert climbed[-1].row.frr == 1
-    measured = {name: frames for (_, name), frames in pooled_measures(scores.measures).items()}
+    measured = {name: found for (_, name), found in pooled_measures(scores.measures).items()}
     wrong = {
-        what: [any(of(frame) for frame in measured[step.configuration]) for step in climbed]
+        what: [bool((np.nan_to_num(of(measured[step.configuration])) > 0).any()) for step in climbed]
         for what, of in _ERRORS.items()
     }
     assert wrong == {
@@ -199,8 +198,8 @@ def test_on_a_rendered_clip_no_step_falls_and_the_truth_is_all_right(tmp_path: P
     assert {"oracle_ablation.csv", "measures.csv", "objects.csv"} <= {path.name for path in directory.path.iterdir()}
 
 
-_ERRORS: dict[str, Callable[[FrameMeasures], float | None]] = {
-    "disparity": lambda frame: frame.disparity and frame.disparity.error_px,
-    "head pose": lambda frame: frame.people[0].head_error_deg,
-    "gaze": lambda frame: frame.people[0].gaze_error_deg,
+_ERRORS: dict[str, Callable[[Measured], Float]] = {
+    "disparity": lambda found: found.disparities[:, OF_DISPARITY.index("error_px")],
+    "head pose": lambda found: found.people[:, OF_PERSON.index("head_error_deg")],
+    "gaze": lambda found: found.people[:, OF_PERSON.index("gaze_error_deg")],
 }
