@@ -13,7 +13,7 @@ import logging
 import os
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import platformdirs
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import msgspec
 
 
-Value = TypeVar("Value")
 VARIABLE = "VFOA_CACHE"
 _CHECKSUM_BYTES = 16
 _log = logging.getLogger(__name__)
