@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from harness.clips.manifest import ClipManifest
@@ -176,8 +177,8 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         return outcome
     perceived = (each for each in job.configurations if each.name in outcome.keys)
     answering = [each for each in perceived if not each.attend.attention.is_unfitted]
-    check = lambda: progress(GOES_ON)  # noqa: E731
-    errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
+    context, check = job.context(clip), partial(progress, GOES_ON)
+    errors = attend_clip(clip, context, answering, outcome.keys, job.sinks, check)
     return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
 
 
