@@ -65,7 +65,7 @@ class ClipJob:
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]
 
     def unchanged(self, clip: Clip | MeasuredClip) -> Callable[[], AbstractContextManager[None]]:
-        """The blocks in which the clip is read as it was when the run began (:class:`harness.files.io.UnchangedFiles`).
+        """The blocks in which the clip is read as it was when the run began (:mod:`harness.files.unchanged`).
 
         Raises
         ------
