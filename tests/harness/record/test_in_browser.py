@@ -204,9 +204,11 @@ def test_a_recording_with_jpeg_pictures_is_drawn_in_a_browser(
     with running(site({recording.name: recording}, viewer_files)) as server:
         browser.get(server.address)
         browser.get(urljoin(server.address, f"/open?recording={recording.name}&frame=14&subject={ANN}"))
-        shown = _wait_for(browser, 14)
-    alike = {each.frame.index: _likeness(shown, each.frame.left, LEFT_VIEW_ALONE) for each in frames}
-    assert alike[14] > 0.5
+        deadline, alike = time.monotonic() + LOADED_S, {14: 0.0}
+        while alike[14] <= 0.5:  # a slow machine stands still before it has decoded the pictures
+            assert time.monotonic() < deadline, alike
+            shown = _wait_for(browser, 14)
+            alike = {each.frame.index: _likeness(shown, each.frame.left, LEFT_VIEW_ALONE) for each in frames}
     assert max(value for frame, value in alike.items() if frame != 14) < 0.3
 
 
