@@ -103,10 +103,6 @@ class StageKind:
         """Whether the stage answers from the ground truth of a person, without an image."""
         return hasattr(self.stage_class(choice.name), "of_person")
 
-    def is_temporal(self, choice: StageChoice) -> bool:
-        """Whether the stage is a gaze model that looks at several frames."""
-        return hasattr(self.stage_class(choice.name), "estimate_sequence")
-
     def finds_faces(self, name: str) -> bool:
         """Whether heads of the detector called ``name`` can have a face."""
         return getattr(self.stage_class(name), "finds_faces", True)

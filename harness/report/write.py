@@ -95,11 +95,20 @@ def _page(
     tables: RunTables,
     manifest: Mapping[str, Any],
     times: StageTimes,
-    **of_page: Any,
+    served: Served | None = None,
+    where: str = "",
+    run_folder: str = "",
 ) -> str:
-    budget = SERVED_BYTES if of_page.get("served") else BUDGET_BYTES
+    budget = SERVED_BYTES if served else BUDGET_BYTES
     thumbnails = read_thumbnails(directory.path, run.scores.wrong_frames, run.names_now, budget)
-    return render_page(run.scores, tables, run.attention, manifest, times=times, thumbnails=thumbnails, **of_page)
+    return render_page(
+        *(run.scores, tables, run.attention, manifest),
+        times=times,
+        thumbnails=thumbnails,
+        served=served,
+        where=where,
+        run_folder=run_folder,
+    )
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -151,9 +160,8 @@ def report_page(
     run = FinishedRun.read(directory)
     found = scored(run.columns(), run.reference(where=conditions_of(where)))
     served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
-    of_page = {"served": served, "where": where, "run_folder": run_folder}
-    times = stage_times(directory.timings)
-    return _page(directory, found, run_tables(found.scores), run.manifest, times, **of_page)
+    tables, times = run_tables(found.scores), stage_times(directory.timings)
+    return _page(directory, found, tables, run.manifest, times, served, where, run_folder)
 
 
 @contextmanager

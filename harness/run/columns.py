@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
-from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, find_tables, read_arrow
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, check_ascending, find_tables, read_arrow
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, Float
 
@@ -207,11 +207,7 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
     """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
     about = tables.read("frames", ("frame", "time_ns", "has_truth"))
     frames = _numbers(about, "frame")
-    if (back := np.flatnonzero(frames[1:] <= frames[:-1])).size:
-        number = frames[back[0] + 1]
-        raise VfoaError(
-            f"{tables.paths['frames']}: expected ascending frames, found frame {number} after a later one or itself"
-        )
+    check_ascending(tables.paths["frames"], frames.tolist())
     found = tables.read("instances", ("frame", "instance_id", "name", "box_px", "center_m"))
     instances, instance_at = _in_order(found, frames, tables.paths["instances"])
     ids = _numbers(instances, "instance_id")

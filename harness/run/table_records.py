@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property, lru_cache
-from itertools import pairwise, zip_longest
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, Per
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.tables import Row, find_tables, read_columns, read_numbers
+from harness.run.tables import Row, check_ascending, find_tables, read_columns, read_numbers
 from vfoa.errors import VfoaError
 from vfoa.types import Cue
 
@@ -115,9 +115,7 @@ def _most_people(path: Path) -> int:
 def frames_of(path: Path) -> list[tuple[int, ...]]:
     """The frames of each row group of ``frames.parquet``."""
     groups = read_numbers(path, "frames")
-    for before, frame in pairwise(number for frames in groups for number in frames):
-        if frame <= before:
-            raise VfoaError(f"{path}: expected ascending frames, found frame {frame} after a later one or itself")
+    check_ascending(path, chain.from_iterable(groups))
     return groups
 
 

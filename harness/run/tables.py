@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -408,6 +408,13 @@ def read_numbers(path: Path, table: str) -> list[tuple[int, ...]]:
     with open_table(path, table) as file:
         groups = [file.read_row_group(group, ["frame"], use_threads=False) for group in range(file.num_row_groups)]
     return [tuple(group.column("frame").to_pylist()) for group in groups]
+
+
+def check_ascending(path: Path, frames: Iterable[int]) -> None:
+    """Raise a :class:`VfoaError` if a frame of ``frames.parquet`` is not above the one before."""
+    for before, frame in pairwise(frames):
+        if frame <= before:
+            raise VfoaError(f"{path}: expected ascending frames, found frame {frame} after a later one or itself")
 
 
 def read_columns(path: Path, table: str, group: int) -> list[list[Any]]:
