@@ -19,6 +19,14 @@ root = "{root}"
 scene = "alley"
 """
 
+STAGES = """
+defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
+defaults.heads.detector = "person_mask"
+defaults.head_pose.model = "none"
+defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
+"""
+"""Stages of every configuration of an experiment on the clip, to be filled in: ``masks`` and ``weights`` are files."""
+
 
 def write_clip(folder: Path, numbers: Iterable[int]) -> Path:
     """Write the clip's images and its manifest, which is returned."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
@@ -18,7 +17,7 @@ from tests.command import vfoa
 from tests.disk import write_text
 from tests.faults import project
 from tests.measured import LABELS_HEADER, measured_tables, true_labels
-from tests.repository import REPOSITORY
+from tests.repository import REPOSITORY, copy_clip
 
 CLIP = "studio_talk"
 
@@ -26,9 +25,7 @@ CLIP = "studio_talk"
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working directory with a clip, the labels of two annotators, and those of none."""
-    for kind, suffix in (("datasets", "toml"), ("annotations", "csv")):
-        (tmp_path / kind).mkdir()
-        shutil.copy(REPOSITORY / kind / f"{CLIP}.{suffix}", tmp_path / kind)
+    copy_clip(CLIP, tmp_path)
     text = (tmp_path / "annotations" / f"{CLIP}.csv").read_text()
     write_text(tmp_path / "annotations" / f"{CLIP}@anna.csv", text)
     write_text(tmp_path / "annotations" / f"{CLIP}@ben.csv", text.replace("ben,bear", "ben,none"))

@@ -23,7 +23,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
 from tests import graphs
-from tests.alley import write_clip, write_masks
+from tests.alley import STAGES, write_clip, write_masks
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.plugins import install
@@ -51,13 +51,12 @@ class Flat:
         far = self.settings.disparity_px / (frame.index - self.settings.fails_at)
         return Disparity(disparity_px=np.full(frame.left.shape[:2], self.settings.disparity_px, np.float32))
 """
-EXPERIMENT = """
+EXPERIMENT = (
+    """
 clips = ["{clip}"]
-defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
-defaults.heads.detector = "person_mask"
-defaults.head_pose.model = "none"
-defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-[[configuration]]
+"""
+    + STAGES
+    + """[[configuration]]
 name = "sound"
 stereo = {{ matcher = "bm", min_depth_m = 1.0, wls = false }}
 [[configuration]]
@@ -67,6 +66,7 @@ stereo = {{ matcher = "flat", fails_at = 4 }}
 name = "flat"
 stereo.matcher = "flat"
 """
+)
 SAID = 'frame 4: stereo.matcher = "flat", match: ZeroDivisionError: float division by zero'
 BROKEN = ("alley", "broken")
 

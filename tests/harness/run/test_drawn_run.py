@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,22 +22,11 @@ from harness.sources import Truth
 from harness.studio import StudioClip
 from tests.attended import assert_scenes_give_the_same
 from tests.disk import write_text
+from tests.drawn_clip import CLIP, DRAWN
 from tests.records import tables_of
-from tests.repository import REPOSITORY
+from tests.repository import copy_clip
 from vfoa.errors import VfoaError
 from vfoa.types import Mask
-
-CLIP = "studio_talk"
-EXPERIMENT = f"""
-clips = ["{CLIP}"]
-[[configuration]]
-name = "drawn"
-stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false, region = "needed" }}
-segmentation.model = "drawn"
-heads.detector = "drawn"
-head_pose.model = "truth"
-gaze.model = "truth"
-"""
 
 
 def _box_of(mask: Mask) -> tuple[float, ...]:
@@ -49,11 +37,9 @@ def _box_of(mask: Mask) -> tuple[float, ...]:
 @pytest.fixture
 def drawn_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working directory with the clip and what somebody drew on it: the file of what is drawn."""
-    for kind, suffix in (("datasets", "toml"), ("annotations", "csv")):
-        (tmp_path / kind).mkdir()
-        shutil.copy(REPOSITORY / kind / f"{CLIP}.{suffix}", tmp_path / kind)
+    copy_clip(CLIP, tmp_path)
     monkeypatch.chdir(tmp_path)
-    write_text(tmp_path / "exp.toml", EXPERIMENT)
+    write_text(tmp_path / "exp.toml", DRAWN)
     manifest = load_manifest(CLIP)
     clip = manifest.open()
     keys: dict[tuple[str, Kind], list[KeyFrame]] = {}

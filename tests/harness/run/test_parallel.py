@@ -30,7 +30,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
 from tests import graphs, tasks
-from tests.alley import write_clip, write_masks
+from tests.alley import STAGES, write_clip, write_masks
 from tests.disk import write_text
 from tests.records import tables_of
 from vfoa.errors import VfoaError
@@ -40,14 +40,13 @@ FRAMES = 8
 TABLES = ("frr.csv", "comparisons.csv", "frr.tex")
 
 # one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
-EXPERIMENT = """
+EXPERIMENT = (
+    """
 clips = ["alley"]
 defaults.stereo.min_depth_m = 1.0
-defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
-defaults.heads.detector = "person_mask"
-defaults.head_pose.model = "none"
-defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-[[configuration]]
+"""
+    + STAGES
+    + """[[configuration]]
 name = "bm"
 stereo.matcher = "bm"
 [[configuration]]
@@ -58,6 +57,7 @@ name = "wider"
 stereo.matcher = "bm"
 gaze.stride = 2
 """
+)
 
 
 @pytest.fixture(scope="module")

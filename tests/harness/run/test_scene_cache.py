@@ -23,26 +23,27 @@ from harness.run.runner import prepare, run_plan
 from harness.sources.sintel import SintelClip
 from harness.studio import StudioClip
 from tests import graphs
-from tests.alley import write_clip, write_masks
+from tests.alley import STAGES, write_clip, write_masks
 from tests.disk import picture, write_image, write_text
+from tests.drawn_clip import CLIP, DRAWN
 from tests.measured import measured_tables
 from tests.records import tables_of
-from tests.repository import REPOSITORY
+from tests.repository import copy_clip
 
 FRAMES = 3
-ALLEY = """
+ALLEY = (
+    """
 clips = ["{clip}"]
 defaults.stereo = {{ matcher = "bm", min_depth_m = 1.0 }}
-defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
-defaults.heads.detector = "person_mask"
-defaults.head_pose.model = "none"
-defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-[[configuration]]
+"""
+    + STAGES
+    + """[[configuration]]
 name = "cones"
 [[configuration]]
 name = "filtered"
 gaze_filter.cues = "both"
 """
+)
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +267,7 @@ def test_directions_are_used_with_their_own_scene_alone(
 
 STUDIO = """
 clips = ["studio_talk"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
+defaults.stereo = { matcher = "bm", min_depth_m = 0.8 }
 defaults.segmentation.model = "truth"
 defaults.heads.detector = "truth"
 defaults.head_pose.model = "simulated"
@@ -276,7 +277,7 @@ seeds = 2
 name = "cones"
 [[configuration]]
 name = "posterior"
-attention = {{ method = "bayes", directions = 40 }}
+attention = { method = "bayes", directions = 40 }
 [[configuration]]
 name = "keys"
 segmentation.every = 2
@@ -284,16 +285,6 @@ segmentation.every = 2
 name = "truth"
 stereo.matcher = "truth"
 reconstruction.boxes = "oriented"
-"""
-DRAWN = """
-clips = ["studio_talk"]
-[[configuration]]
-name = "drawn"
-stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false, region = "needed" }}
-segmentation.model = "drawn"
-heads.detector = "drawn"
-head_pose.model = "truth"
-gaze.model = "truth"
 """
 POSES = """
 clips = ["talk"]
@@ -308,7 +299,7 @@ attention.method = "bayes"
 
 def _draw(frame: int) -> None:
     """Draw a head and an object on the clip of the studio, at this frame."""
-    manifest = load_manifest("studio_talk")
+    manifest = load_manifest(CLIP)
     boxes = {
         ("anna", "head"): (300.0, 100.0, 360.0, 180.0),
         (next(iter(manifest.targets)), "box"): (100.0, 200.0, 160.0, 260.0),
@@ -326,11 +317,9 @@ def test_every_kind_of_scene_is_found_again(
         measured_tables(tmp_path / "data" / "talk")
         add_clip(tmp_path / "data" / "talk")
     if text == DRAWN:
-        for kind, suffix in (("datasets", "toml"), ("annotations", "csv")):
-            (tmp_path / kind).mkdir()
-            shutil.copy(REPOSITORY / kind / f"studio_talk.{suffix}", tmp_path / kind)
+        copy_clip(CLIP, tmp_path)
         _draw(1)
-    experiment = write_text(tmp_path / "kinds.toml", text.replace("{{", "{").replace("}}", "}"))
+    experiment = write_text(tmp_path / "kinds.toml", text)
     first = _run(experiment, tmp_path / "first", store)
     with monkeypatch.context() as patch:
         patch.setattr(loop, "_perception", _perceives_nothing)
