@@ -131,14 +131,15 @@ def measure_speed(
 
 
 def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[Row], list[str]]:
-    """The rows that can be measured, and a note if those with models are left out: one is not on this machine."""
+    """The rows that can be measured, and a note: which models those with models have, or why they are left out."""
     with_models = next(row for row in ROWS if row.has_models)
     choices = configuration_of(experiment, clip, with_models, overrides).choices
+    models = [choice for slot in _HEAD_SLOTS if (choice := choices[slot])]
     try:
-        check_located(name for slot in _HEAD_SLOTS if (choice := choices[slot]) for name in weights_of(choice.settings))
+        check_located(name for choice in models for name in weights_of(choice.settings))
     except VfoaError as error:
         return [row for row in ROWS if not row.has_models], [f"Rows with models are left out: {error}"]
-    return [*ROWS], []
+    return [*ROWS], [f"Models: {', '.join(f'{choice.slot} {choice.name}' for choice in models)}."]
 
 
 def configuration_of(experiment: str, clip: str, row: Row, given: tuple[str, ...]) -> Configuration:

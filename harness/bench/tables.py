@@ -94,9 +94,8 @@ def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[
         words=1,
         notes=(
             "From images and masks in memory to attention: frames/s of the whole pipeline, and CPU ms a frame over all "
-            f"threads. Ratio: frames/s over those of {BASELINE}. Models are YuNet, FSA-Net and ADAS-0002, and the "
-            "experiment's segmenter in the rows that name it; rows without models have no head detector, head pose and "
-            "gaze. All rows are measured in turn, three times; the best of three counts.",
+            f"threads. Ratio: frames/s over those of {BASELINE}. Rows without models have no head detector, head pose "
+            "and gaze. All rows are measured in turn, three times; the best of three counts.",
             "Known: share of the pixels of the image with a true disparity that got one. Errors are over the known "
             f"pixels: the median, and the share of those that are off by more than {OFF_PX:g} px.",
             *notes,

@@ -16,6 +16,7 @@ NAMES = (
     "many_clips",
     "overhead",
     "posterior",
+    "presets",
     "recording_size",
     "turned_faces",
 )

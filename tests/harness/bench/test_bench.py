@@ -10,7 +10,7 @@ import pytest
 
 from harness.bench.attention import scenes_of, seeded_scenes, time_methods
 from harness.bench.gpu import measure_gpu
-from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
+from harness.bench.realtime import ROWS, configuration_of, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
 from harness.bench.stages import measure_stages
 from harness.cli import main
@@ -51,6 +51,16 @@ def test_rows_whose_models_are_not_here_are_left_out_with_a_note(
     rows, (note,) = rows_at_hand("demo", CLIP)
     assert rows == [row for row in ROWS if not row.has_models]
     assert "yunet_n_dynamic.onnx" in note
+
+
+def test_the_note_names_the_models_that_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("harness.bench.realtime.check_located", lambda names: None)
+    rows, (note,) = rows_at_hand("demo", CLIP)
+    choices = configuration_of("demo", CLIP, rows[-1], ()).choices
+    assert rows == [*ROWS]
+    for slot in ("heads", "head_pose", "gaze"):
+        assert (choice := choices[slot]) is not None
+        assert f"{slot} {choice.name}" in note
 
 
 def test_every_network_of_a_configuration_runs_on_the_provider() -> None:
