@@ -27,11 +27,13 @@ _HOMES = {
     "Estimator": "vfoa.estimator",
     "Follower": "vfoa.estimator",
     "Look": "vfoa.estimate",
+    "Score": "vfoa.scoring",
     "Stages": "vfoa.pipeline",
     "StereoFrame": "vfoa.types",
     "StereoRig": "vfoa.types",
     "VfoaError": "vfoa.errors",
     "rectified_rig": "vfoa.estimator",
+    "score": "vfoa.scoring",
 }
 """The module of each public name; ``__init__.pyi`` tells type checkers the same."""
 
@@ -40,12 +42,14 @@ __all__ = [
     "Estimator",
     "Follower",
     "Look",
+    "Score",
     "Stages",
     "StereoFrame",
     "StereoRig",
     "VfoaError",
     "__version__",
     "rectified_rig",
+    "score",
 ]
 
 

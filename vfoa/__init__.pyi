@@ -7,6 +7,8 @@ from vfoa.estimator import Estimator as Estimator
 from vfoa.estimator import Follower as Follower
 from vfoa.estimator import rectified_rig as rectified_rig
 from vfoa.pipeline import Stages as Stages
+from vfoa.scoring import Score as Score
+from vfoa.scoring import score as score
 from vfoa.types import StereoFrame as StereoFrame
 from vfoa.types import StereoRig as StereoRig
 

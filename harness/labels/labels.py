@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.sources import AnyClip
+from vfoa import scoring
 
-NOWHERE = "none"
+NOWHERE = scoring.NOWHERE
 """The target of a subject who looks at nothing in the scene."""
-IGNORED = "ignore"
+IGNORED = scoring.IGNORED
 """The target of a frame that is not scored."""
 RESERVED = (NOWHERE, IGNORED)
 UNLABELLED = "not labelled yet"

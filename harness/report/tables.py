@@ -14,7 +14,6 @@ from harness.report.verdict import compared_rows, next_steps
 from harness.run.directory import FITTED_ON_REPORTED
 from harness.score.baselines import BASELINES
 from harness.score.calibration import (
-    BINS,
     MOST_SHARE,
     MOST_SURPRISES,
     MOST_TIMES_CLAIMED,
@@ -26,10 +25,11 @@ from harness.score.calibration import (
 )
 from harness.score.finished_run import how_to_label
 from harness.score.intervals import LEAST_CLIPS
-from harness.score.metrics import LEAST_PROBABILITY, load_metrics
+from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, SET_LEVEL
+from vfoa.scoring import BINS, LEAST_PROBABILITY
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "

@@ -16,7 +16,8 @@ import numpy as np
 from harness.labels.labels import IGNORED, Labels
 from harness.score.intervals import LEAST_UNITS, draw, expanded_percentiles
 from harness.score.looks import number_looks
-from harness.score.statistics import UNKNOWN, Codes, Counts, Interval, cohen_kappa
+from harness.score.statistics import UNKNOWN, Codes, Counts, Interval
+from vfoa.scoring import cohen_kappa
 
 
 class TargetAgreement(NamedTuple):

@@ -29,9 +29,8 @@ from harness.score.judged import JudgedPart
 from harness.score.outcomes import Outcomes
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
+from vfoa.scoring import BINS, bins
 from vfoa.types import Float
-
-BINS = 10
 
 SMALL_TAIL = 0.05
 """A smaller tail probability is a surprise; if the model is right, this share of the frames has one."""
@@ -182,16 +181,19 @@ def reliability(configuration: str, frames: Float, clips: Codes | None = None) -
     ``clips`` (n,) are the codes of the frames' clips; None: all of one clip.
     """
     confidence, right, brier = frames.T
-    bins = np.minimum((confidence * BINS).astype(np.intp), BINS - 1)
-    counts = np.bincount(bins, minlength=BINS).astype(np.float64)
+    clips = np.zeros(len(frames), dtype=np.intp) if clips is None else clips
+    places = bins(confidence)
+    counts = np.bincount(places, minlength=BINS).astype(np.float64)
     with np.errstate(invalid="ignore"):
-        mean, share = (np.bincount(bins, weights=values, minlength=BINS) / counts for values in (confidence, right))
+        mean, share = (np.bincount(places, weights=values, minlength=BINS) / counts for values in (confidence, right))
     return Reliability(
         configuration=configuration,
         n=len(frames),
         brier=float(brier.mean()),
         adaptive_error=adaptive_error(confidence, right),
-        interval=_interval(confidence - right, bins, np.zeros(len(frames), dtype=np.intp) if clips is None else clips),
+        interval=_interval(
+            confidence - right, places, np.zeros(len(frames), dtype=np.intp) if clips is None else clips
+        ),
         confidence=mean,
         accuracy=share,
         counts=counts,
@@ -202,16 +204,16 @@ def adaptive_error(confidence: Float, right: Float) -> float:
     """The expected calibration error of :data:`BINS` bins of equal numbers of frames; equal confidences share one."""
     order = np.argsort(confidence, kind="stable")
     edges = confidence[order][np.linspace(0, len(order), BINS + 1).astype(int)[1:-1].clip(max=len(order) - 1)]
-    bins = np.searchsorted(np.unique(edges), confidence, side="right")
-    return float(np.abs(np.bincount(bins, confidence - right)).sum() / len(confidence))
+    places = np.searchsorted(np.unique(edges), confidence, side="right")
+    return float(np.abs(np.bincount(places, confidence - right)).sum() / len(confidence))
 
 
-def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
-    """The interval of the calibration error, from the gaps (n,) between confidence and outcome."""
+def _interval(gaps: Float, places: Codes, clips: Codes) -> Interval:
+    """The interval of the calibration error, from the gaps (n,) between confidence and outcome and their bins."""
     n = int(clips.max()) + 1
     if n < LEAST_CLIPS:
         return UNKNOWN
-    sums = np.bincount(clips * BINS + bins, gaps, minlength=n * BINS).reshape(n, BINS)
+    sums = np.bincount(clips * BINS + places, gaps, minlength=n * BINS).reshape(n, BINS)
     drawn = draw(np.zeros(n, dtype=np.intp), by_clip=False).astype(np.float64)
     errors = np.abs(drawn @ sums).sum(axis=1) / (drawn @ np.bincount(clips, minlength=n))
     low, high = expanded_percentiles(errors, n, n - 1)

@@ -25,7 +25,6 @@ from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
 from harness.score.labelled_run import LabelledRun, Person, labelled_runs
-from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.statistics import Flags
 from vfoa import __version__
 from vfoa.errors import VfoaError
@@ -33,6 +32,7 @@ from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
 from vfoa.nearest import NearestSettings
+from vfoa.scoring import log_loss
 from vfoa.types import Float
 
 BLOCK_S = 10.0
@@ -208,15 +208,15 @@ def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
     right, confidence, of_true = outcomes.T
     recalls = [float(right[part].mean()) if part.any() else None for part in (on_target, ~on_target)]
     known = [recall for recall in recalls if recall is not None]
-    log_loss = calibration = None
+    loss = calibration = None
     if np.isfinite(of_true).all() and len(of_true):
-        log_loss = round(float(-np.log(np.maximum(of_true, LEAST_PROBABILITY)).mean()), 4)
+        loss = round(log_loss(of_true), 4)
         frames = np.column_stack([confidence, right, np.zeros(len(right))])
         calibration = round(reliability(name, frames).calibration_error, 4)
     return MethodScore(
         method=name,
         n=len(right),
-        log_loss=log_loss,
+        log_loss=loss,
         calibration_error=calibration,
         balanced_frr=round(sum(known) / len(known), 4) if len(known) == 2 else None,
         frr=round(float(right.mean()), 4),

@@ -7,7 +7,6 @@ entry-point group ``vfoa.metrics``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -15,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.score.outcomes import Outcomes
-from harness.score.statistics import Counts, cohen_kappa, confusion_matrix, macro_f1
+from harness.score.statistics import Counts
 from vfoa.registry import Registry
+from vfoa.scoring import LEAST_PROBABILITY, balanced, cohen_kappa, confusion, log_loss, macro_f1, share
 
 
 class Metric(Protocol):
@@ -38,10 +38,6 @@ class Metric(Protocol):
         ...
 
 
-LEAST_PROBABILITY = 0.001
-"""Probabilities of the truth below this count as this: without it, one sure and wrong frame would decide a log loss."""
-
-
 class BalancedFRR:
     """Mean of the recall on targets and the recall on nowhere; if only one of the two has frames, that one."""
 
@@ -50,9 +46,7 @@ class BalancedFRR:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The mean of the two recalls, in [0, 1]."""
-        recalls = [recall(group) for recall in (RecallTargets(), RecallNowhere())]
-        known = [value for value in recalls if not math.isnan(value)]
-        return sum(known) / len(known) if known else math.nan
+        return balanced(RecallTargets()(group), RecallNowhere()(group))
 
 
 class RecallTargets:
@@ -88,7 +82,7 @@ class LogLoss:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """The log loss, nats; NaN for a method without probabilities."""
-        return _mean([-np.log(np.maximum(outcomes.on_truth, LEAST_PROBABILITY)) for outcomes in group])
+        return log_loss(np.concatenate([outcomes.on_truth for outcomes in group]))
 
 
 class Brier:
@@ -110,7 +104,7 @@ class MacroF1:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """Macro F1 of a row, in [0, 1]."""
-        return macro_f1(confusion(group))
+        return macro_f1(confusion_of(group))
 
 
 class Kappa:
@@ -121,26 +115,17 @@ class Kappa:
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
         """Kappa of a row, at most 1; NaN if chance alone would always agree."""
-        return cohen_kappa(confusion(group))
+        return cohen_kappa(confusion_of(group))
 
 
 def _mean(values: Sequence[NDArray[Any]]) -> float:
-    column = np.concatenate(values)
-    return float(column.mean()) if len(column) and not np.isnan(column).any() else math.nan
+    return share(np.concatenate(values))
 
 
-def confusion(group: Sequence[Outcomes]) -> Counts:
-    """Counts (L + 1, L + 1) of truth (rows) by answer, over the L labels of the truth, then any other answer or none.
-
-    Answers that never occur in the truth share a column: separating them would change neither kappa nor macro F1.
-    """
+def confusion_of(group: Sequence[Outcomes]) -> Counts:
+    """Counts of truth (rows) by answer, as :func:`vfoa.scoring.confusion`."""
     truth = np.concatenate([outcomes.truth for outcomes in group])
-    predicted = np.concatenate([outcomes.predicted for outcomes in group])
-    labels, true_codes = np.unique(truth, return_inverse=True)
-    another = len(labels)
-    nearest = np.minimum(np.searchsorted(labels, predicted), another - 1)
-    answers = np.where(labels[nearest] == predicted, nearest, another)
-    return confusion_matrix(true_codes, answers, another + 1)
+    return confusion(truth, np.concatenate([outcomes.predicted for outcomes in group]))
 
 
 METRICS = Registry(

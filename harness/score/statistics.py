@@ -1,4 +1,4 @@
-"""Shares, corrections, agreement measures, and the sign-flip test of paired differences with its interval and power.
+"""Shares, corrections, and the sign-flip test of paired differences with its interval and power.
 
 They are short closed forms, written out: importing scipy.stats, statsmodels or scikit-learn takes as long as scoring a
 run. The tests compare each of them with those libraries.
@@ -69,30 +69,6 @@ def holm(p_values: Sequence[float]) -> list[float]:
         highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[index]))
         corrected[index] = highest
     return corrected
-
-
-def confusion_matrix(truth: Codes, predicted: Codes, categories: int) -> Counts:
-    """Counts (categories, categories): rows truth, columns prediction, both coded 0 to categories - 1."""
-    return np.bincount(truth * categories + predicted, minlength=categories**2).reshape(categories, categories)
-
-
-def cohen_kappa(confusion: Counts) -> float:
-    """Cohen's kappa (Cohen 1960), agreement beyond chance; NaN if chance alone would always agree."""
-    n = confusion.sum()
-    if n == 0:
-        return math.nan
-    observed = np.trace(confusion) / n
-    expected = float(confusion.sum(axis=0) @ confusion.sum(axis=1)) / float(n) ** 2
-    return math.nan if expected == 1.0 else float((observed - expected) / (1 - expected))
-
-
-def macro_f1(confusion: Counts) -> float:
-    """Mean F1 over the categories that occur in the truth (rows); NaN without ground truth."""
-    true, predicted = confusion.sum(axis=1), confusion.sum(axis=0)
-    occurs = true > 0
-    if not occurs.any():
-        return math.nan
-    return float((2 * np.diagonal(confusion)[occurs] / (true + predicted)[occurs]).mean())
 
 
 _ALL_SUBSETS = 12

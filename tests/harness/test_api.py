@@ -223,6 +223,12 @@ def test_type_checkers_know_every_public_name() -> None:
     }
 
 
+def test_arrays_are_scored_as_documented(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = _blocks("A score from arrays")
+    exec(block, {})
+    assert capsys.readouterr().out.strip() == block.rpartition("# ")[2].strip()
+
+
 def test_other_settings_of_attention_are_tried_as_documented(run: harness.RunResults) -> None:
     (block,) = _blocks("Other settings of attention")
     names: dict[str, Any] = {"run": run}

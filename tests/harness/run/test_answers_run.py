@@ -11,6 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
+import vfoa
 from harness.cli import app as program
 from harness.cli.clips import app
 from harness.clips.manifest import load_manifest
@@ -23,6 +24,7 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
+from harness.score.calibration import reliabilities
 from harness.score.score import ScoreRow, Scores
 from harness.sources import Clip, MeasuredClip
 from tests.disk import write_text
@@ -125,6 +127,35 @@ def test_what_vfoa_did_not_find_counts_all_the_same(talk: Path) -> None:
     last = [record for record in read_records(directory) if record.configuration == "theirs"][-1]
     assert {subject.name for subject in last.subjects} == {"anna", "ben"}
     assert len({target.instance_id for target in last.targets}) == len(last.targets)
+
+
+def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
+    """:func:`vfoa.score` of answers and probabilities drawn by chance, a few rows of them missing."""
+    rng = np.random.default_rng(7)
+    names = {"anna": ("ben", "robot", "cup", "none"), "ben": ("anna", "robot", "cup", "none")}
+    frames = [(frame, subject) for subject in names for frame in range(1, 13)]
+    truth = [str(rng.choice(names[subject])) for _, subject in frames]
+    labels = (f"{frame},{frame},{subject},{target}," for (frame, subject), target in zip(frames, truth, strict=True))
+    write_text(talk / "annotations" / "talk.csv", LABELS_HEADER + "\n".join(labels) + "\n")
+    columns = ("anna", "ben", "robot", "cup", "none")
+    chances = np.zeros((len(frames), len(columns)))
+    answers: list[str | None] = []
+    rows = []
+    for place, (frame, subject) in enumerate(frames):
+        chosen = [columns.index(name) for name in names[subject]]
+        chances[place, chosen] = rng.dirichlet(np.ones(4))
+        answers.append(columns[chances[place].argmax()] if place % 5 else None)
+        if place % 5:
+            rows.append(",".join(map(str, (frame, subject, "", *chances[place]))))
+    _answer(rows, f"frame,subject,target,{','.join(f'p_{name}' for name in columns)}")
+    _, scores = _run(talk)
+    row, scored = _row(scores), vfoa.score(truth, answers, dict(zip(columns, chances.T, strict=True)))
+    (reliability,) = reliabilities(scores.outcomes)
+    assert (scored.n, scored.correct, scored.frr) == (row.n, row.correct, row.frr)
+    assert scored.coverage == row.coverage
+    assert scored.calibration_error == pytest.approx(reliability.calibration_error, abs=1e-12)
+    for name, value in row.metrics.items():
+        assert getattr(scored, name) == pytest.approx(value, abs=1e-12), name
 
 
 def test_probabilities_are_judged(talk: Path) -> None:

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
-from sklearn.metrics import cohen_kappa_score, f1_score
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
-from harness.score.statistics import cohen_kappa, confusion_matrix, holm, macro_f1, wilson_interval
+from harness.score.statistics import holm, wilson_interval
 
 
 @given(n=st.integers(1, 10_000), share=st.floats(0, 1))
@@ -42,22 +41,3 @@ def test_holm_is_that_of_statsmodels() -> None:
     for n in (1, 2, 6, 20, 66):
         p_values = np.round(rng.random(n) ** 3, 2).tolist()  # rounded, so that some are equal
         assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1], abs=1e-12)
-
-
-@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=200))
-def test_kappa_and_macro_f1_are_those_of_scikit_learn(pairs: list[tuple[int, int]]) -> None:
-    truth, predicted = np.array(pairs, dtype=np.intp).T
-    confusion = confusion_matrix(truth, predicted, 5)
-    labels = np.unique(truth)
-    f1 = f1_score(truth, predicted, labels=labels, average="macro", zero_division=0)
-    assert macro_f1(confusion) == pytest.approx(f1, abs=1e-12)
-    if len({*truth.tolist(), *predicted.tolist()}) > 1:
-        assert cohen_kappa(confusion) == pytest.approx(cohen_kappa_score(truth, predicted), abs=1e-12)
-    else:
-        assert math.isnan(cohen_kappa(confusion))  # 0 / 0: chance alone always agrees
-
-
-def test_measures_of_nothing_are_unknown() -> None:
-    nothing = np.zeros((2, 2), dtype=np.intp)
-    assert math.isnan(cohen_kappa(nothing))
-    assert math.isnan(macro_f1(nothing))

@@ -1,0 +1,112 @@
+"""Scores from arrays: against scikit-learn, and against values worked out by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.metrics import brier_score_loss, cohen_kappa_score, f1_score, log_loss
+
+import vfoa
+from vfoa.errors import VfoaError
+from vfoa.scoring import BRIER_WITHOUT_ANSWER, LEAST_PROBABILITY, cohen_kappa, confusion_matrix, macro_f1
+
+NAMES = ("book", "cup", "none")
+CHANCES = {"book": [0.25, 0.5, 0.0], "cup": [0.5, 0.5, 0.0], "none": [0.25, 0.0, 1.0]}
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=200))
+def test_kappa_and_macro_f1_are_those_of_scikit_learn(pairs: list[tuple[int, int]]) -> None:
+    truth, predicted = np.array(pairs, dtype=np.intp).T
+    confusion = confusion_matrix(truth, predicted, 5)
+    labels = np.unique(truth)
+    f1 = f1_score(truth, predicted, labels=labels, average="macro", zero_division=0)
+    assert macro_f1(confusion) == pytest.approx(f1, abs=1e-12)
+    if len({*truth.tolist(), *predicted.tolist()}) > 1:
+        assert cohen_kappa(confusion) == pytest.approx(cohen_kappa_score(truth, predicted), abs=1e-12)
+    else:
+        assert math.isnan(cohen_kappa(confusion))  # 0 / 0: chance alone always agrees
+
+
+def test_measures_of_nothing_are_unknown() -> None:
+    nothing = np.zeros((2, 2), dtype=np.intp)
+    assert math.isnan(cohen_kappa(nothing))
+    assert math.isnan(macro_f1(nothing))
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(NAMES), st.lists(st.integers(1, 9), min_size=3, max_size=3)), min_size=2, max_size=60
+    )
+)
+def test_scores_of_probabilities_are_those_of_scikit_learn(frames: list[tuple[str, list[int]]]) -> None:
+    truth = [name for name, _ in frames]
+    weights = np.array([weights for _, weights in frames], dtype=np.float64)
+    chances = weights / weights.sum(axis=1, keepdims=True)
+    answers = [NAMES[place] for place in chances.argmax(axis=1)]
+    scored = vfoa.score(truth, answers, dict(zip(NAMES, chances.T, strict=True)))
+    assert scored.log_loss == pytest.approx(log_loss(truth, chances, labels=NAMES), abs=1e-9)
+    of_each = [brier_score_loss([name == one for name in truth], chances[:, place]) for place, one in enumerate(NAMES)]
+    assert scored.brier == pytest.approx(sum(of_each), abs=1e-9)
+    assert scored.frr == pytest.approx(np.mean([one == other for one, other in zip(truth, answers, strict=True)]))
+
+
+def test_rates_count_targets_and_nowhere_apart() -> None:
+    truth = ["cup", "cup", "book", "none", "none", "ignore", None, ""]
+    answers = ["cup", "book", None, "none", "cup", "cup", "cup", "cup"]
+    scored = vfoa.score(truth, answers)
+    assert (scored.n, scored.correct) == (5, 2)
+    assert (scored.frr, scored.coverage) == (2 / 5, 4 / 5)
+    assert (scored.recall_targets, scored.recall_nowhere) == (1 / 3, 1 / 2)
+    assert scored.balanced_frr == pytest.approx((1 / 3 + 1 / 2) / 2)
+    assert math.isnan(scored.log_loss)
+    assert math.isnan(scored.calibration_error)
+
+
+def test_one_kind_of_label_alone_is_its_balanced_rate() -> None:
+    scored = vfoa.score(["cup", "book"], ["cup", "cup"])
+    assert scored.balanced_frr == scored.frr == 1 / 2
+    assert math.isnan(scored.recall_nowhere)
+
+
+def test_a_frame_without_an_answer_has_no_probability_of_the_truth() -> None:
+    scored = vfoa.score(["cup", "cup"], ["cup", None], {"cup": [1.0, math.nan]})
+    assert scored.log_loss == pytest.approx(-math.log(LEAST_PROBABILITY) / 2)
+    assert scored.brier == BRIER_WITHOUT_ANSWER / 2
+    assert scored.calibration_error == 0  # of the answers that there are
+
+
+def test_nowhere_has_what_is_left_of_the_probabilities() -> None:
+    truth, answers = ["cup", "book", "none"], ["cup", "cup", "none"]
+    left_out = {name: column for name, column in CHANCES.items() if name != "none"}
+    assert astuple(vfoa.score(truth, answers, left_out)) == astuple(vfoa.score(truth, answers, CHANCES))
+
+
+def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answers() -> None:
+    chances = [0.95, 0.95, 0.95, 0.95, 0.55]  # three of four right at .95, none at .55
+    scored = vfoa.score(["cup", "cup", "cup", "none", "none"], ["cup"] * 5, {"cup": chances})
+    assert scored.calibration_error == pytest.approx((4 * abs(0.75 - 0.95) + 0.55) / 5)
+
+
+@pytest.mark.parametrize(
+    ("truth", "answers", "probabilities", "message"),
+    [
+        (["cup"], ["cup", "cup"], None, "answers.*found 2.*expected 1"),
+        (["ignore", None], ["cup", "cup"], None, "truth.*none of 2"),
+        (["cup"], ["cup"], {"cup": [0.5, 0.5]}, "'cup'.*\\(2,\\).*\\(1,\\)"),
+        (["cup"], ["cup"], {"cup": [1.5]}, "'cup'.*0 to 1.*1.5"),
+        (["cup"], ["cup"], {"cup": [math.nan]}, "'cup'.*nan"),
+        (["cup"], ["cup"], {"cup": [0.7], "book": [0.7]}, "1.4.*at most 1"),
+        (["cup"], ["cup"], {"cup": [0.7], "none": [0.1]}, "0.8.*expected 1"),
+        (["cup"], ["book"], {"cup": [0.7]}, "'book'"),
+    ],
+)
+def test_what_cannot_be_scored_is_one_line(
+    truth: list[str | None], answers: list[str | None], probabilities: dict[str, list[float]] | None, message: str
+) -> None:
+    with pytest.raises(VfoaError, match=message):
+        vfoa.score(truth, answers, probabilities)

@@ -1,0 +1,248 @@
+"""Scores of answers against labels, from arrays: no clip, no run and no file is needed.
+
+    >>> print(vfoa.score(["cup", "cup", "none", "book"], ["cup", "book", "none", None]))
+    2 of 4 right: FRR 50.0 %, balanced 66.7 % (targets 33.3 %, nowhere 100.0 %), answers in 3 of 4
+
+The harness scores a run by the same functions (``frr.csv``), and adds what arrays do not tell: error types, baselines,
+and intervals by clips and looks. Frames of one look are right or wrong together, so that no interval can be had from
+their number alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vfoa.errors import VfoaError
+from vfoa.types import Float
+
+Flags = NDArray[np.bool_]
+Codes = NDArray[np.intp]
+
+NOWHERE = "none"
+"""The label, and the answer, "looks at none of the targets"."""
+IGNORED = "ignore"
+"""The label of a frame that does not count."""
+LEAST_PROBABILITY = 0.001
+"""Probabilities of the truth below this count as this: without it, one sure and wrong frame would decide a log loss."""
+BRIER_WITHOUT_ANSWER = 1.0
+"""Brier's score of a frame without an answer: it has no probability anywhere."""
+BINS = 10
+"""Bins of the expected calibration error."""
+_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """Shares of ``n`` labelled frames; NaN where there is nothing to divide by, or no probabilities were given.
+
+    ``frr`` is the focus recognition rate: the share of right frames; one without an answer is wrong. ``balanced_frr``
+    is the mean of the next two, so that always answering one thing gets at most a half. ``recall_targets`` is the
+    share of right frames among those with a true target, ``recall_nowhere`` that among those labelled ``none``.
+    ``coverage`` is the share of frames with an answer, ``kappa`` Cohen's (1960), ``macro_f1`` the mean F1 over the
+    labels that occur. ``log_loss`` (Good 1952; nats), ``brier`` (Brier 1950; 0 to 2) and ``calibration_error`` (Guo et
+    al. 2017, ten bins) are those of probabilities: lower is better.
+    """
+
+    n: int
+    correct: int
+    frr: float
+    balanced_frr: float
+    recall_targets: float
+    recall_nowhere: float
+    coverage: float
+    kappa: float
+    macro_f1: float
+    log_loss: float = math.nan
+    brier: float = math.nan
+    calibration_error: float = math.nan
+
+    def __str__(self) -> str:
+        percents = (self.frr, self.balanced_frr, self.recall_targets, self.recall_nowhere)
+        frr, balanced, targets, nowhere = (f"{100 * share:.1f} %" for share in percents)
+        line = (
+            f"{self.correct} of {self.n} right: FRR {frr}, balanced {balanced} (targets {targets}, nowhere {nowhere}), "
+            f"answers in {round(self.coverage * self.n)} of {self.n}"
+        )
+        if math.isnan(self.log_loss):
+            return line
+        return f"{line}; log loss {self.log_loss:.3f}, calibration error {self.calibration_error:.3f}"
+
+
+def score(
+    truth: Sequence[str | None],
+    answers: Sequence[str | None],
+    probabilities: Mapping[str, ArrayLike] | None = None,
+) -> Score:
+    """Score one answer a frame, or a frame and person: as ``vfoa score`` does, from arrays.
+
+    Parameters
+    ----------
+    truth
+        What is looked at in each of the frames: the name of a target, ``"none"`` for none of them. ``"ignore"``, None
+        and ``""`` do not count.
+    answers
+        The answers, in the same order: a name, ``"none"``, or None or ``""`` where there is no answer, which is wrong.
+    probabilities
+        By target, and perhaps for ``"none"``: the probability (n,) in each frame. Without ``"none"``, it has what is
+        left up to 1. Those of frames without an answer are not read.
+
+    Raises
+    ------
+    VfoaError
+        If lengths differ, no frame counts, a probability is not in [0, 1], those of a frame add up to more than 1 (or
+        to less, with ``"none"``), or an answer has none.
+    """
+    labels, said = _names(truth), _names(answers)
+    if len(labels) != len(said):
+        raise VfoaError(f"score: answers: found {len(said)}; expected {len(labels)}, one for each label")
+    counts = (labels != "") & (labels != IGNORED)
+    if not counts.any():
+        raise VfoaError(f"score: truth: none of {len(labels)} frames counts; expected names of targets, or {NOWHERE!r}")
+    labels, said, is_given = labels[counts], said[counts], (said != "")[counts]
+    correct, is_nowhere = labels == said, labels == NOWHERE
+    targets, nowhere = share(correct[~is_nowhere]), share(correct[is_nowhere])
+    table = confusion(labels, said)
+    worth = {} if probabilities is None else _worth(_chances(probabilities, counts), labels, said, is_given)
+    return Score(
+        n=len(labels),
+        correct=int(correct.sum()),
+        frr=share(correct),
+        balanced_frr=balanced(targets, nowhere),
+        recall_targets=targets,
+        recall_nowhere=nowhere,
+        coverage=share(is_given),
+        kappa=cohen_kappa(table),
+        macro_f1=macro_f1(table),
+        **worth,
+    )
+
+
+def _names(values: Iterable[Any]) -> NDArray[np.str_]:
+    """The names (n,), ``""`` where there is none: None, or the NaN of a table's empty cell."""
+    return np.array(["" if value is None or value != value else str(value) for value in values], dtype=np.str_)
+
+
+def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str, Float]:
+    """The probabilities of the frames that count, by name."""
+    chances = {}
+    for name, column in probabilities.items():
+        values = np.asarray(column, dtype=np.float64)
+        if values.shape != counts.shape:
+            raise VfoaError(
+                f"score: probabilities of {name!r}: found the shape {values.shape}; expected {counts.shape}, one each"
+            )
+        chances[name] = values[counts]
+    return chances
+
+
+def _worth(chances: dict[str, Float], labels: NDArray[Any], said: NDArray[Any], is_given: Flags) -> dict[str, float]:
+    """Log loss, Brier's score and calibration error, by name."""
+    names = list(chances)
+    values = np.stack([*chances.values()], axis=1) if names else np.zeros((len(labels), 0))
+    _check(values[is_given], names)
+    if NOWHERE not in chances:
+        names.append(NOWHERE)
+        values = np.append(values, np.maximum(1 - values.sum(axis=1, keepdims=True), 0), axis=1)
+    if unknown := sorted(set(said[is_given].tolist()) - set(names)):
+        raise VfoaError(
+            f"score: probabilities: found none of the answer {unknown[0]!r}; expected those of every answer"
+        )
+    columns = np.array(names)
+    is_true, is_said = columns == labels[:, None], columns == said[:, None]
+    values = np.where(is_given[:, None], values, 0)
+    on_truth = (values * is_true).sum(axis=1)
+    brier = (1 - on_truth) ** 2 + ((values * ~is_true) ** 2).sum(axis=1)
+    return {
+        "log_loss": log_loss(on_truth),
+        "brier": share(np.where(is_given, brier, BRIER_WITHOUT_ANSWER)),
+        "calibration_error": calibration_error(
+            (values * is_said).sum(axis=1)[is_given], (is_true & is_said).any(axis=1)[is_given]
+        ),
+    }
+
+
+def _check(values: Float, names: Sequence[str]) -> None:
+    """Refuse what is no probability, and sums that are not 1 (without nowhere: above 1)."""
+    ok = (values >= 0) & (values <= 1)
+    if not ok.all():
+        row, column = np.argwhere(~ok)[0]
+        found = values[row, column]
+        raise VfoaError(f"score: probabilities of {names[column]!r}: expected values from 0 to 1, found {found:g}")
+    sums = values.sum(axis=1)
+    wrong = (sums > 1 + _TOLERANCE) | ((sums < 1 - _TOLERANCE) & (NOWHERE in names))
+    if wrong.any():
+        limit = "1" if NOWHERE in names else f"at most 1 (the rest is that of {NOWHERE!r})"
+        raise VfoaError(f"score: probabilities: those of a frame add up to {sums[wrong][0]:.4g}; expected {limit}")
+
+
+def share(values: NDArray[Any]) -> float:
+    """The mean of a column (n,); :data:`math.nan` itself, so that scores compare equal, of none or with a NaN in it."""
+    return float(values.mean()) if len(values) and not np.isnan(values).any() else math.nan
+
+
+def balanced(targets: float, nowhere: float) -> float:
+    """The mean of the recalls on targets and on nowhere; if only one of the two has frames, that one."""
+    known = [recall for recall in (targets, nowhere) if not math.isnan(recall)]
+    return sum(known) / len(known) if known else math.nan
+
+
+def log_loss(on_truth: Float) -> float:
+    """Mean of -ln p, nats (Good 1952): p (n,) is that of the truth, at least :data:`LEAST_PROBABILITY`."""
+    return share(-np.log(np.maximum(on_truth, LEAST_PROBABILITY)))
+
+
+def calibration_error(confidence: Float, right: NDArray[Any]) -> float:
+    """The expected calibration error, in [0, 1] (Guo et al. 2017), of :data:`BINS` equal bins; NaN of none.
+
+    ``confidence`` (n,) are the probabilities of the answers, ``right`` (n,) whether they were right.
+    """
+    return (
+        float(np.abs(np.bincount(bins(confidence), right - confidence)).sum() / len(right)) if len(right) else math.nan
+    )
+
+
+def bins(confidence: Float) -> Codes:
+    """The bin (n,) of each confidence, from 0 to :data:`BINS` - 1."""
+    return np.minimum((confidence * BINS).astype(np.intp), BINS - 1)
+
+
+def confusion(truth: NDArray[Any], predicted: NDArray[Any]) -> Codes:
+    """Counts (L + 1, L + 1) of truth (rows) by answer, over the L labels of the truth, then any other answer or none.
+
+    Answers that never occur in the truth share a column: separating them would change neither kappa nor macro F1.
+    """
+    labels, true_codes = np.unique(truth, return_inverse=True)
+    another = len(labels)
+    nearest = np.minimum(np.searchsorted(labels, predicted), another - 1)
+    answers = np.where(labels[nearest] == predicted, nearest, another)
+    return confusion_matrix(true_codes, answers, another + 1)
+
+
+def confusion_matrix(truth: Codes, predicted: Codes, categories: int) -> Codes:
+    """Counts (categories, categories): rows truth, columns prediction, both coded 0 to categories - 1."""
+    return np.bincount(truth * categories + predicted, minlength=categories**2).reshape(categories, categories)
+
+
+def cohen_kappa(counts: Codes) -> float:
+    """Cohen's kappa (Cohen 1960), agreement beyond chance; NaN if chance alone would always agree."""
+    n = counts.sum()
+    if n == 0:
+        return math.nan
+    observed = np.trace(counts) / n
+    expected = float(counts.sum(axis=0) @ counts.sum(axis=1)) / float(n) ** 2
+    return math.nan if expected == 1.0 else float((observed - expected) / (1 - expected))
+
+
+def macro_f1(counts: Codes) -> float:
+    """Mean F1 over the categories that occur in the truth (rows); NaN without ground truth."""
+    true, predicted = counts.sum(axis=1), counts.sum(axis=0)
+    occurs = true > 0
+    if not occurs.any():
+        return math.nan
+    return float((2 * np.diagonal(counts)[occurs] / (true + predicted)[occurs]).mean())
