@@ -23,7 +23,7 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject, MeasuredPerson
 from harness.sources.measured.tables import write_measured
 from scripts.measure.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
-from vfoa.posterior.settings import sigma_rad
+from vfoa.geometry import sigma_rad
 from vfoa.types import Box3D, Gaze, HeadPose
 
 ERRORS_DEG, BIASES_DEG, SEEDS = (5.0, 11.0, 20.0, 36.0), (0.0, 10.0, 25.0), range(2)

@@ -12,40 +12,45 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from operator import attrgetter
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from vfoa.attention import boxes_of_others
-from vfoa.geometry import unit
-from vfoa.methods import MethodSettings
+from vfoa.geometry import sigma_rad, unit
+from vfoa.methods import MethodSettings, seconds_between
+from vfoa.posterior.assumptions import ASIDE_DEG, REST_DEG, Error
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
 from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
-from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
 from vfoa.recent import Recent
 from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
-from vfoa.visible import SurfaceSettings, views_of
+from vfoa.visible import RAYS, views_of
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
 """Smallest angular error: a model that claims less is given this one."""
 
 
-class BayesSettings(PosteriorSettings, SurfaceSettings, MethodSettings):
-    """Settings of :func:`infer_attentions`: those of its parts, and the frames that each frame's answer uses."""
+class BayesSettings(MethodSettings):
+    """Settings of :func:`infer_attentions`."""
 
     method: Literal["bayes"]
     """``bayes``: a posterior over the objects."""
+    error: Error = "unknown"
+    """``unknown``: the claimed error is a prior; scale, bias and gain are learned. ``told``: it is true."""
+    spread: Literal["model", "published"] = "model"
+    """Claimed error. ``model``: the model's value for a direction if it gives one; ``published``: the published one."""
+    gaze_error_deg: float = Field(default=11.1, gt=0, le=60)
+    """Published mean angle of the gaze error."""
+    head_error_deg: float = Field(default=5.0, gt=0, le=60)
+    """Published mean angle of the head-pose error."""
     smoothing: Literal["off", "forward", "both"] = "forward"
     """``off``: each frame by itself; ``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
     """How far ahead of a frame ``both`` looks, seconds."""
-    frame_rate_hz: float = Field(default=25.0, gt=0)
-    """Frame rate where frames have no times, or times that do not increase."""
 
     @property
     def elsewhere(self) -> str:
@@ -59,7 +64,7 @@ class BayesSettings(PosteriorSettings, SurfaceSettings, MethodSettings):
     @property
     def cloud_points(self) -> int:
         """A ray goes to each of them."""
-        return self.directions if self.surface == "cloud" else 0
+        return RAYS
 
 
 Held = tuple[Belief, int | None]
@@ -76,7 +81,6 @@ class Posterior:
     def __init__(self, settings: BayesSettings) -> None:
         self._settings = settings
         self.look_ahead_s = settings.look_ahead_s if settings.smoothing == "both" else 0.0
-        self.frame_rate_hz = settings.frame_rate_hz
 
     def start(self) -> None:
         """No belief."""
@@ -150,7 +154,7 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
         index: _with_probabilities(
             attention,
             belief.keys,
-            answered(belief, probability, settings, later_known=True),
+            answered(belief, probability, settings.error, later_known=True),
             ((value.instance_id, *_divided(value.gaze, value.head)) for value in attention.values),
         )
         for (index, attention, belief), probability in zip(known, smoothed(beliefs), strict=True)
@@ -165,18 +169,16 @@ def _infer(
     settings: BayesSettings,
     time_ns: int | None,
 ) -> Attention:
-    found = believed(subject, targets, eyes, before, settings, time_ns)
+    found = believed(subject, targets, eyes, before, settings, time_ns, clouds=True)
     if isinstance(found, NoAttention):
         return Attention(subject=subject, missing=found)
     belief, cues = found
-    shares = cue_shares(cues, belief, settings)
-    divided = _divided(*shares)
+    divided = _divided(*cue_shares(cues, belief))
     parts = ((number, *divided) for number in boxes_of_others(subject, targets))
     attention = Attention(subject=subject, belief=belief, fit=fit_of(belief, cues))
-    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings), parts)
+    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings.error), parts)
 
 
-_ASSUMPTIONS = attrgetter(*PosteriorSettings.model_fields)
 _RECENT: Recent[Belief] = Recent(16)
 """The last beliefs of all configurations: those that differ in what they make of a belief share it."""
 
@@ -188,8 +190,13 @@ def believed(
     before: Held | None,
     settings: BayesSettings,
     time_ns: int | None,
+    *,
+    clouds: bool,
 ) -> tuple[Belief, MeasuredCues] | NoAttention:
-    """Return the belief about a subject after a frame, and the cues that it follows from; or why there is none."""
+    """Return the belief about a subject after a frame, and the cues that it follows from; or why there is none.
+
+    ``clouds``: targets are their clouds, where they have any, instead of their boxes.
+    """
     origin = subject.person.eye_origin_left
     if origin is None:
         return NoAttention.NO_EYES_3D
@@ -198,7 +205,7 @@ def believed(
         return NoAttention.NO_DIRECTION
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
-    views = views_of(origin, others, eyes, settings)
+    views = views_of(origin, others, eyes, clouds=clouds)
     scenery = Scenery(
         keys=(*views.ids, None),
         directions=views.directions,
@@ -206,10 +213,10 @@ def believed(
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
-    dt_s = seconds_between(last_ns, time_ns, settings.frame_rate_hz)
+    dt_s = seconds_between(last_ns, time_ns)
     measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
-    asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, _ASSUMPTIONS(settings)
-    return _RECENT.get((views, last), asked, lambda: update(last, scenery, cues, dt_s, settings)), cues
+    asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, settings.error
+    return _RECENT.get((views, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error)), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:
@@ -239,13 +246,6 @@ def eyes_of(subjects: Iterable[Subject]) -> dict[int, Float]:
     }
 
 
-def seconds_between(before_ns: int | None, now_ns: int | None, frame_rate_hz: float) -> float:
-    """Return the time between two frames, seconds; one period of the rate where it is unknown or not positive."""
-    if before_ns is None or now_ns is None or now_ns <= before_ns:
-        return 1 / frame_rate_hz
-    return (now_ns - before_ns) / 1e9
-
-
 def _with_probabilities(
     attention: Attention, keys: Keys, probabilities: Float, parts: Iterable[tuple[int, float, float]]
 ) -> Attention:
@@ -271,11 +271,11 @@ def _divided(gaze: float, head: float) -> tuple[float, float]:
     return (gaze / whole, head / whole) if whole > 0 else (gaze, head)
 
 
-def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
+def cue_shares(cues: MeasuredCues, belief: Belief) -> tuple[float, float]:
     """Shares of the gaze and of the head in the evidence, by precision; NaN for a cue that was not measured.
 
     The precision of a gaze follows from its estimated error. The precision of a head follows from its own error, its
-    rest and its offset (``aside``), divided by its share of the way to the target.
+    rest and its offset (``ASIDE_DEG``), divided by its share of the way to the target.
     """
     precision = {}
     if cues.gaze is not None:
@@ -283,7 +283,7 @@ def cue_shares(cues: MeasuredCues, belief: Belief, settings: BayesSettings) -> t
         precision["gaze"] = 1 / (scale * cues.gaze_sigma_rad) ** 2
     if cues.head is not None:
         share = belief.implied_share
-        around = sigma_rad(settings.aside_deg) ** 2 + ((1 - share) * sigma_rad(settings.rest_deg)) ** 2
+        around = sigma_rad(ASIDE_DEG) ** 2 + ((1 - share) * sigma_rad(REST_DEG)) ** 2
         precision["head"] = share**2 / (cues.head_sigma_rad**2 + around)
     total = sum(precision.values())
     gaze, head = (precision[cue] / total if cue in precision else float("nan") for cue in CUES)

@@ -172,8 +172,7 @@ class Follower:
             As for :meth:`Estimator.estimate`.
         time_ns
             The frame's time, nanoseconds. The logit and the posterior (``attention.method``: ``"logit"``, ``"bayes"``)
-            use it; if times do not increase, as without any, frames count as one period of the setting
-            ``attention.frame_rate_hz`` apart, by default 40 ms.
+            use it; if times do not increase, as without any, frames count as 40 ms apart.
 
         Raises
         ------

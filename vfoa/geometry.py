@@ -24,6 +24,9 @@ from vfoa.types import Box3D, Float, Mask, StereoRig
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
+MEAN_ANGLE_PER_SIGMA = float(np.sqrt(np.pi / 2))
+"""Mean angle of an error over its standard deviation in each tangent direction (Rayleigh)."""
+
 CONE_HEIGHT_M = 1.10
 """Height of the cones for which the paper gives radii (Simões and Moreno 2022, synthetic cases)."""
 
@@ -52,6 +55,11 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> Float:
 
 def _angle_of_units(a: Float, b: Float) -> Float:
     return np.asarray(2 * np.arctan2(length_of(a - b), length_of(a + b)))
+
+
+def sigma_rad(error_deg: float) -> float:
+    """Standard deviation per tangent direction, radians, of an error with this mean angle in degrees."""
+    return float(np.deg2rad(error_deg)) / MEAN_ANGLE_PER_SIGMA
 
 
 def fov_from_radius(radius_m: float) -> float:

@@ -27,10 +27,10 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from vfoa.bayes import BayesSettings, Held, believed, eyes_of, seconds_between
+from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
-from vfoa.methods import MethodSettings
+from vfoa.methods import MethodSettings, seconds_between
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
@@ -128,8 +128,6 @@ class LogitSettings(MethodSettings):
     """``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
     """How far ahead of a frame ``both`` looks, seconds."""
-    frame_rate_hz: float = Field(default=25.0, gt=0)
-    """Frame rate where frames have no times, or times that do not increase."""
     weights: LogitWeights | Literal["left-out"] = Field(default_factory=lambda: shipped_weights())
     """The weights, as ``vfoa fit`` writes them; default: those that ship with vfoa. ``left-out``, in an experiment:
     ``vfoa run`` fits the weights for each clip to the labels of the experiment's other clips."""
@@ -181,10 +179,8 @@ class Remembered(NamedTuple):
     held: Held | None = None
 
 
-@lru_cache(maxsize=8)
-def _posterior(frame_rate_hz: float) -> BayesSettings:
-    """The settings of the cue ``posterior``: boxes, because runs that weights are fitted to keep no clouds."""
-    return BayesSettings(method="bayes", surface="box", frame_rate_hz=frame_rate_hz)
+_POSTERIOR = BayesSettings(method="bayes")
+"""The settings of the cue ``posterior``. It takes boxes, because runs that weights are fitted to keep no clouds."""
 
 
 class Logit:
@@ -197,7 +193,6 @@ class Logit:
     def __init__(self, settings: LogitSettings) -> None:
         self._settings = settings
         self.look_ahead_s = settings.look_ahead_s if settings.smoothing == "both" else 0.0
-        self.frame_rate_hz = settings.frame_rate_hz
 
     def start(self) -> Remembered:
         """No running means and no belief."""
@@ -247,16 +242,16 @@ def weigh_attentions(
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
     their weights. ``belief`` is the input of :func:`weigh_again`.
     """
-    eyes, posterior = eyes_of(subjects), _posterior(settings.frame_rate_hz)
+    eyes = eyes_of(subjects)
     attentions, after = [], []
     for subject, before in zip(subjects, states, strict=True):
-        found = believed(subject, targets, eyes, before.held, posterior, time_ns)
+        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns, clouds=False)
         if isinstance(found, NoAttention):
             attentions.append(Attention(subject=subject, missing=found))
             after.append(before)
             continue
         belief, _ = found
-        seen, means = _observed(subject, targets, eyes, before.means, belief, settings.frame_rate_hz, time_ns)
+        seen, means = _observed(subject, targets, eyes, before.means, belief, time_ns)
         attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
         after.append(Remembered(means, (belief, time_ns)))
     return tuple(attentions), tuple(after)
@@ -272,21 +267,18 @@ def _observed(
     eyes: Mapping[int, Float],
     means: Means,
     belief: Belief,
-    frame_rate_hz: float,
     time_ns: int | None,
 ) -> tuple[Seen, Means]:
     """:func:`observe` with the posterior's belief of the same frame, which is that of these targets and directions."""
 
     def compute() -> tuple[Seen, Means]:
-        answer = answered(belief, belief.probabilities, _posterior(frame_rate_hz))
+        answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
-        dt_s = seconds_between(means.time_ns, time_ns, frame_rate_hz)
+        dt_s = seconds_between(means.time_ns, time_ns)
         return observe(subject, targets, eyes, means, dt_s, chance, time_ns)
 
     claimed = None if subject.gaze is None else subject.gaze.sigma_rad
-    return _RECENT.get(
-        (belief, means, *targets), (subject.person.instance_id, claimed, frame_rate_hz, time_ns), compute
-    )
+    return _RECENT.get((belief, means, *targets), (subject.person.instance_id, claimed, time_ns), compute)
 
 
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:
@@ -301,7 +293,7 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
         ]
         seen = [attention.belief for _, _, attention in of_track]
         times = [time_ns for _, time_ns, _ in of_track]
-        gaps_s = [seconds_between(*pair, settings.frame_rate_hz) for pair in pairwise(times)]
+        gaps_s = [seconds_between(*pair) for pair in pairwise(times)]
         for (index, _, attention), after in zip(of_track, later_means(seen, gaps_s), strict=True):
             weights = settings.of_case(attention.belief.case, later=True)
             weighed[index, track] = _attention(attention.subject, attention.belief, weights, after)

@@ -10,6 +10,8 @@ from vfoa.settings import Settings
 from vfoa.types import Attention, FrameResult, Scene, Subject
 
 State = TypeVar("State")
+FRAME_S = 0.04
+"""Time between frames that have no times, or times that do not increase, seconds."""
 
 
 class MethodSettings(Settings):
@@ -82,11 +84,6 @@ class RevisingMethod(AttentionMethod[State], Protocol[State]):
         """Seconds of later frames that a frame's answer needs; 0: none, and nothing is revised."""
         ...
 
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frame rate where frames have no times."""
-        ...
-
     def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
         """Return the frames of a window in the same order, each with the attention given all of them."""
         ...
@@ -110,6 +107,13 @@ def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
     """Return the method that these settings name."""
     method: AttentionMethod[Any] = METHODS.load(settings.method)(settings)
     return method
+
+
+def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
+    """Return the time between two frames, seconds: :data:`FRAME_S` where it is unknown or not positive."""
+    if before_ns is None or now_ns is None or now_ns <= before_ns:
+        return FRAME_S
+    return (now_ns - before_ns) / 1e9
 
 
 def look_ahead_s(method: AttentionMethod[Any]) -> float:

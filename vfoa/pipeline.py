@@ -28,7 +28,7 @@ from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
-from vfoa.methods import AttentionMethod, MethodSettings, RevisingMethod, look_ahead_s, open_method
+from vfoa.methods import FRAME_S, AttentionMethod, MethodSettings, RevisingMethod, look_ahead_s, open_method
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
@@ -194,7 +194,7 @@ class Attending:
         """Number of later frames that a frame's answer needs, at the rate of the frames that wait."""
         seconds = (self._waiting[-1].scene.time_ns - self._waiting[0].scene.time_ns) / 1e9
         if seconds <= 0:
-            return math.ceil(self._look_ahead_s * cast("RevisingMethod[Any]", self._method).frame_rate_hz)
+            return math.ceil(self._look_ahead_s / FRAME_S)
         return math.ceil(self._look_ahead_s * (len(self._waiting) - 1) / seconds)
 
     def _release(self, count: int) -> list[FrameResult]:

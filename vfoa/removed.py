@@ -10,21 +10,39 @@ _DETECTORS_LANDMARKS = "gone since 0.1.0; leave it out, ADAS-0002 always takes t
 
 REMOVED: Mapping[str, str] = {
     "attention.about_head_deg": _FITTED_TOGETHER,
+    "attention.aside_deg": _FITTED_TOGETHER,
     "attention.below_deg": _FITTED_TOGETHER,
     "attention.bias_deg": _FITTED_TOGETHER,
+    "attention.bias_s": _FITTED_TOGETHER,
+    "attention.bias_share": _FITTED_TOGETHER,
     "attention.cues": "which cues the posterior uses, gone since 0.1.0; use gaze.model = 'none' or head_pose.model = "
     "'none' to leave one out",
+    "attention.directions": "the number of rays to a target, gone since 0.1.0; leave it out, it is 128",
+    "attention.dwell_looks": _FITTED_TOGETHER,
+    "attention.dwell_s": _FITTED_TOGETHER,
+    "attention.evidence": _FITTED_TOGETHER,
+    "attention.faces": "whether people are looked at in the face, gone since 0.1.0; leave it out, they are",
     "attention.facing_s": _FITTED_TOGETHER,
+    "attention.frame_rate_hz": "the rate of frames without times, gone since 0.1.0; give frames their times, by "
+    "rate_hz in the clip's manifest or by time_ns in Python",
     "attention.gain": "a fitted factor of the gaze's angle to the camera, gone since 0.1.0; leave it out, it is "
     "learned: 1, 0.8 or 0.6",
     "attention.head_evidence": _FITTED_TOGETHER,
     "attention.head_lag_s": _FITTED_TOGETHER,
+    "attention.head_share": _FITTED_TOGETHER,
+    "attention.nowhere_deg": _FITTED_TOGETHER,
+    "attention.nowhere_looks": _FITTED_TOGETHER,
     "attention.occlusion": "whether a target hides those behind it, gone since 0.1.0; leave it out, no target hides "
     "another",
+    "attention.p_nowhere": _FITTED_TOGETHER,
+    "attention.rest_deg": _FITTED_TOGETHER,
     "attention.scale_spread": _FITTED_TOGETHER,
     "attention.smoothed_temperature": _FITTED_TOGETHER,
     "attention.smoothing=viterbi": "the likeliest sequence of targets, gone since 0.1.0; use 'both', which also knows "
     "later frames",
+    "attention.surface": "what a target is, gone since 0.1.0; leave it out, it is its cloud, or its box where it has "
+    "no cloud",
+    "attention.tails": _FITTED_TOGETHER,
     "attention.temperature": _FITTED_TOGETHER,
     "attention.unbiased": _FITTED_TOGETHER,
     "bench=gaze_filter": "gone since 0.1.0; use `python -m scripts.measure gaze_filter` in a clone of the repository",

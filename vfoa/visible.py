@@ -6,29 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import compress
-from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from vfoa.geometry import length_of, meets_own_box, outlines, stacked
 from vfoa.recent import Recent
-from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
 
 FACE_RADIUS_M = 0.07
 """Spread of looks at a face about the point between its eyes, per direction: eyes, nose and mouth."""
 
-
-class SurfaceSettings(Settings):
-    """Settings of :func:`views_of`."""
-
-    surface: Literal["box", "cloud"] = "cloud"
-    """A target is its box, or its cloud as the camera saw it; recorded 3D poses have boxes but no clouds."""
-    faces: bool = True
-    """People are looked at in the face, if their eye origin is known."""
-    directions: int = Field(default=128, ge=16, le=10_000)
-    """Number of rays to a target."""
+RAYS = 128
+"""Number of rays to a target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,35 +32,34 @@ class Views:
 _RECENT: Recent[Views] = Recent(32)
 
 
-def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
+def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], *, clouds: bool = False) -> Views:
     """Return each target as seen from ``origin`` (3,), through everything in front of it.
 
-    ``eyes`` are the eye origins of other people by instance id. Left out are targets without a box, and targets
-    without a cloud if clouds are the surface and other targets have one. Configurations that ask for the same targets
-    one after the other share an answer: also those with clouds and with boxes, where no target has a cloud.
+    A target is its box or, with ``clouds``, its cloud as the camera saw it, if any target has one. People are looked at
+    in the face, if their eye origin is known: ``eyes`` are those of other people by instance id. Left out are targets
+    without a box, and targets without a cloud if clouds are asked for and other targets have one. Configurations that
+    ask for the same targets one after the other share an answer: also those with clouds and with boxes, where no target
+    has a cloud.
     """
-    clouds = settings.surface == "cloud" and any(len(target.points_left) for target in targets)
-    eyes_m = tuple((number, eyes[number].tobytes()) for number in sorted(eyes))
-    asked = origin.tobytes(), eyes_m, clouds, settings.faces, settings.directions
-    return _RECENT.get(targets, asked, lambda: _views(origin, targets, eyes, clouds, settings))
+    clouds = clouds and any(len(target.points_left) for target in targets)
+    asked = origin.tobytes(), tuple((number, eyes[number].tobytes()) for number in sorted(eyes)), clouds
+    return _RECENT.get(targets, asked, lambda: _views(origin, targets, eyes, clouds))
 
 
-def _views(
-    origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool, settings: SurfaceSettings
-) -> Views:
+def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool) -> Views:
     seen = {target.instance.id: target for target in targets if target.box and (not clouds or len(target.points_left))}
     boxes = tuple(target.box for target in seen.values() if target.box is not None)
     if clouds:
-        means = _mean_rays_to_clouds(origin, tuple(seen.values()), settings.directions)
+        means = _mean_rays_to_clouds(origin, tuple(seen.values()), RAYS)
     else:
-        means = _mean_rays_to_boxes(origin, boxes, settings.directions)
+        means = _mean_rays_to_boxes(origin, boxes, RAYS)
     reached = np.isfinite(means[:, 0])
     ids, means = tuple(compress(seen, reached)), means[reached]
     # the mean of unit rays is shorter by half of their mean squared chord about its direction
     lengths = length_of(means)
     directions, variances = means / lengths[:, None], 1 - lengths
     for row, number in enumerate(ids):
-        if settings.faces and number in eyes:
+        if number in eyes:
             towards = eyes[number] - origin
             distance = length_of(towards)
             directions[row], variances[row] = towards / distance, (FACE_RADIUS_M / distance) ** 2

@@ -70,8 +70,8 @@ METHODS: dict[str, MethodSettings] = {
     "nearest": NearestSettings(method="nearest"),
     "logit, forward": LogitSettings(method="logit"),
     "logit, both": LogitSettings(method="logit", smoothing="both"),
-    "bayes, forward": BayesSettings(method="bayes", surface="box"),
-    "bayes, both": BayesSettings(method="bayes", surface="box", smoothing="both"),
+    "bayes, forward": BayesSettings(method="bayes"),
+    "bayes, both": BayesSettings(method="bayes", smoothing="both"),
 }
 """The settings of every row."""
 

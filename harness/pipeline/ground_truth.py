@@ -26,8 +26,7 @@ from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
 from harness.pipeline.configuration import CLIP_VARIABLE
 from harness.sources import AnyClip, PersonTruth, SightTruth, Truth
 from vfoa.errors import VfoaError
-from vfoa.geometry import angle_between, box_iou, perturb, unit
-from vfoa.posterior.settings import sigma_rad
+from vfoa.geometry import angle_between, box_iou, perturb, sigma_rad, unit
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, StereoFrame

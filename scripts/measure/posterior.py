@@ -20,16 +20,16 @@ from harness.report.formats import Table
 from scripts.measure.printing import print_tables
 from scripts.measure.simulated_scenes import NOWHERE, Errors, Generator, draw_sequence
 from scripts.measure.simulated_scenes import Sequence as Drawn
-from vfoa.geometry import angle_between, unit
+from vfoa.geometry import angle_between, sigma_rad, unit
+from vfoa.posterior.assumptions import Error
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.filter import answered, update
-from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
 from vfoa.types import Float
 
 ERRORS_DEG = (5.0, 11.0, 20.0, 36.0)
 BIASES_DEG = (0.0, 10.0, 25.0)
-UNKNOWN_ERROR = PosteriorSettings()
+CLAIMED_DEG, HEAD_DEG = 11.1, 5.0
 METHODS = ("nearest", "told", "forward", "both", "all known")
 _BINS = 10
 
@@ -73,7 +73,6 @@ class Cell:
 def measure_posterior(
     generator: Generator = "table",
     sequences: int = 16,
-    settings: PosteriorSettings = UNKNOWN_ERROR,
     *,
     first_seed: int = 0,
     gains: tuple[float, float] = (0.6, 1.0),
@@ -90,16 +89,14 @@ def measure_posterior(
                 drawn.append(
                     (draw_sequence(generator, errors, rng), draw_sequence(generator, Errors(gaze_deg=error_deg), same))
                 )
-            cells.append(_measured_cell(f"{error_deg:g} deg, bias {bias_deg:g}", drawn, error_deg, settings))
+            cells.append(_measured_cell(f"{error_deg:g} deg, bias {bias_deg:g}", drawn, error_deg))
     return cells
 
 
-def measure_true_claims(
-    generator: Generator = "table", sequences: int = 12, settings: PosteriorSettings = UNKNOWN_ERROR
-) -> Cell:
+def measure_true_claims(generator: Generator = "table", sequences: int = 12) -> Cell:
     """Measure sequences whose claimed 11.1 degrees are true, without bias and gain: the cost of not knowing this."""
     drawn = [draw_sequence(generator, Errors(gaze_deg=11.1), np.random.default_rng([7, k])) for k in range(sequences)]
-    return _measured_cell("11.1 deg, as claimed", [(sequence, sequence) for sequence in drawn], 11.1, settings)
+    return _measured_cell("11.1 deg, as claimed", [(sequence, sequence) for sequence in drawn], 11.1)
 
 
 def posterior_table(generator: str, cells: Sequence[Cell], true_claims: Cell) -> Table:
@@ -143,24 +140,21 @@ def _joined(many: Iterable[Answers]) -> Answers:
     return joined
 
 
-def _measured_cell(
-    name: str, drawn: Sequence[tuple[Drawn, Drawn]], error_deg: float, settings: PosteriorSettings
-) -> Cell:
+def _measured_cell(name: str, drawn: Sequence[tuple[Drawn, Drawn]], error_deg: float) -> Cell:
     """One row of pairs: a sequence, and the same without bias and gain."""
     answers = {method: Answers() for method in METHODS}
     seconds = frames = 0.0
-    told = settings.model_copy(update={"error": "told", "gaze_error_deg": error_deg})
     for sequence, unbiased in drawn:
         truth = np.where(sequence.label == NOWHERE, len(sequence.objects), sequence.label)
         answers["nearest"].add(np.ones(len(truth)), _nearest(sequence) == truth)
-        answers["told"].add(*_judged(_answers(_beliefs(sequence, told), told), truth))
+        answers["told"].add(*_judged(_answers(_beliefs(sequence, "told", error_deg), "told"), truth))
         start = time.perf_counter()
-        beliefs = _beliefs(sequence, settings)
+        beliefs = _beliefs(sequence, "unknown", CLAIMED_DEG)
         seconds, frames = seconds + time.perf_counter() - start, frames + len(truth)
-        answers["forward"].add(*_judged(_answers(beliefs, settings), truth))
-        both = [answered(*pair, settings, later_known=True) for pair in zip(beliefs, smoothed(beliefs), strict=True)]
+        answers["forward"].add(*_judged(_answers(beliefs, "unknown"), truth))
+        both = [answered(*pair, "unknown", later_known=True) for pair in zip(beliefs, smoothed(beliefs), strict=True)]
         answers["both"].add(*_judged(both, truth))
-        known = smoothed(_beliefs(unbiased, told))
+        known = smoothed(_beliefs(unbiased, "told", error_deg))
         answers["all known"].add(*_judged(known, truth))
     return Cell(name=name, answers=answers, ms_per_frame=1e3 * seconds / frames)
 
@@ -170,8 +164,8 @@ def _judged(probabilities: Sequence[Float], truth: np.ndarray) -> tuple[Float, n
     return table.max(axis=1), table.argmax(axis=1) == truth
 
 
-def _answers(beliefs: Sequence[Belief], settings: PosteriorSettings) -> list[Float]:
-    return [answered(belief, belief.probabilities, settings) for belief in beliefs]
+def _answers(beliefs: Sequence[Belief], error: Error) -> list[Float]:
+    return [answered(belief, belief.probabilities, error) for belief in beliefs]
 
 
 def _nearest(drawn: Drawn, gaze_share: float = 0.6) -> np.ndarray:
@@ -181,7 +175,7 @@ def _nearest(drawn: Drawn, gaze_share: float = 0.6) -> np.ndarray:
     return np.asarray(angle_between(directions[:, None], towards[None]).argmin(axis=1))
 
 
-def _beliefs(drawn: Drawn, settings: PosteriorSettings) -> list[Belief]:
+def _beliefs(drawn: Drawn, error: Error, claimed_deg: float) -> list[Belief]:
     towards = drawn.objects - drawn.eyes
     distance = np.linalg.norm(towards, axis=1)
     scenery = Scenery(
@@ -191,16 +185,13 @@ def _beliefs(drawn: Drawn, settings: PosteriorSettings) -> list[Belief]:
         to_camera=unit(-drawn.eyes),
     )
     claims = MeasuredCues(
-        gaze=None,
-        head=None,
-        gaze_sigma_rad=sigma_rad(settings.gaze_error_deg),
-        head_sigma_rad=sigma_rad(settings.head_error_deg),
+        gaze=None, head=None, gaze_sigma_rad=sigma_rad(claimed_deg), head_sigma_rad=sigma_rad(HEAD_DEG)
     )
     beliefs: list[Belief] = []
     dt_s = float(drawn.time_s[1] - drawn.time_s[0])
     for gaze, head in zip(drawn.gaze, drawn.head, strict=True):
         before = beliefs[-1] if beliefs else None
-        beliefs.append(update(before, scenery, replace(claims, gaze=gaze, head=head), dt_s, settings))
+        beliefs.append(update(before, scenery, replace(claims, gaze=gaze, head=head), dt_s, error))
     return beliefs
 
 

@@ -25,7 +25,7 @@ TARGETS = (make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3,
 
 
 def bayes(smoothing: str, **more: object) -> BayesSettings:
-    told = {"method": "bayes", "surface": "box", "smoothing": smoothing, "look_ahead_s": 0.12, "error": "told"}
+    told = {"method": "bayes", "smoothing": smoothing, "look_ahead_s": 0.12, "error": "told"}
     return BayesSettings.model_validate({**told, **more})
 
 
@@ -92,7 +92,7 @@ def test_a_first_frame_is_corrected_by_those_after_it() -> None:
 @given(
     gazes=st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=24),
     rate_hz=st.sampled_from([None, 20, 25, 50]),
-    method=st.sampled_from([bayes("both", gaze_error_deg=25, evidence=1), logit("both")]),
+    method=st.sampled_from([bayes("both", gaze_error_deg=25), logit("both")]),
 )
 def test_every_frame_is_revised_by_the_block_that_waits_with_it(
     gazes: list[float], rate_hz: int | None, method: BayesSettings | LogitSettings
@@ -105,7 +105,7 @@ def test_every_frame_is_revised_by_the_block_that_waits_with_it(
     for (result,), scene in zip(blocks(forward, frames)[:-1], frames, strict=True):
         waiting.append(result)
         seconds = (scene.time_ns - waiting[0].scene.time_ns) / 1e9
-        ahead = math.ceil(0.12 * (len(waiting) - 1) / seconds) if seconds > 0 else math.ceil(0.12 * 25)
+        ahead = math.ceil(0.12 * (len(waiting) - 1) / seconds) if seconds > 0 else 3
         count = len(waiting) - ahead if len(waiting) > 2 * ahead else 0
         expected.append((smooth(waiting, method) if method.method == "bayes" else weigh_again(waiting, method))[:count])
         waiting = waiting[count:]
@@ -176,7 +176,7 @@ def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monke
 
 def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Forgetful(Counting):
-        look_ahead_s, frame_rate_hz = 0.04, 25.0
+        look_ahead_s = 0.04
 
         def revise(self, window):
             return window[1:]

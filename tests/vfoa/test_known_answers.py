@@ -29,7 +29,7 @@ METHODS: dict[str, MethodSettings] = {
     "nearest": NearestSettings(method="nearest", limit_deg=25),
     "bayes": BayesSettings(method="bayes"),
     "bayes, both": BayesSettings(method="bayes", smoothing="both", look_ahead_s=0.2),
-    "bayes, told": BayesSettings(method="bayes", error="told", faces=False),
+    "bayes, told": BayesSettings(method="bayes", error="told"),
     "logit": LogitSettings(method="logit"),
     "logit, both": LogitSettings(method="logit", smoothing="both", look_ahead_s=0.2),
 }

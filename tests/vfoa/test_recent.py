@@ -22,7 +22,6 @@ from vfoa.types import Scene
 
 METHODS: dict[str, MethodSettings] = {
     "bayes": BayesSettings(method="bayes"),
-    "bayes, boxes": BayesSettings(method="bayes", surface="box"),
     "bayes, both": BayesSettings(method="bayes", smoothing="both", look_ahead_s=0.1),
     "bayes, told": BayesSettings(method="bayes", error="told"),
     "bayes, off": BayesSettings(method="bayes", smoothing="off"),
@@ -77,7 +76,7 @@ def test_a_belief_is_computed_once_for_all_methods_with_its_assumptions(monkeypa
     monkeypatch.setattr(bayes, "update", lambda *asked: computed.append(asked) or update(*asked))
     scenes = course(20_000)
     for names, count in (
-        (("bayes", "bayes, boxes", "bayes, both", "logit", "logit, both"), 1),
+        (("bayes", "bayes, both", "logit", "logit, both"), 1),
         (("bayes", "bayes, told", "bayes, off"), 3),
     ):
         computed.clear()

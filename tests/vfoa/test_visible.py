@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from tests.scenes import make_box, make_target, with_points
 from vfoa.geometry import angle_between
-from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, _lattices, views_of
+from vfoa.visible import FACE_RADIUS_M, _lattices, views_of
 
-BOXES = SurfaceSettings(surface="box", directions=1000)
-CLOUDS = BOXES.model_copy(update={"surface": "cloud"})
+views_of_clouds = partial(views_of, clouds=True)
+both_kinds = pytest.mark.parametrize("views", [views_of, views_of_clouds], ids=["box", "cloud"])
 EYES = np.zeros(3)
 
 
@@ -23,19 +24,19 @@ def plate(number, x, half, z=2.0):
     return with_points(make_target(number, make_box((x, 0, z), (half, half, 0.001))), points)
 
 
-@pytest.mark.parametrize("settings", [BOXES, CLOUDS], ids=["box", "cloud"])
-def test_a_plate_spreads_as_a_uniform_square_does(settings):
+@both_kinds
+def test_a_plate_spreads_as_a_uniform_square_does(views):
     """Variance of a uniform distribution of half width a seen from d, per direction: (a / d)^2 / 3."""
-    views = views_of(EYES, (plate(1, 0.0, 0.1),), {}, settings)
-    assert views.ids == (1,)
-    assert np.rad2deg(angle_between(views.directions[0], (0, 0, 1))) < 0.1
-    assert views.variances[0] == pytest.approx((0.1 / 2) ** 2 / 3, rel=0.12)
+    seen = views(EYES, (plate(1, 0.0, 0.1),), {})
+    assert seen.ids == (1,)
+    assert np.rad2deg(angle_between(seen.directions[0], (0, 0, 1))) < 0.1
+    assert seen.variances[0] == pytest.approx((0.1 / 2) ** 2 / 3, rel=0.12)
 
 
-@pytest.mark.parametrize("settings", [BOXES, CLOUDS], ids=["box", "cloud"])
-def test_a_target_is_seen_through_those_in_front_of_it(settings):
+@both_kinds
+def test_a_target_is_seen_through_those_in_front_of_it(views):
     hidden, near = plate(1, 0.0, 0.1), plate(2, 0.0, 0.3, z=1.0)
-    alone, both = views_of(EYES, (hidden,), {}, settings), views_of(EYES, (hidden, near), {}, settings)
+    alone, both = views(EYES, (hidden,), {}), views(EYES, (hidden, near), {})
     assert both.ids == (1, 2)
     assert both.variances[0] == alone.variances[0]
     np.testing.assert_array_equal(both.directions[0], alone.directions[0])
@@ -43,65 +44,63 @@ def test_a_target_is_seen_through_those_in_front_of_it(settings):
 
 def test_an_answer_is_shared_only_by_the_same_question():
     target, other = plate(1, 0.0, 0.1), plate(1, 0.0, 0.1)
-    first = views_of(EYES, (target,), {}, BOXES)
-    assert views_of(EYES, (target,), {}, BOXES) is first
+    first = views_of(EYES, (target,), {})
+    assert views_of(EYES, (target,), {}) is first
     again = [((other,), EYES, {}), ((target,), EYES + 0.1, {}), ((target,), EYES, {1: np.ones(3)})]
-    assert all(views_of(eyes, targets, others, BOXES) is not first for targets, eyes, others in again)
-    assert views_of(EYES, (target,), {}, BOXES.model_copy(update={"directions": 999})) is not first
-    assert views_of(EYES, (target,), {}, CLOUDS) is not first
+    assert all(views_of(eyes, targets, others) is not first for targets, eyes, others in again)
+    assert views_of_clouds(EYES, (target,), {}) is not first
     bare = replace(target, points_left=np.zeros((0, 3), np.float32))
-    assert views_of(EYES, (bare,), {}, CLOUDS) is views_of(EYES, (bare,), {}, BOXES)
+    assert views_of_clouds(EYES, (bare,), {}) is views_of(EYES, (bare,), {})
 
 
 def test_people_are_looked_at_in_the_face():
     body = make_target(7, make_box((0, 0.5, 2), (0.3, 0.7, 0.2)))
     face = np.array([0.0, -0.1, 2.0])
-    views = views_of(EYES, (body,), {7: face}, BOXES)
+    views = views_of(EYES, (body,), {7: face})
     assert views.directions[0] == pytest.approx(face / np.linalg.norm(face))
     assert views.variances[0] == pytest.approx(FACE_RADIUS_M**2 / (face @ face))
-    assert views_of(EYES, (body,), {7: face}, BOXES.model_copy(update={"faces": False})).directions[0, 1] > 0.1
+    assert views_of(EYES, (body,), {}).directions[0, 1] > 0.1
 
 
 def test_eyes_within_a_box_see_it_everywhere():
-    views = views_of(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {}, BOXES)
+    views = views_of(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {})
     assert views.ids == (1,)
     assert views.variances[0] > 0.3
 
 
 def test_nothing_to_see_is_no_view():
-    views = views_of(EYES, (), {}, BOXES)
+    views = views_of(EYES, (), {})
     assert views.ids == ()
     assert views.directions.shape == (0, 3)
 
 
 def test_a_target_without_a_cloud_is_not_seen_by_its_cloud():
-    assert views_of(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}, CLOUDS).ids == (2,)
+    assert views_of_clouds(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}).ids == (2,)
 
 
 def test_a_cloud_of_two_points_has_their_middle_and_their_spread():
     """Not those of the box, which is elsewhere. Each lies half the angle from the middle, on one line."""
     target = with_points(make_target(1, make_box((3, 3, 2))), [(-0.5, 0, 2), (0.5, 0, 2)])
     half = np.arctan2(0.5, 2)
-    views = views_of(EYES, (target,), {}, SurfaceSettings(directions=16))
+    views = views_of_clouds(EYES, (target,), {})
     assert views.directions[0] == pytest.approx((0, 0, 1))
     assert views.variances[0] == pytest.approx((2 * np.sin(half / 2)) ** 2 / 2)
 
 
 def test_a_cloud_without_a_box_is_left_out():
     lone = replace(plate(1, 0.0, 0.1), box=None)
-    views = views_of(EYES, (lone, plate(2, 0.5, 0.1)), {}, CLOUDS)
+    views = views_of_clouds(EYES, (lone, plate(2, 0.5, 0.1)), {})
     assert views.ids == (2,)
     assert views.directions[0, 0] == pytest.approx(0.5 / np.hypot(0.5, 2), abs=0.01)
 
 
 def test_a_deep_box_is_seen_by_its_near_face():
-    views = views_of(EYES, (make_target(1, make_box((0, 0, 2), (0.2, 0.2, 0.5))),), {}, BOXES)
+    views = views_of(EYES, (make_target(1, make_box((0, 0, 2), (0.2, 0.2, 0.5))),), {})
     assert views.variances[0] == pytest.approx((0.2 / 1.5) ** 2 / 3, rel=0.05)
 
 
-@pytest.mark.parametrize("surface", ["box", "cloud"])
-def test_only_where_things_lie_from_the_eyes_matters(surface):
-    settings = BOXES.model_copy(update={"surface": surface})
+@both_kinds
+def test_only_where_things_lie_from_the_eyes_matters(views):
     shift = np.array([3.0, -2.0, 1.0])
     targets = (plate(1, 0.0, 0.2), plate(2, 0.213, 0.2, z=1.0), plate(3, -0.5, 0.1))
     face = np.array([0.0, 0.1, 2.0])
@@ -113,7 +112,7 @@ def test_only_where_things_lie_from_the_eyes_matters(surface):
         )
         for target in targets
     )
-    here, there = views_of(EYES, targets, {3: face}, settings), views_of(shift, moved, {3: face + shift}, settings)
+    here, there = views(EYES, targets, {3: face}), views(shift, moved, {3: face + shift})
     assert there.ids == here.ids
     # single-precision points
     np.testing.assert_allclose(there.directions, here.directions, atol=1e-6)

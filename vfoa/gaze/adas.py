@@ -13,9 +13,8 @@ import math
 import numpy as np
 
 from vfoa.crops import center, crop, square
-from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray
+from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray, sigma_rad
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
-from vfoa.posterior.settings import sigma_rad
 from vfoa.types import Float, Gaze, Head, HeadPose, Image, NoGaze, StereoFrame
 
 GAZE = Signature(

@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from vfoa.crops import center, crop, grow
-from vfoa.geometry import angle_between, direction_from_crop, gaze_direction_crop, pixel_ray
+from vfoa.geometry import angle_between, direction_from_crop, gaze_direction_crop, pixel_ray, sigma_rad
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
-from vfoa.posterior.settings import sigma_rad
 from vfoa.types import Float, Gaze, Head, HeadPose, Map, NoGaze, StereoFrame
 
 BINS = 90

@@ -13,9 +13,8 @@ import math
 import numpy as np
 
 from vfoa.crops import center, crop, square
-from vfoa.geometry import angle_between, direction_from_crop, head_angles, pixel_ray, unit
+from vfoa.geometry import angle_between, direction_from_crop, head_angles, pixel_ray, sigma_rad, unit
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
-from vfoa.posterior.settings import sigma_rad
 from vfoa.types import Float, Head, HeadPose, StereoFrame
 
 SIGNATURE = Signature(inputs={"input": (1, 3, 120, 120)}, outputs={"param": (1, None)})

@@ -1,6 +1,6 @@
 """The posterior over a person's targets, with an unknown error of the measured directions.
 
-settings    what is assumed: priors, and how people move
+assumptions what several parts assume about errors and heads
 grid        the hypotheses about the error and the head, and their prior
 belief      what is believed of a person, and what is seen and measured in a frame
 gaze_error  how far the measured gaze is off, by hypothesis and target

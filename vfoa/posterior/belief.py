@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from vfoa.geometry import unit
+from vfoa.posterior.assumptions import Error
 from vfoa.posterior.gaze_error import GazeError
 from vfoa.posterior.grid import GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
 from vfoa.posterior.head_motion import HeadMotion
 from vfoa.posterior.looks import Keys, Looks, no_looks
-from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 
 _UNLIKELY = math.log(1e-6)
@@ -109,13 +109,12 @@ class Belief:
         return float(self.head_weights @ self.head.share)
 
 
-def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
+def first_belief(keys: Keys) -> Belief:
     """The belief before anything is measured: one hypothesis of each kind, until a cue can tell several apart."""
-    single = settings.model_copy(update={"error": "told"})
     return Belief(
         keys=keys,
-        gaze=gaze_hypotheses(single),
-        head=head_hypotheses(single),
+        gaze=gaze_hypotheses("told"),
+        head=head_hypotheses("told"),
         log_weights=np.zeros((1, 1)),
         looked=np.full((1, 1, len(keys)), 1 / len(keys)),
         looks=no_looks((1, 1)),
@@ -124,13 +123,13 @@ def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
     )
 
 
-def with_cues(belief: Belief, cues: MeasuredCues, settings: PosteriorSettings) -> Belief:
+def with_cues(belief: Belief, cues: MeasuredCues, error: Error) -> Belief:
     """Add the hypotheses of a cue that is measured for the first time."""
     if belief.error is None and cues.gaze is not None:
-        gaze = gaze_hypotheses(settings)
+        gaze = gaze_hypotheses(error)
         belief = _repeated(replace(belief, gaze=gaze), gaze.log_prior, axis=0)
     if belief.motion is None and cues.head is not None:
-        head = head_hypotheses(settings)
+        head = head_hypotheses(error)
         belief = _repeated(replace(belief, head=head), head.log_prior, axis=1)
     return belief
 

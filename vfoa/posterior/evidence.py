@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from vfoa.posterior.assumptions import TAILS
 from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
@@ -50,6 +51,6 @@ class Evidence:
         return cls(np.zeros((hypotheses, targets)), np.ones((hypotheses, targets)))
 
     @classmethod
-    def of(cls, likelihood: Float, excess: Float, tails: float) -> Evidence:
-        """The evidence from a log likelihood (H, T) and the logarithm (H, T) of 1 + square / tails (Student)."""
-        return cls(likelihood, np.exp(-tails / 2 * excess))
+    def of(cls, likelihood: Float, excess: Float) -> Evidence:
+        """The evidence from a log likelihood (H, T) and the logarithm (H, T) of 1 + square / TAILS (Student)."""
+        return cls(likelihood, np.exp(-TAILS / 2 * excess))

@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from vfoa.posterior.aims import offsets_of
+from vfoa.posterior.assumptions import Error
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
 from vfoa.posterior.evidence import Flow
 from vfoa.posterior.gaze_cue import weighed_gaze
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.posterior.head_cue import facing_after, weighed_head
 from vfoa.posterior.looks import columns_of, counted, leaving, new_look, predicted_looks
-from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 
+_EVIDENCE = 0.7
+"""Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry less
+information about the error than independent ones, because errors last."""
 _HEAD_EVIDENCE = 0.33
 """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
 error of one frame lasts into the next."""
@@ -30,25 +33,23 @@ Chosen on eight people of vr_objects and the first half of idiap_vfoa, heads onl
 """
 
 
-def update(
-    before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: float, settings: PosteriorSettings
-) -> Belief:
+def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: float, error: Error) -> Belief:
     """Return the belief after a frame that comes ``dt_s`` seconds after the one before."""
-    prior = with_cues(before or first_belief(scenery.keys, settings), cues, settings)
+    prior = with_cues(before or first_belief(scenery.keys), cues, error)
     columns, known = columns_of(prior.keys, scenery.keys)
-    new = new_look(prior.looks, len(scenery.keys) - 1, settings)
+    new = new_look(prior.looks, len(scenery.keys) - 1)
     if before is None:
         leave, predicted, stayed = np.ones(new.shape[:2]), new, np.zeros_like(new)
     else:
-        leave = leaving(prior.looks, dt_s, settings)
+        leave = leaving(prior.looks, dt_s)
         predicted, stayed = predicted_looks(prior.looked, columns, known, leave, new)
 
     flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
-    power, head_power = (1.0, 1.0) if before is None else (settings.evidence, _HEAD_EVIDENCE)
+    power, head_power = (1.0, 1.0) if before is None else (_EVIDENCE, _HEAD_EVIDENCE)
     offsets = offsets_of(prior, scenery, cues)
-    error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, flow, dt_s, settings)
-    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, flow, dt_s, settings)
+    gaze_error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, flow, dt_s)
+    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, flow, dt_s)
 
     gaze_part, gaze_top = _scaled(gaze_evidence.likelihood)
     head_part, head_top = _scaled(head_power * head_evidence.likelihood)
@@ -69,7 +70,7 @@ def update(
             (joint[..., -1] - went_on[..., -1]) / total,
             0.0 if before is None else dt_s,
         ),
-        error=error,
+        error=gaze_error,
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
         facing=facing_after(prior, scenery, cues, dt_s),
@@ -78,13 +79,13 @@ def update(
     return pruned(belief)
 
 
-def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, *, later_known: bool = False) -> Float:
-    """The answer (T,) for the model's probabilities (T,): flatter if gaze or head are doubtful.
+def answered(belief: Belief, probabilities: Float, error: Error, *, later_known: bool = False) -> Float:
+    """The answer (T,) for the model's probabilities (T,): flatter if gaze or head are doubtful and the error unknown.
 
     ``later_known`` says that they are those of smoothing. A head is doubtful if it turns farther than people do
     (:data:`vfoa.posterior.grid.PLAUSIBLE_SHARE`).
     """
-    if settings.error == "told":
+    if error == "told":
         return probabilities
     temperature = 1.0
     if belief.error is not None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from vfoa.geometry import MEAN_ANGLE_PER_SIGMA
 from vfoa.posterior.belief import Belief, MeasuredCues
-from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
 from vfoa.types import DirectionFit
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vfoa.posterior.assumptions import TAILS
 from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
@@ -77,8 +78,8 @@ _FIRST, _SECOND = [0, 0, 1], [0, 1, 1]
 """The two parts of the error whose covariance each of the covariances of :class:`GazeError` is."""
 
 
-def weigh_gaze(predicted: GazeError, offset: Float, noise: Float, tails: float) -> tuple[GazeError, Float, Float]:
-    """Return the updated filter, the log likelihood (G, T), and the logarithm (G, T) of 1 + square / tails.
+def weigh_gaze(predicted: GazeError, offset: Float, noise: Float) -> tuple[GazeError, Float, Float]:
+    """Return the updated filter, the log likelihood (G, T), and the logarithm (G, T) of 1 + square / TAILS.
 
     ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. ``square`` is the squared
     innovation in standard deviations. Student's distribution limits the weight of an outlier.
@@ -87,9 +88,9 @@ def weigh_gaze(predicted: GazeError, offset: Float, noise: Float, tails: float) 
     known = to_parts[0] + to_parts[1]
     surprise = offset - predicted.means[0] - predicted.means[1]
     square = (surprise**2).sum(axis=0) / (known + noise)
-    excess = np.log1p(square / tails)
-    likelihood = -np.log(known + noise) - (tails + 2) / 2 * excess
-    gain = to_parts / (known + noise * (tails + square) / (tails + 2))
+    excess = np.log1p(square / TAILS)
+    likelihood = -np.log(known + noise) - (TAILS + 2) / 2 * excess
+    gain = to_parts / (known + noise * (TAILS + square) / (TAILS + 2))
     after = GazeError(
         means=predicted.means + gain[:, None] * surprise,
         covariances=predicted.covariances - gain.take(_FIRST, axis=0) * to_parts.take(_SECOND, axis=0),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.geometry import unit
+from vfoa.geometry import sigma_rad, unit
 from vfoa.posterior.aims import Offsets
+from vfoa.posterior.assumptions import ASIDE_DEG, BIAS_SHARE, NOWHERE_DEG, REST_DEG
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.head_motion import HeadMotion, first_motion, next_motion, weigh_head
-from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.types import Float
 
 _FACING_S = 3.0
@@ -44,24 +44,23 @@ def weighed_head(
     offsets: Offsets,
     flow: Flow,
     dt_s: float,
-    settings: PosteriorSettings,
 ) -> tuple[HeadMotion | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
     nothing = Evidence.none(len(share), len(scenery.keys))
     if prior.motion is None and cues.head is None:
         return None, nothing
-    noise = (1 - settings.bias_share) * cues.head_sigma_rad**2
-    on_target = sigma_rad(settings.aside_deg) ** 2 + share[:, None] ** 2 * scenery.variances
-    nowhere = np.full((len(share), 1), sigma_rad(settings.nowhere_deg) ** 2)
+    noise = (1 - BIAS_SHARE) * cues.head_sigma_rad**2
+    on_target = sigma_rad(ASIDE_DEG) ** 2 + share[:, None] ** 2 * scenery.variances
+    nowhere = np.full((len(share), 1), sigma_rad(NOWHERE_DEG) ** 2)
     aside = np.concatenate([on_target, nowhere], axis=1)
     if prior.motion is None or offsets.last_head is None:
-        rest = ((1 - share[:, None]) * sigma_rad(settings.rest_deg)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
+        rest = ((1 - share[:, None]) * sigma_rad(REST_DEG)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
         looked, stay = flow.of("head")
         predicted = next_motion(prior.motion, looked, flow.columns, stay, offsets.last_head, noise, aside, dt_s, _LAG_S)
     if offsets.head is None:
         return predicted, nothing
-    motion, likelihood, excess = weigh_head(predicted, offsets.head, noise, settings.tails)
-    return motion, Evidence.of(likelihood, excess, settings.tails)
+    motion, likelihood, excess = weigh_head(predicted, offsets.head, noise)
+    return motion, Evidence.of(likelihood, excess)

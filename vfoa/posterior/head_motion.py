@@ -11,7 +11,7 @@ rest      offset of the head's rest, and a bias of its model, from the assumed o
 aside     offset from the goal at which the head stops; new in each look
 
 All are angles to the right and down in the tangent plane of the share of the way. A person who looks at nowhere has no
-target: the goal is anywhere about where the body faces, as far as ``nowhere_deg``. Arrays are (K, T): hypotheses
+target: the goal is anywhere about where the body faces, as far as ``NOWHERE_DEG``. Arrays are (K, T): hypotheses
 by targets, the last of which is nowhere.
 """
 
@@ -23,6 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from vfoa.posterior.assumptions import TAILS
 from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
@@ -100,8 +101,8 @@ def _transition(dt_s: float, lag_s: float) -> tuple[float, float, Float]:
     return settle, move, np.array([[1, 0, 0], [0, settle, 0], [move, move * settle, 1 - move]])
 
 
-def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float) -> tuple[HeadMotion, Float, Float]:
-    """Return the updated filter, the log likelihood (K, T), and the logarithm (K, T) of 1 + square / tails.
+def weigh_head(predicted: HeadMotion, offset: Float, noise: float) -> tuple[HeadMotion, Float, Float]:
+    """Return the updated filter, the log likelihood (K, T), and the logarithm (K, T) of 1 + square / TAILS.
 
     ``offset`` (K, T, 2) is the measured head minus the share of the way to each target, ``noise`` its variance.
     ``square`` is the squared innovation in standard deviations.
@@ -110,9 +111,9 @@ def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float)
     known = to_all[..., HEAD]
     surprise = offset - predicted.means[:, :, HEAD]
     square = (surprise**2).sum(axis=-1) / (known + noise)
-    excess = np.log1p(square / tails)
-    likelihood = -np.log(known + noise) - (tails + 2) / 2 * excess
-    gain = to_all / (known + noise * (tails + square) / (tails + 2))[..., None]
+    excess = np.log1p(square / TAILS)
+    likelihood = -np.log(known + noise) - (TAILS + 2) / 2 * excess
+    gain = to_all / (known + noise * (TAILS + square) / (TAILS + 2))[..., None]
     after = HeadMotion(
         means=predicted.means + gain[..., None] * surprise[:, :, None],
         covariances=predicted.covariances - gain[..., None] * to_all[..., None, :],

@@ -2,6 +2,10 @@
 
 Looks end at a rate. The next look is at nowhere with some probability, or else at any target, including the same one.
 Rate and probability have a prior (Gamma and Beta) and are updated by the expected number of looks.
+
+Looks in conversations with a robot and paintings have a mean of 3.33 s and a median of 1.68 s (Vernissage, 2,037
+intervals); looks at things on a table are shorter. The prior is short: a missed change is worse than an expected one,
+and long looks correct the prior.
 """
 
 from __future__ import annotations
@@ -11,8 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfoa.posterior.settings import LookSettings
 from vfoa.types import Float
+
+P_NOWHERE = 0.35
+"""Prior share of looks at no target: 5 to 20 % in conversations, 46 to 77 % of people who act."""
+NOWHERE_LOOKS = 2.0
+"""Weight of ``P_NOWHERE``, as a number of looks."""
+DWELL_S = 1.0
+"""Prior mean time of a look, seconds."""
+DWELL_LOOKS = 3.0
+"""Weight of ``DWELL_S``, as a number of looks."""
 
 Keys = tuple[int | None, ...]
 """Ids of targets; the last key is None, which stands for nowhere."""
@@ -39,10 +51,9 @@ def counted(before: Looks, begun: Float, nowhere: Float, dt_s: float) -> Looks:
     return Looks(begun=before.begun + begun, nowhere=before.nowhere + nowhere, watched_s=before.watched_s + dt_s)
 
 
-def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
+def new_look(looks: Looks, count: int) -> Float:
     """Probabilities (..., count + 1) of the target of a new look: equal for all targets, and that of nowhere last."""
-    seen = settings.nowhere_looks
-    nowhere = (settings.p_nowhere * seen + looks.nowhere) / (seen + looks.begun)
+    nowhere = (P_NOWHERE * NOWHERE_LOOKS + looks.nowhere) / (NOWHERE_LOOKS + looks.begun)
     new = np.ones((*nowhere.shape, count + 1))
     if count:
         new[..., :-1] = ((1 - nowhere) / count)[..., None]
@@ -50,10 +61,9 @@ def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
     return new
 
 
-def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:
+def leaving(looks: Looks, dt_s: float) -> Float:
     """Probability (...,) that a look ends within the time."""
-    seen = settings.dwell_looks
-    return np.asarray(-np.expm1(-dt_s * (seen + looks.begun) / (seen * settings.dwell_s + looks.watched_s)))
+    return np.asarray(-np.expm1(-dt_s * (DWELL_LOOKS + looks.begun) / (DWELL_LOOKS * DWELL_S + looks.watched_s)))
 
 
 def columns_of(before: Keys, keys: Keys) -> tuple[Columns, NDArray[np.bool_] | None]:

@@ -61,13 +61,10 @@ name = "off"
 attention = {{ method = "bayes", smoothing = "off", error = "told" }}
 [[configuration]]
 name = "forward"
-attention = {{ method = "bayes", directions = 40 }}
+attention.method = "bayes"
 [[configuration]]
 name = "both"
 attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.2 }}
-[[configuration]]
-name = "boxes"
-attention = {{ method = "bayes", surface = "box", faces = false }}
 [[configuration]]
 name = "logit"
 attention = {{ method = "logit", smoothing = "both", look_ahead_s = 0.1 }}
@@ -189,7 +186,6 @@ def _opens_no_clip(*_: object) -> Clip:
         ({"stereo.matcher": "bm"}, "attend: stereo.matcher: expected settings of attention and gaze_filter, which"),
         ({"attention.cones": [1]}, "attend: cones: unknown key 'attention.cones'; did you mean 'cones_cm'?"),
         ({"attention.method": "answers"}, 'attend: cones: attention.method = "answers" reads the clip; run the'),
-        ({"attention.method": "bayes", "attention.directions": 17}, "clouds.parquet: found no clouds of 17 points"),
     ],
 )
 def test_what_scenes_do_not_have_is_one_line(images: Finished, changes: dict[str, Any], message: str) -> None:
@@ -206,10 +202,12 @@ def test_an_unknown_configuration_is_one_line(images: Finished) -> None:
 
 def test_scenes_are_read_with_and_without_their_clouds(images: Finished) -> None:
     paths = dict(find_tables(images.directory))["studio_talk", "forward"]
-    with_clouds, without = (list(read_scenes(paths, count)) for count in (40, 0))
-    assert {len(target.points_left) for frame in with_clouds for target in frame.scene.targets} == {40}
+    with_clouds, without = (list(read_scenes(paths, count)) for count in (128, 0))
+    assert {len(target.points_left) for frame in with_clouds for target in frame.scene.targets} == {128}
     assert {len(target.points_left) for frame in without for target in frame.scene.targets} == {0}
-    assert set(read_table(images.directory, "clouds")["points"].to_pylist()) == {40, 128}
+    assert set(read_table(images.directory, "clouds")["points"].to_pylist()) == {128}
+    with pytest.raises(VfoaError, match=r"clouds\.parquet: found no clouds of 17 points"):
+        list(read_scenes(paths, 17))
     assert [frame.scene.index for frame in with_clouds] == list(range(1, FRAMES + 1))
 
 

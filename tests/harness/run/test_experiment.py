@@ -29,6 +29,8 @@ model = "none"
 POSTERIOR_CONSTANTS = (
     *("scale_spread", "unbiased", "bias_deg", "temperature", "smoothed_temperature"),
     *("facing_s", "below_deg", "head_lag_s", "head_evidence", "about_head_deg"),
+    *("bias_share", "bias_s", "tails", "evidence", "head_share", "aside_deg", "rest_deg", "nowhere_deg"),
+    *("p_nowhere", "nowhere_looks", "dwell_s", "dwell_looks"),
 )
 """Settings of the posterior that are constants now."""
 
@@ -189,6 +191,10 @@ def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, 
         ("segmentation", "model = 'yolo_seg', weights = 'mine.onnx'", "nms_iou", "0.4"),
         ("stereo", "matcher = 'files', root = 'mine'", "counts_per_px", "16.0"),
         ("attention", "method = 'bayes'", "cues", "'gaze'"),
+        ("attention", "method = 'bayes'", "surface", "'box'"),
+        ("attention", "method = 'bayes'", "faces", "False"),
+        ("attention", "method = 'bayes'", "directions", "64"),
+        ("attention", "method = 'logit'", "frame_rate_hz", "50"),
         ("attention", "method = 'bayes'", "gain", "0.8"),
         ("head_pose", "model = 'fsanet'", "needs_face", "False"),
         ("heads", "detector = 'yunet'", "fallback", "'none'"),

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.grid import gaze_hypotheses, head_hypotheses
 from vfoa.posterior.looks import Keys, columns_of, no_looks, predicted_looks
-from vfoa.posterior.settings import PosteriorSettings
 from vfoa.posterior.smoothing import smoothed
 
-TOLD = PosteriorSettings(error="told")
 LEAVE = np.full((1, 1), 0.25)
 
 
@@ -39,8 +37,8 @@ def beliefs_of(keys: list[Keys], likelihoods: list[np.ndarray]) -> list[Belief]:
         found.append(
             Belief(
                 keys=seen,
-                gaze=gaze_hypotheses(TOLD),
-                head=head_hypotheses(TOLD),
+                gaze=gaze_hypotheses("told"),
+                head=head_hypotheses("told"),
                 log_weights=np.zeros((1, 1)),
                 looked=looked / looked.sum(),
                 looks=no_looks((1, 1)),
