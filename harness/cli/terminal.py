@@ -116,6 +116,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     from harness.report.stages import stage_measures_table, terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
     from harness.report.verdict import verdict_lines
+    from harness.run.notes import NoteKind
 
     ablation = ablation_table(scores)
     if verbose:
@@ -130,10 +131,9 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
             console.print(note, markup=False)
     if ablation.rows and not verbose:
         print_reports([ablation])
-    scored = {row.clip for row in scores.rows}
-    unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
+    unscored = [note for note in remarks(scores) if note.kind == NoteKind.UNLABELLED]
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
-    for line in (*unscored[:_MOST_CLIPS], *(more if len(unscored) > _MOST_CLIPS else [])):
+    for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
         console.print(f"- {line}", markup=False)
     answer, *further = verdict_lines(scores)
     console.print(f"\n{answer}", markup=False, style="bold")

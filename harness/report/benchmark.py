@@ -16,8 +16,8 @@ from harness.files.parsing import parse_assignment
 from harness.pipeline.configuration import METHODS as KNOWN
 from harness.pipeline.configuration import Configuration, merged, reads_clip
 from harness.remote import expand
-from harness.run.directory import FITTED_ON_REPORTED
 from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
+from harness.run.notes import NoteKind
 from vfoa.config import read_steps
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -147,7 +147,7 @@ def material_experiment(name: str, changes: Tables | None = None) -> tuple[Exper
             left_out.append(f"{method}: not in the table: no file {missing}.")
         else:
             configurations.append(_with_method(experiment.configurations[0], method, settings))
-    own = (note for note in experiment.notes if not note.startswith(FITTED_ON_REPORTED))
+    own = (note for note in experiment.notes if note.kind != NoteKind.FITTED_ON_REPORTED)
     notes = tuple(dict.fromkeys((*own, *shipped_notes(configurations, experiment.clips))))
     return replace(
         experiment,

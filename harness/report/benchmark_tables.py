@@ -14,7 +14,7 @@ from harness.report.benchmark import MATERIALS
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
 from harness.report.page.render import render_tables
 from harness.report.verdict import verdict_lines
-from harness.run.directory import FITTED_ON_REPORTED
+from harness.run.notes import NoteKind
 from harness.score.calibration import reliabilities
 from harness.score.score import Scores
 from vfoa.logit import shipped_fit
@@ -34,7 +34,10 @@ _NOTES = (
 def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str] = ()) -> Table:
     """The table of all materials, by their names; ``left_out`` are sentences on what is not in it."""
     warnings = (
-        f"{name}: {note}" for name, of in scores.items() for note in of.notes if note.startswith(FITTED_ON_REPORTED)
+        f"{name}: {note}"
+        for name, of in scores.items()
+        for note in of.notes
+        if note.kind == NoteKind.FITTED_ON_REPORTED
     )
     return Table.of(
         "Every method on every material",

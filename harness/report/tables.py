@@ -11,7 +11,7 @@ from functools import partial
 from harness.report.csv_tables import ALL
 from harness.report.formats import Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
-from harness.run.directory import FITTED_ON_REPORTED
+from harness.run.notes import WARNINGS, Note, NoteKind, unlabelled
 from harness.score.baselines import BASELINES
 from harness.score.calibration import (
     MOST_SHARE,
@@ -123,7 +123,7 @@ def frr_table(scores: Scores) -> Table:
         "Clip | Configuration | n | Units | FRR % | 95 % | Balanced % | Targets % | Nowhere % | Log loss | Brier | "
         "Baseline % | Beaten | Coverage % | No hit % | FRR given answer % | Wilson",
         scores.by_clip(),
-        (*remarks(scores), *FRR_NOTES),
+        (*map(str, remarks(scores)), *FRR_NOTES),
     )
 
 
@@ -134,7 +134,7 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
     shown = [rows[place] for place in kept]
     left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
     has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in shown)
-    fitted = [note for note in scores.notes if note.startswith(FITTED_ON_REPORTED)]
+    warnings = [note.text for note in scores.notes if note.kind in WARNINGS]
     columns = "Log loss | Baseline % | Beaten" if has_losses else "Baseline % | Beaten | No hit %"  # all do not fit
     table = _rates(
         "FRR of each configuration over all clips",
@@ -142,7 +142,7 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
         shown,
         words=1,
     )
-    notes = (_terminal_note(table) + left_out, *fitted, *scores.doubts) if rows else ()
+    notes = (_terminal_note(table) + left_out, *warnings) if rows else ()
     table = replace(table, notes=notes)
     return table, shown.index(max(shown, key=lambda row: row.frr)) if shown else None
 
@@ -157,7 +157,7 @@ def terminal_table(scores: Scores) -> Table:
         [row for row in rows if row.configuration in compared],
     )
     columns = [_terminal_note(table)] if scores.rows else []
-    return replace(table, notes=(*columns, *remarks(scores), *_steps(scores)))
+    return replace(table, notes=(*columns, *map(str, remarks(scores)), *_steps(scores)))
 
 
 def _terminal_note(table: Table) -> str:
@@ -307,7 +307,7 @@ def subjects_table(scores: Scores) -> Table:
     return _rates("FRR by subject", columns, scores.by_subject(), words=3)
 
 
-def remarks(scores: Scores) -> list[str]:
+def remarks(scores: Scores) -> list[Note]:
     """The run's own notes, and further ones: clips without labels, clips on which a baseline is as good."""
     asked = without_oracles(scores.scored_configurations)
     rows = [row for row in scores.by_clip() if row.configuration in asked]
@@ -315,18 +315,18 @@ def remarks(scores: Scores) -> list[str]:
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
-            if not any(note.startswith(f"{clip}: no labels") for note in notes):
-                notes.append(
-                    f"{clip}: no frame is labelled, not scored; {how_to_label(clip, scores.settings.values())}."
-                )
+            if not any(note.kind == NoteKind.UNLABELLED and note.clip == clip for note in notes):
+                how = how_to_label(clip, scores.settings.values())
+                notes.append(unlabelled(clip, f"no frame is labelled, not scored; {how}."))
             continue
         rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)
         if rate >= best:
-            notes.append(
+            text = (
                 f"{clip}: the baseline {_words(name).lower()!r} is right in {percent(rate)} % of the frames, the "
                 f"best configuration in {percent(best)} %."
             )
+            notes.append(Note(text))
     return notes
 
 

@@ -166,8 +166,6 @@ def _named(value: Any) -> Any:
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
 LOCK = ".lock"
-FITTED_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
-"""Begins the note that rates are too good: the weights have seen the labels of a clip that is reported."""
 _TRACEBACK = "traceback.txt"
 
 

@@ -46,8 +46,9 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.directory import FITTED_ON_REPORTED, Published
+from harness.run.directory import Published
 from harness.run.grid import base_of, repeated, variants
+from harness.run.notes import Note, fitted_on_reported
 from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
@@ -181,7 +182,7 @@ class Experiment:
     name: str
     clips: tuple[str, ...]
     configurations: tuple[Configuration, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     limit: int | None = None
     annotator: str | None = None
     published: Published | None = None
@@ -250,7 +251,7 @@ def load_experiment(
         configurations=configurations,
         limit=None if clips else file.limit,
         notes=(
-            *(*file.notes, *missing, *partly),
+            *map(Note, (*file.notes, *missing, *partly)),
             *_fitted_notes(file, preset, present),
             *shipped_notes(configurations, present),
         ),
@@ -339,25 +340,25 @@ def _bundle(given: str | None, own: str | None, where: str) -> Tables:
     return merged(tables, preset_tables(given, where)) if is_fitted else tables
 
 
-def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
-    """Yield a sentence for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
+def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[Note]:
+    """Yield a note for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
     names = [preset] if preset else [*(table.get("preset") for table in file.configuration), file.preset]
     for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
         fitted_on = read_fitted(path).fit.clips
         if seen := [clip for clip in clips if clip in fitted_on]:
-            yield f"{FITTED_ON_REPORTED}: the weights of {path.name} were fitted on {', '.join(seen)}."
+            yield fitted_on_reported(f"the weights of {path.name}", seen)
         else:
-            yield f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}."
+            yield Note(f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}.")
 
 
-def shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[str]:
+def shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[Note]:
     """Yield what weights that ship with a method have seen of the clips, as a warning, and what to expect on others."""
     methods = [configuration.attend.attention for configuration in configurations]
     fitted_on = {clip for method in methods for clip in method.fitted_on}
     if seen := [clip for clip in clips if clip in fitted_on]:
-        yield f"{FITTED_ON_REPORTED}: the default weights were fitted on {', '.join(seen)}."
+        yield fitted_on_reported("the default weights", seen)
     if len(seen) < len(clips):
-        yield from dict.fromkeys(method.elsewhere for method in methods if method.fitted_on)
+        yield from map(Note, dict.fromkeys(method.elsewhere for method in methods if method.fitted_on))
 
 
 def is_experiment(name_or_path: str) -> bool:

@@ -25,6 +25,7 @@ from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
+from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
@@ -105,7 +106,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         *(f"{prepared.manifest.name}: {prepared.drawn.summary}" for prepared in clips if prepared.drawn),
         *_notes_on_near(clips, experiment.configurations),
     )
-    noted = replace(experiment, notes=(*experiment.notes, *notes))
+    noted = replace(experiment, notes=(*experiment.notes, *map(Note, notes)))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks))
 
 
@@ -206,7 +207,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     configurations = plan.experiment.configurations
     return {
         "experiment": plan.experiment.name,
-        "notes": list(plan.experiment.notes),
+        "notes": [note.text for note in plan.experiment.notes],
         "published": plan.experiment.published.model_dump() if plan.experiment.published else None,
         "annotator": plan.experiment.annotator,
         "recording": None,

@@ -18,6 +18,7 @@ from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.columns import ColumnReader, PairColumns
 from harness.run.directory import Pair, Published, RunDirectory, differences
+from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import answer_traits, has_images
 from harness.run.table_records import TableReader, most_people
@@ -147,7 +148,7 @@ class FinishedRun:
         manifests = self._manifests(annotator)
         read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
-        unlabelled = [manifests[name] for name in read if name not in labels]
+        without_labels = [manifests[name] for name in read if name not in labels]
         if where:
             frames = {clip["name"]: clip["frames"] for clip in run["clips"]}
             times_ns = {clip["name"]: clip.get("times_ns", ()) for clip in run["clips"]}
@@ -168,14 +169,14 @@ class FinishedRun:
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
             notes=(
-                *_left_out(run)[2],
-                *run.get("notes", ()),
-                *carried_mask_notes(run["configurations"]),
-                *([f"Scored against the labels of {annotator!r}."] if annotator else []),
-                *(f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()),
-                *changed,
-                *self._unlabelled_notes(unlabelled),
-                *([f"Only frames with {' and '.join(each.text for each in where)}."] if where else []),
+                *map(Note, _left_out(run)[2]),
+                *map(Note.of_run, run.get("notes", ())),
+                *map(Note, carried_mask_notes(run["configurations"])),
+                *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
+                *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),
+                *map(Note, changed),
+                *self._unlabelled_notes(without_labels),
+                *([Note(f"Only frames with {' and '.join(each.text for each in where)}.")] if where else []),
             ),
             unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self._names_now(manifests),
@@ -195,16 +196,19 @@ class FinishedRun:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
 
-    def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[str]:
+    def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[Note]:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
         people = most_people(self.directory, [clip.name for clip in clips])
         return [
-            f"{clip.name}: no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
-            "found in its frames; "
-            f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
-            f"{how_to_label(clip.name, self.manifest['configurations'].values())}."
+            unlabelled(
+                clip.name,
+                f"no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
+                "found in its frames; "
+                f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
+                f"{how_to_label(clip.name, self.manifest['configurations'].values())}.",
+            )
             for clip in clips
         ]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from harness.clips.manifest import load_manifest
+from harness.run.notes import Note
 from harness.score.intervals import difference_interval, pair
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import UNKNOWN, Interval
@@ -57,7 +58,7 @@ def with_oracle_ablation(experiment: Experiment) -> Experiment:
         raise VfoaError(
             f"{experiment.name}: --oracle: no stage that truth could replace; {'; '.join(notes) or 'all true'}"
         )
-    return replace(experiment, configurations=tuple(configurations), notes=(*experiment.notes, *notes))
+    return replace(experiment, configurations=tuple(configurations), notes=(*experiment.notes, *map(Note, notes)))
 
 
 def _known_replacements(clips: tuple[str, ...]) -> tuple[list[str], list[str]]:

@@ -14,6 +14,7 @@ from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.columns import Words
 from harness.run.directory import Pair, Published
+from harness.run.notes import Note, NoteKind
 from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, best_limit_rad, commonest
 from harness.score.judged import Judged, JudgedPart
@@ -44,7 +45,7 @@ class Reference:
 
     labels: Mapping[str, Labels]
     frames: Mapping[str, Iterable[int]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     published: Published | None = None
     traits: Mapping[str, AnswerTraits] = field(default_factory=dict)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -103,17 +104,17 @@ class Outcomes:
         return self.judged.words.counts(self.judged.error_type)
 
 
-def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
+def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
     """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
         directions, to_targets = part.aims.swapaxes(0, 1)
         if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
             notes[clip] = f"{clip} under {configuration}: {found}."
-    return tuple(notes.values())
+    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
-def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
+def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
     """A note for each clip whose heads have no usual size in metres, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
@@ -124,7 +125,7 @@ def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[str, ...]:
                 "In [source], depth_scale is the number of counts per metre of measured depth, baseline_m (or "
                 "calibration_unit) that of a pair."
             )
-    return tuple(notes.values())
+    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
 def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: str | None = None) -> list[Outcomes]:

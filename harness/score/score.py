@@ -19,6 +19,7 @@ from harness.run.columns import PairColumns
 from harness.run.directory import Pair, Published
 from harness.run.grid import base_of
 from harness.run.measured import Measured
+from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
@@ -105,8 +106,7 @@ class Scores:
     """All scores of a run. ``rows`` hold only groups with annotated frames; ``outcomes`` include the unscored frames.
 
     Clips and configurations are in the order of the results; outcomes by clip, configuration, subject. ``notes``
-    are shown with every table; ``doubts`` are those of them that question the clip's axes and units, and are shown on
-    the terminal, too. ``published`` are published figures. ``measures`` compare the stages with the ground
+    are shown with every table. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
     ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`. ``phases`` are the scores of each
     phase of the clips that have some, on these clips together; without notes and measures. ``has_answers_of_file``
@@ -116,8 +116,7 @@ class Scores:
     clips: tuple[str, ...]
     configurations: tuple[str, ...]
     rows: tuple[ScoreRow, ...]
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     measures: Mapping[Pair, Measured] = field(default_factory=dict, compare=False, repr=False)
@@ -212,7 +211,6 @@ def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
 def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measured], reference: Reference) -> Scores:
     """Score judged records; ``measured`` are the measures of the same ones."""
     outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
-    doubts = (*axis_notes(judged), *unit_notes(judged))
     clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
     configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
     metrics = load_metrics()
@@ -226,8 +224,7 @@ def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measu
         clips=clips,
         configurations=configurations,
         rows=tuple(rows),
-        notes=(*reference.notes, *misfit_notes(directions), *doubts),
-        doubts=doubts,
+        notes=(*reference.notes, *map(Note, misfit_notes(directions)), *axis_notes(judged), *unit_notes(judged)),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measured,

@@ -185,7 +185,7 @@ def test_a_renamed_target_leaves_the_rates_of_every_run_as_they_are(
     assert "unknown to its manifest" not in said
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "tumbler"))
     assert set(after.frames["predicted"]) == {"tumbler"}
-    assert not any("names in desk.toml" in note for note in read_scores(run.directory).notes)
+    assert not any("names in desk.toml" in note.text for note in read_scores(run.directory).notes)
 
 
 def test_names_in_the_results_that_the_labels_do_not_know_are_told(

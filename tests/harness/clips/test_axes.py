@@ -14,6 +14,7 @@ from harness.clips.check import check_clip
 from harness.report.tables import terminal_table
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
+from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
 from vfoa.types import Float
@@ -87,6 +88,6 @@ def test_the_check_of_a_clip_and_the_table_say_so(tmp_path: Path, monkeypatch: p
     experiment = write_text(tmp_path / "both.toml", 'clips = ["right", "wrong"]\npreset = "measured"\n')
     run = run_plan(prepare(load_experiment(str(experiment))), tmp_path / "run", workers=1, progress=lambda clip: None)
     scores = rescore(run)
-    (said,) = scores.doubts
+    (said,) = (note.text for note in scores.notes if note.kind is NoteKind.DOUBT)
     assert said.startswith("wrong under default: with x negated, ")
     assert said in terminal_table(scores).notes

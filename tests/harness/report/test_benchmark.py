@@ -14,6 +14,7 @@ from harness.cli import app
 from harness.report import benchmark, benchmark_tables
 from harness.report.benchmark import METHODS, Material
 from harness.report.benchmark_tables import RULE
+from harness.run.notes import Note
 from scripts.quoted_figures import tables
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
@@ -127,4 +128,6 @@ def test_the_materials_that_need_no_download_are_complete(monkeypatch: pytest.Mo
     assert [each.name for each in experiment.configurations] == list(METHODS)
     assert {each.choices["stereo"].name for each in experiment.configurations if each.choices["stereo"]} == {"sgbm"}
     assert (left_out, experiment.published) == ([], None)
-    assert [each.attend.attention.elsewhere in experiment.notes for each in experiment.configurations[5:]] == [True] * 2
+    assert [Note(each.attend.attention.elsewhere) in experiment.notes for each in experiment.configurations[5:]] == [
+        True
+    ] * 2

@@ -17,6 +17,7 @@ from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
+from harness.run.notes import Note
 from harness.run.records import FrameRecord
 from harness.run.results import AnswerTraits
 from harness.run.table_records import read_records
@@ -37,7 +38,7 @@ from tests.records import (
 from vfoa.errors import VfoaError
 
 PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}
-NOTES = ("bandage_2: the right view is re-projected",)
+NOTES = (Note("bandage_2: the right view is re-projected"),)
 
 
 def _paper_records() -> list[FrameRecord]:

@@ -277,7 +277,7 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
     experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.mode=hh",))
     found = _by_name(experiment.configurations)
     assert [found[name]["stereo"].get("mode") for name in ("bm-one", "sgbm-one")] == [None, "hh"]  # type: ignore[attr-defined]
-    assert "stereo.mode is not set in bm-one, bm-two, bm-nearest: no such setting there." in experiment.notes
+    assert "stereo.mode is not set in bm-one, bm-two, bm-nearest: no such setting there." in map(str, experiment.notes)
     with pytest.raises(VfoaError, match=r"unknown key 'stereo\.moed'"):
         load_experiment("demo", overrides=("stereo.moed=hh",))
 

@@ -74,7 +74,7 @@ def test_a_configuration_that_fails_is_left_out_and_said(tmp_path: Path, broken_
     ]
     scores = rescore(directory)
     assert scores.configurations == ("bm",)
-    assert any(note == "sgbm: left out, failed on studio_table: out of memory" for note in scores.notes)
+    assert any(note.text == "sgbm: left out, failed on studio_table: out of memory" for note in scores.notes)
     assert "out of memory" in (directory.path / "frr.md").read_text()
 
 
@@ -168,7 +168,7 @@ def test_a_clip_on_which_all_fail_is_left_out(tmp_path: Path, monkeypatch: pytes
     directory = _run(tmp_path, ["plain", "studio_table"])
     scores = read_scores(directory)
     assert (scores.clips, scores.configurations) == (("studio_table",), ("bm", "sgbm"))
-    (note,) = (note for note in scores.notes if note.startswith("plain: left out"))
+    (note,) = (note.text for note in scores.notes if note.text.startswith("plain: left out"))
     assert "every configuration failed: SintelClip, frame 1: the clip has no true instances" in note
 
 

@@ -95,7 +95,7 @@ def test_records_and_tables_say_which_masks_were_carried(alone: tuple[RunDirecto
     assert masks_from(directory, "network") == masks_from(directory, "truth") == KEYS
     assert masks_from(directory, "all") == [None] * FRAMES
     assert sorted(asked) == [1, 4, 7]
-    notes = rescore(directory).notes
+    notes = [note.text for note in rescore(directory).notes]
     assert any("network, truth" in note and "every = 3" in note and "up to 2 frames" in note for note in notes)
 
 

@@ -14,7 +14,7 @@ from harness.run.plan import describe, prepare
 
 def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:
     by_network, by_truth = (load_experiment(name, clips=("studio_talk",)) for name in ("default", "demo"))
-    (note,) = prepare(by_network).experiment.notes
+    (note,) = map(str, prepare(by_network).experiment.notes)
     assert note.startswith(
         "studio_talk: the manifest finds anna, ben, mug, bear, bowl, plant by their ids in the source"
     )
@@ -29,7 +29,7 @@ def test_things_nearer_than_the_matchers_search_are_said_for_each_limit() -> Non
         for limit_m in (0.8, 2.0)
     )
     assert prepare(near).experiment.notes == near.notes
-    (*_, note) = prepare(far).experiment.notes
+    (*_, note) = map(str, prepare(far).experiment.notes)
     assert note.startswith("studio_talk: ")
     assert "of the matches are nearer than stereo.min_depth_m = 2" in note
 

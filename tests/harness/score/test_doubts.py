@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from harness.run.notes import NoteKind
 from harness.score.outcomes import Reference
 from tests.records import frame_record, score, subject_record
 
@@ -29,5 +30,5 @@ def test_heads_of_no_usual_size_question_the_unit_of_depth(
         for place, width_m in enumerate(widths_m)
         for number in range(4)
     ]
-    doubts = score(records, Reference(labels={})).doubts
-    assert [("depth_scale" in doubt) for doubt in doubts] == [True] * is_questioned
+    doubts = score(records, Reference(labels={})).notes
+    assert [(note.kind, "depth_scale" in note.text) for note in doubts] == [(NoteKind.DOUBT, True)] * is_questioned

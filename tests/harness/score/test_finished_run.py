@@ -10,6 +10,7 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
+from harness.run.notes import NoteKind
 from harness.run.results import AnswerTraits
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
@@ -34,8 +35,10 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
     directory = write_run(tmp_path / "run", answers(["cup"], clip="new"), **manifest)
     reference = FinishedRun.read(directory).reference()
     assert reference.labels == {}
-    assert reference.notes == (
-        f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it.",
+    (note,) = reference.notes
+    assert (note.kind, note.clip) == (NoteKind.UNLABELLED, "new")
+    assert note.text == (
+        f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it."
     )
 
 
@@ -46,7 +49,9 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
     ]
     manifest = {"notes": ["Ours."], "clips": clips, "configurations": {"one": {}}, "finished": "now"}
     run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
-    assert run.reference().notes == ("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
+    assert [note.text for note in run.reference().notes] == [
+        *("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
+    ]
 
 
 def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(

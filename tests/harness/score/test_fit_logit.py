@@ -19,6 +19,7 @@ from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment, read_fitted
+from harness.run.notes import Note, NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.score.fit_logit import folds_of
 from harness.score.labelled_run import labelled_people, read_labelled
@@ -116,8 +117,10 @@ def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
 
 
 def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path) -> None:
-    on_itself = load_experiment("talk.toml", preset=str(fitted)).notes
-    assert on_itself == ("FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two.",)
+    (on_itself,) = load_experiment("talk.toml", preset=str(fitted)).notes
+    assert on_itself.kind is NoteKind.FITTED_ON_REPORTED
+    assert on_itself.text == "FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two."
+    assert Note.of_run(on_itself.text) == on_itself
 
 
 def test_a_wrong_weight_is_named(fitted: Path) -> None:
@@ -141,8 +144,8 @@ def test_the_terminal_says_that_a_clip_was_fitted_on(
 def test_the_default_weights_were_fitted_on_clips_too(fitted: Path) -> None:
     clip = shipped_fit()["clips"][0]
     (note,) = load_experiment("talk.toml", clips=(clip,)).notes
-    assert note == f"FITTED ON WHAT IS REPORTED: the default weights were fitted on {clip}."
-    (elsewhere,) = load_experiment("talk.toml", clips=("one",)).notes
+    assert note.text == f"FITTED ON WHAT IS REPORTED: the default weights were fitted on {clip}."
+    (elsewhere,) = map(str, load_experiment("talk.toml", clips=("one",)).notes)
     errors = [row["calibration_error"] for row in shipped_fit()["held_out"]]
     assert f"calibration error was {min(errors):.2f} to {max(errors):.2f}" in elsewhere
     assert "vfoa fit CLIP" in elsewhere
@@ -338,7 +341,7 @@ def test_the_tutorial_shows_what_its_commands_print(
     shown = page.split("$ vfoa fit kitchen_p12 --first 20s\n")[1].split("```")[0]
     assert [line.rstrip() for line in said.strip().splitlines()] == shown.rstrip().splitlines()
     experiment = experiment_of(["kitchen_p12"], (), (), "kitchen_p12-fitted.toml")
-    assert experiment.notes == (
-        "FITTED ON WHAT IS REPORTED: the weights of kitchen_p12-fitted.toml were fitted on kitchen_p12.",
-    )
+    assert [note.text for note in experiment.notes] == [
+        "FITTED ON WHAT IS REPORTED: the weights of kitchen_p12-fitted.toml were fitted on kitchen_p12."
+    ]
     assert experiment.configurations[0].attend.attention.method == "logit"

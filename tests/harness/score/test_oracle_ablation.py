@@ -15,6 +15,7 @@ from harness.pipeline.ground_truth import OracleSettings
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.measured import OF_DISPARITY, OF_PERSON, Measured, pooled_measures
+from harness.run.notes import Note
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.outcomes import Reference
@@ -101,7 +102,7 @@ def test_what_a_clip_does_not_know_is_not_replaced_and_said(
         slot: StageChoice(slot=slot, name="any", settings=OracleSettings()) for slot in base.configurations[0].choices
     }
     only = replace(base.configurations[0], name="base", choices=choices)
-    ablated = with_oracle_ablation(replace(base, clips=tuple(clips), configurations=(only,), notes=("mine",)))
+    ablated = with_oracle_ablation(replace(base, clips=tuple(clips), configurations=(only,), notes=(Note("mine"),)))
     names = ["disparity", "instances", "heads", "head_pose", "gaze"]
     known = [each for each in names if each not in set().union(*unknown)]
     assert [configuration.name for configuration in ablated.configurations] == [
@@ -113,7 +114,7 @@ def test_what_a_clip_does_not_know_is_not_replaced_and_said(
         for clip, missing in zip(clips, unknown, strict=True)
         if missing
     ]
-    assert ablated.notes == ("mine", *expected)
+    assert [note.text for note in ablated.notes] == ["mine", *expected]
 
 
 def test_a_step_is_of_all_clips_together() -> None:

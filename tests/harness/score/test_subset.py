@@ -67,7 +67,7 @@ def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: 
 def test_one_clip_of_several(run: Path) -> None:
     scores = read_scores(RunDirectory(run), [Condition.parse("clip!=a")])
     assert {row.clip for row in scores.rows} == {"b"}
-    assert scores.notes[-1] == "Only frames with clip!=a."
+    assert str(scores.notes[-1]) == "Only frames with clip!=a."
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,53 @@
+"""Notes: sentences that are shown with the tables of a run. A note's kind says where else it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, auto
+
+_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
+
+
+class NoteKind(Enum):
+    """What a note says."""
+
+    FACT = auto()
+    """How clips, settings or scores are."""
+    FITTED_ON_REPORTED = auto()
+    """Rates are too good: the weights have seen the labels of a clip that is reported."""
+    DOUBT = auto()
+    """The axes or units of a clip are in question."""
+    UNLABELLED = auto()
+    """A clip is not scored."""
+
+
+WARNINGS = (NoteKind.FITTED_ON_REPORTED, NoteKind.DOUBT)
+"""Kinds of notes that stand with the rates on the terminal, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A sentence or more for readers of a table. ``clip`` is the clip that is not scored, of a note that says so."""
+
+    text: str
+    kind: NoteKind = NoteKind.FACT
+    clip: str | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+    @classmethod
+    def of_run(cls, text: str) -> Note:
+        """Return a note of a run's manifest, which holds texts alone."""
+        return cls(text, NoteKind.FITTED_ON_REPORTED if text.startswith(f"{_ON_REPORTED}:") else NoteKind.FACT)
+
+
+def fitted_on_reported(weights: str, clips: Iterable[str]) -> Note:
+    """Return the warning that weights, such as "the default weights", were fitted on clips that are reported."""
+    return Note(f"{_ON_REPORTED}: {weights} were fitted on {', '.join(clips)}.", NoteKind.FITTED_ON_REPORTED)
+
+
+def unlabelled(clip: str, reason: str) -> Note:
+    """Return the note that a clip is not scored; ``reason`` follows the clip's name."""
+    return Note(f"{clip}: {reason}", NoteKind.UNLABELLED, clip)
