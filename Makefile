@@ -27,7 +27,7 @@ VERSIONS ?= highest
 test-versions:
 	$(PYTHON) -m venv build/$(VERSIONS)
 	build/$(VERSIONS)/bin/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
-	VIRTUAL_ENV=build/$(VERSIONS) build/$(VERSIONS)/bin/uv pip install --quiet --resolution $(VERSIONS) --group dev --editable .
+	VIRTUAL_ENV=build/$(VERSIONS) build/$(VERSIONS)/bin/uv pip install --quiet --resolution $(VERSIONS) --group dev --editable ".[harness]"
 	sh system-libraries.sh build/$(VERSIONS)/bin/python --dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 build/$(VERSIONS)/bin/python -m pytest --numprocesses=auto --dist=worksteal $(TESTS)
 
@@ -78,8 +78,8 @@ format: $(DEV)
 # Exact versions for every platform, with hashes and without addresses: what running needs, and all that developing needs.
 lock: $(DEV)
 	$(PIP) "uv>=0.5"
-	$(BIN)/uv pip compile $(LOCKED) --output-file requirements.lock pyproject.toml
-	$(BIN)/uv pip compile $(LOCKED) --output-file requirements-dev.lock --constraints requirements.lock --group dev pyproject.toml
+	$(BIN)/uv pip compile $(LOCKED) --output-file requirements.lock --extra harness pyproject.toml
+	$(BIN)/uv pip compile $(LOCKED) --output-file requirements-dev.lock --constraints requirements.lock --extra harness --group dev pyproject.toml
 
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 

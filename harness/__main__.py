@@ -28,6 +28,14 @@ def main() -> None:
         cli.main()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in ("harness", "vfoa"):
+            raise
+        package = error.name.partition(".")[0]
+        raise SystemExit(
+            f"vfoa: found no package {package}: the library is installed, which the command is not part of; expected: "
+            "pip install 'vfoa[harness]'"
+        ) from None
 
 
 if __name__ == "__main__":

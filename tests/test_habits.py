@@ -7,9 +7,12 @@ import re
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from collections import Counter
-from importlib.metadata import version
+from collections.abc import Iterable
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -22,7 +25,7 @@ from tests.repository import REPOSITORY
 
 def test_the_version_is_the_same_everywhere() -> None:
     citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
-    assert citation["version"] == vfoa.__version__ == version("vfoa")
+    assert citation["version"] == vfoa.__version__ == metadata.version("vfoa")
 
 
 def test_release_notes_are_a_section_of_the_changelog() -> None:
@@ -72,6 +75,63 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     purelib = sysconfig.get_path("purelib", vars={"base": str(environment), "platbase": str(environment)})
     Path(purelib, "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
     return python.with_name("vfoa.exe" if os.name == "nt" else "vfoa")
+
+
+def _closure(names: Iterable[str]) -> set[str]:
+    """These distributions and all that they need, of those that this environment has."""
+    found: set[str] = set()
+    waiting = [*names]
+    while waiting:
+        name = re.split(r"[^\w.-]", waiting.pop(), maxsplit=1)[0]
+        with suppress(metadata.PackageNotFoundError):
+            if name not in found:
+                found.add(name)
+                waiting += (line for line in metadata.requires(name) or () if "extra ==" not in line)
+    return found
+
+
+@pytest.fixture(scope="module")
+def library_alone(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of links to the wheel's files and to what ``pip install vfoa`` brings along, and to nothing else."""
+    folder = tmp_path_factory.mktemp("library")
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [path for name in _closure(project["dependencies"]) for path in metadata.files(name) or ()]
+    places = {Path(sysconfig.get_path("purelib"), path.parts[0]) for path in wanted if path.parts[0] != ".."}
+    (purelib,) = installed.parents[1].rglob("site-packages")
+    for place in (*places, purelib / "vfoa", purelib / "harness"):
+        if place.name != "__pycache__":
+            (folder / place.name).symlink_to(place)
+    return folder
+
+
+def _alone(folder: Path, cwd: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Python without any site-packages but these."""
+    program = [sys.executable, "-S", *arguments]
+    variables = {**os.environ, "PYTHONPATH": str(folder)}
+    return subprocess.run(program, cwd=cwd, env=variables, capture_output=True, text=True, check=False)
+
+
+def test_the_library_needs_no_package_of_the_harness(library_alone: Path, tmp_path: Path) -> None:
+    code = """
+import importlib, pkgutil, sys, vfoa
+for module in pkgutil.walk_packages(vfoa.__path__, "vfoa."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+print(vfoa.score(["cup"], ["cup"]).frr, *sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+    done = _alone(library_alone, tmp_path, "-c", code)
+    assert done.returncode == 0, done.stderr
+    frr, *modules = done.stdout.split()
+    assert float(frr) == 1
+    assert "cv2" in modules
+    assert not {"rerun", "open3d", "starlette", "pandas", "harness"} & set(modules)
+
+
+def test_the_command_without_its_packages_says_what_to_install(library_alone: Path, tmp_path: Path) -> None:
+    done = _alone(library_alone, tmp_path, "-m", "harness", "run", "demo")
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "pip install 'vfoa[harness]'" in line
 
 
 def _run(program: Path, cwd: Path, *arguments: str) -> str:

@@ -64,7 +64,7 @@ class Score:
 
     def __str__(self) -> str:
         percents = (self.frr, self.balanced_frr, self.recall_targets, self.recall_nowhere)
-        frr, balanced, targets, nowhere = (f"{100 * share:.1f} %" for share in percents)
+        frr, balanced, targets, nowhere = ("–" if math.isnan(each) else f"{100 * each:.1f} %" for each in percents)
         line = (
             f"{self.correct} of {self.n} right: FRR {frr}, balanced {balanced} (targets {targets}, nowhere {nowhere}), "
             f"answers in {round(self.coverage * self.n)} of {self.n}"

@@ -71,6 +71,7 @@ def test_one_kind_of_label_alone_is_its_balanced_rate() -> None:
     scored = vfoa.score(["cup", "book"], ["cup", "cup"])
     assert scored.balanced_frr == scored.frr == 1 / 2
     assert math.isnan(scored.recall_nowhere)
+    assert "nan" not in str(scored)
 
 
 def test_a_frame_without_an_answer_has_no_probability_of_the_truth() -> None:
