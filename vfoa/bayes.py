@@ -20,14 +20,13 @@ from pydantic import Field
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import sigma_rad, unit
 from vfoa.methods import MethodSettings, seconds_between
-from vfoa.posterior.assumptions import ASIDE_DEG, REST_DEG, Error
-from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.filter import answered, update
-from vfoa.posterior.fit_of_directions import fit_of
+from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
+from vfoa.posterior.cues import cue_shares
+from vfoa.posterior.filter import answered, smoothed, update
+from vfoa.posterior.grid import Error
 from vfoa.posterior.looks import Keys
-from vfoa.posterior.smoothing import smoothed
 from vfoa.recent import Recent
-from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
+from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
 from vfoa.visible import RAYS, views_of
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
@@ -269,22 +268,3 @@ def _divided(gaze: float, head: float) -> tuple[float, float]:
     """Two parts over their sum, without those that are NaN; the parts themselves where they sum to 0."""
     whole = sum(part for part in (gaze, head) if not math.isnan(part))
     return (gaze / whole, head / whole) if whole > 0 else (gaze, head)
-
-
-def cue_shares(cues: MeasuredCues, belief: Belief) -> tuple[float, float]:
-    """Shares of the gaze and of the head in the evidence, by precision; NaN for a cue that was not measured.
-
-    The precision of a gaze follows from its estimated error. The precision of a head follows from its own error, its
-    rest and its offset (``ASIDE_DEG``), divided by its share of the way to the target.
-    """
-    precision = {}
-    if cues.gaze is not None:
-        scale = float(belief.gaze_weights @ belief.gaze.scale)
-        precision["gaze"] = 1 / (scale * cues.gaze_sigma_rad) ** 2
-    if cues.head is not None:
-        share = belief.implied_share
-        around = sigma_rad(ASIDE_DEG) ** 2 + ((1 - share) * sigma_rad(REST_DEG)) ** 2
-        precision["head"] = share**2 / (cues.head_sigma_rad**2 + around)
-    total = sum(precision.values())
-    gaze, head = (precision[cue] / total if cue in precision else float("nan") for cue in CUES)
-    return gaze, head

@@ -21,10 +21,9 @@ from scripts.measure.printing import print_tables
 from scripts.measure.simulated_scenes import NOWHERE, Errors, Generator, draw_sequence
 from scripts.measure.simulated_scenes import Sequence as Drawn
 from vfoa.geometry import angle_between, sigma_rad, unit
-from vfoa.posterior.assumptions import Error
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.filter import answered, update
-from vfoa.posterior.smoothing import smoothed
+from vfoa.posterior.filter import answered, smoothed, update
+from vfoa.posterior.grid import Error
 from vfoa.types import Float
 
 ERRORS_DEG = (5.0, 11.0, 20.0, 36.0)

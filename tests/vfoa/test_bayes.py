@@ -14,7 +14,8 @@ from tests.scenes import make_box, make_subject, make_target, random_room, with_
 from vfoa.bayes import BayesSettings, infer_attentions
 from vfoa.geometry import sigma_rad
 from vfoa.pipeline import Attending, AttendSettings
-from vfoa.posterior.assumptions import NOWHERE_DEG, TAILS
+from vfoa.posterior.cues import NOWHERE_DEG
+from vfoa.posterior.gaze_error import TAILS
 from vfoa.posterior.looks import P_NOWHERE
 from vfoa.tracking import Tracked
 from vfoa.types import NoAttention, Scene

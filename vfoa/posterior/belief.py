@@ -13,13 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from vfoa.geometry import unit
-from vfoa.posterior.assumptions import Error
+from vfoa.geometry import MEAN_ANGLE_PER_SIGMA, unit
 from vfoa.posterior.gaze_error import GazeError
-from vfoa.posterior.grid import GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
+from vfoa.posterior.grid import Error, GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
 from vfoa.posterior.head_motion import HeadMotion
-from vfoa.posterior.looks import Keys, Looks, no_looks
-from vfoa.types import Float
+from vfoa.posterior.looks import Keys, LookCounts, no_looks
+from vfoa.types import DirectionFit, Float
 
 _UNLIKELY = math.log(1e-6)
 """Hypotheses whose log weight is this far below that of the likeliest are dropped."""
@@ -73,7 +72,7 @@ class Belief:
     head: HeadHypotheses
     log_weights: Float
     looked: Float
-    looks: Looks
+    looks: LookCounts
     leave: Float
     new: Float
     error: GazeError | None = None
@@ -141,7 +140,7 @@ def _repeated(belief: Belief, log_prior: Float, axis: int) -> Belief:
         belief,
         log_weights=belief.log_weights + log_prior.reshape(shape),
         looked=np.repeat(belief.looked, count, axis=axis),
-        looks=Looks(
+        looks=LookCounts(
             begun=np.repeat(looks.begun, count, axis=axis),
             nowhere=np.repeat(looks.nowhere, count, axis=axis),
             watched_s=np.repeat(looks.watched_s, count, axis=axis),
@@ -162,8 +161,29 @@ def pruned(belief: Belief) -> Belief:
         looked=belief.looked[rows],
         leave=belief.leave[rows],
         new=belief.new[rows],
-        looks=Looks(
+        looks=LookCounts(
             begun=belief.looks.begun[rows], nowhere=belief.looks.nowhere[rows], watched_s=belief.looks.watched_s[rows]
         ),
         error=belief.error.kept(rows) if belief.error else None,
+    )
+
+
+def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
+    """Return how well the measured directions fit the belief: the error that they imply, beside the claimed one.
+
+    Angles are those of the gaze; None if no gaze was measured. The implied error is the mean over the hypotheses of the
+    root of the squares of noise and bias, as a mean angle.
+    """
+    share = None if belief.motion is None else belief.implied_share
+    if cues.gaze is None or belief.error is None:
+        return DirectionFit(tail=belief.tail, implied_share=share)
+    noise = (belief.gaze.scale * cues.gaze_sigma_rad) ** 2
+    constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.means[0])
+    mean_square = noise + (constant**2).sum(axis=0) / 2
+    implied = float(belief.gaze_weights @ np.sqrt(mean_square))
+    return DirectionFit(
+        tail=belief.tail,
+        claimed_error_rad=MEAN_ANGLE_PER_SIGMA * cues.gaze_sigma_rad,
+        implied_error_rad=MEAN_ANGLE_PER_SIGMA * implied,
+        implied_share=share,
     )

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfoa.posterior.assumptions import TAILS
 from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
@@ -74,25 +73,51 @@ def next_error(
     return GazeError(means=means, covariances=covariances)
 
 
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Log likelihood (H, T), and the probability (H, T) of a worse fit; zeros and ones where nothing was measured."""
+
+    likelihood: Float
+    tail: Float
+
+    @classmethod
+    def none(cls, hypotheses: int, targets: int) -> Evidence:
+        """The evidence of a cue that was not measured."""
+        return cls(np.zeros((hypotheses, targets)), np.ones((hypotheses, targets)))
+
+
+TAILS = 4.0
+"""Degrees of freedom of the Student distribution of the errors of gaze and head."""
+
+
+def student(surprise_square: Float, known: Float, noise: float | Float) -> tuple[Evidence, Float]:
+    """Evidence of an innovation with the squared length (H, T), and its variance (H, T) as the filter's gain takes it.
+
+    ``known`` (H, T) is the variance of what was predicted, ``noise`` that of the measurement. Student's distribution
+    limits the weight of an outlier.
+    """
+    square = surprise_square / (known + noise)
+    excess = np.log1p(square / TAILS)
+    likelihood = -np.log(known + noise) - (TAILS + 2) / 2 * excess
+    weighed = known + noise * (TAILS + square) / (TAILS + 2)
+    return Evidence(likelihood, np.exp(-TAILS / 2 * excess)), weighed
+
+
 _FIRST, _SECOND = [0, 0, 1], [0, 1, 1]
 """The two parts of the error whose covariance each of the covariances of :class:`GazeError` is."""
 
 
-def weigh_gaze(predicted: GazeError, offset: Float, noise: Float) -> tuple[GazeError, Float, Float]:
-    """Return the updated filter, the log likelihood (G, T), and the logarithm (G, T) of 1 + square / TAILS.
+def weigh_gaze(predicted: GazeError, offset: Float, noise: Float) -> tuple[GazeError, Evidence]:
+    """Return the updated filter and the evidence (G, T) of a frame's gaze.
 
-    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. ``square`` is the squared
-    innovation in standard deviations. Student's distribution limits the weight of an outlier.
+    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance.
     """
     to_parts = predicted.covariances[:2] + predicted.covariances[1:]
-    known = to_parts[0] + to_parts[1]
     surprise = offset - predicted.means[0] - predicted.means[1]
-    square = (surprise**2).sum(axis=0) / (known + noise)
-    excess = np.log1p(square / TAILS)
-    likelihood = -np.log(known + noise) - (TAILS + 2) / 2 * excess
-    gain = to_parts / (known + noise * (TAILS + square) / (TAILS + 2))
+    evidence, weighed = student((surprise**2).sum(axis=0), to_parts[0] + to_parts[1], noise)
+    gain = to_parts / weighed
     after = GazeError(
         means=predicted.means + gain[:, None] * surprise,
         covariances=predicted.covariances - gain.take(_FIRST, axis=0) * to_parts.take(_SECOND, axis=0),
     )
-    return after, likelihood, excess
+    return after, evidence

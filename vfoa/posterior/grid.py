@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfoa.geometry import sigma_rad
-from vfoa.posterior.assumptions import Error
 from vfoa.types import Float
+
+Error = Literal["unknown", "told"]
+"""``unknown``: the claimed error is a prior; scale, bias and gain are learned. ``told``: it is true."""
 
 _SCALE_SPREAD = 0.7
 """Standard deviation of the natural logarithm of the true gaze error over the claimed one."""

@@ -23,7 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from vfoa.posterior.assumptions import TAILS
+from vfoa.posterior.gaze_error import Evidence, student
 from vfoa.posterior.looks import Columns
 from vfoa.types import Float
 
@@ -101,21 +101,17 @@ def _transition(dt_s: float, lag_s: float) -> tuple[float, float, Float]:
     return settle, move, np.array([[1, 0, 0], [0, settle, 0], [move, move * settle, 1 - move]])
 
 
-def weigh_head(predicted: HeadMotion, offset: Float, noise: float) -> tuple[HeadMotion, Float, Float]:
-    """Return the updated filter, the log likelihood (K, T), and the logarithm (K, T) of 1 + square / TAILS.
+def weigh_head(predicted: HeadMotion, offset: Float, noise: float) -> tuple[HeadMotion, Evidence]:
+    """Return the updated filter and the evidence (K, T) of a frame's head.
 
     ``offset`` (K, T, 2) is the measured head minus the share of the way to each target, ``noise`` its variance.
-    ``square`` is the squared innovation in standard deviations.
     """
     to_all = predicted.covariances[..., HEAD]
-    known = to_all[..., HEAD]
     surprise = offset - predicted.means[:, :, HEAD]
-    square = (surprise**2).sum(axis=-1) / (known + noise)
-    excess = np.log1p(square / TAILS)
-    likelihood = -np.log(known + noise) - (TAILS + 2) / 2 * excess
-    gain = to_all / (known + noise * (TAILS + square) / (TAILS + 2))[..., None]
+    evidence, weighed = student((surprise**2).sum(axis=-1), to_all[..., HEAD], noise)
+    gain = to_all / weighed[..., None]
     after = HeadMotion(
         means=predicted.means + gain[..., None] * surprise[:, :, None],
         covariances=predicted.covariances - gain[..., None] * to_all[..., None, :],
     )
-    return after, likelihood, excess
+    return after, evidence

@@ -33,7 +33,7 @@ Columns = NDArray[np.intp] | slice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Looks:
+class LookCounts:
     """Expected values, each (...,): looks begun, those of them at nowhere, and the seconds watched."""
 
     begun: Float
@@ -41,17 +41,17 @@ class Looks:
     watched_s: Float
 
 
-def no_looks(shape: tuple[int, ...]) -> Looks:
+def no_looks(shape: tuple[int, ...]) -> LookCounts:
     """Return the counts before the first frame."""
-    return Looks(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
+    return LookCounts(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
 
 
-def counted(before: Looks, begun: Float, nowhere: Float, dt_s: float) -> Looks:
+def counted(before: LookCounts, begun: Float, nowhere: Float, dt_s: float) -> LookCounts:
     """Return the counts after a frame: probabilities (...) that a look began in it, and that one at nowhere did."""
-    return Looks(begun=before.begun + begun, nowhere=before.nowhere + nowhere, watched_s=before.watched_s + dt_s)
+    return LookCounts(begun=before.begun + begun, nowhere=before.nowhere + nowhere, watched_s=before.watched_s + dt_s)
 
 
-def new_look(looks: Looks, count: int) -> Float:
+def new_look(looks: LookCounts, count: int) -> Float:
     """Probabilities (..., count + 1) of the target of a new look: equal for all targets, and that of nowhere last."""
     nowhere = (P_NOWHERE * NOWHERE_LOOKS + looks.nowhere) / (NOWHERE_LOOKS + looks.begun)
     new = np.ones((*nowhere.shape, count + 1))
@@ -61,7 +61,7 @@ def new_look(looks: Looks, count: int) -> Float:
     return new
 
 
-def leaving(looks: Looks, dt_s: float) -> Float:
+def leaving(looks: LookCounts, dt_s: float) -> Float:
     """Probability (...,) that a look ends within the time."""
     return np.asarray(-np.expm1(-dt_s * (DWELL_LOOKS + looks.begun) / (DWELL_LOOKS * DWELL_S + looks.watched_s)))
 

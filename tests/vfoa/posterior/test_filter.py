@@ -7,13 +7,12 @@ import pytest
 
 from vfoa.geometry import perturb, sigma_rad
 from vfoa.posterior import gaze_error, looks
-from vfoa.posterior.assumptions import BIAS_SHARE, NOWHERE_DEG, Error
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.filter import answered, update
-from vfoa.posterior.gaze_cue import BIAS_S
+from vfoa.posterior.cues import BIAS_S, BIAS_SHARE, NOWHERE_DEG
+from vfoa.posterior.filter import answered, smoothed, update
+from vfoa.posterior.grid import Error
 from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
 from vfoa.posterior.looks import DWELL_S, P_NOWHERE
-from vfoa.posterior.smoothing import smoothed
 
 DT_S = 0.1
 ERROR_DEG = 11.1

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vfoa.posterior.belief import Belief
+from vfoa.posterior.filter import smoothed
 from vfoa.posterior.grid import gaze_hypotheses, head_hypotheses
 from vfoa.posterior.looks import Keys, columns_of, no_looks, predicted_looks
-from vfoa.posterior.smoothing import smoothed
 
 LEAVE = np.full((1, 1), 0.25)
 
