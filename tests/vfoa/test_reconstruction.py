@@ -12,9 +12,15 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from tests.scenes import make_box, make_rig, rendered_boxes
-from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.geometry import back_project, box_corners, depth_from_disparity, project
-from vfoa.reconstruction import ReconstructionSettings, _gated, _without_outliers, reconstruct
+from vfoa.reconstruction import (
+    ReconstructionSettings,
+    _gated,
+    _without_outliers,
+    axis_aligned_box,
+    oriented_box,
+    reconstruct,
+)
 from vfoa.types import Disparity, Head, HeadView, Instance, Instances
 
 RIG = make_rig(320, 200, fx_px=260)

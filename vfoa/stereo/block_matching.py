@@ -15,20 +15,23 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Lock
 from typing import Any, ClassVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vfoa.errors import VfoaError
+from vfoa.geometry import disparity_from_depth
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
-from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
-from vfoa.stereo.opencv_pair import SIXTEENTHS, PairMatcher
+from vfoa.stereo.cut import both_views, cropped, cut, enlarged, gray, in_frame
 from vfoa.stereo.region import Region, whole
-from vfoa.stereo.search import DisparityRange, disparity_range
-from vfoa.stereo.views import both_views
-from vfoa.stereo.wls import WlsFilter
-from vfoa.types import Disparity, Map, StereoFrame, StereoRig
+from vfoa.types import Disparity, Image, Map, StereoFrame, StereoRig
 
 SGBM_MODES = {
     "sgbm": cv2.STEREO_SGBM_MODE_SGBM,
@@ -36,6 +39,15 @@ SGBM_MODES = {
     "hh": cv2.STEREO_SGBM_MODE_HH,
 }
 NO_LIMIT = 1_000_000
+Gray = NDArray[np.uint8]
+Sixteenths = NDArray[np.int16]
+
+SIXTEENTHS = 16
+"""OpenCV's matchers return int16 disparities in sixteenths of a pixel."""
+CONFIDENCE_SCALE = 255.0
+"""OpenCV's confidence runs from 0 to 255."""
+PARTS = 2
+"""OpenCV divides the image among its threads, and pixels beside a division differ by a sixteenth: it is always two."""
 
 
 class _Matcher(ABC):
@@ -180,3 +192,155 @@ class SemiGlobalMatcher(_Matcher):
             matcher.setSpeckleWindowSize(settings.speckle_size_px)
             matcher.setSpeckleRange(settings.speckle_range_px)
         return matcher
+
+
+# The range of disparities
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisparityRange:
+    """The disparities ``first_px`` to ``first_px + count - 1``; OpenCV needs a ``count`` that is a multiple of 16."""
+
+    first_px: int
+    count: int
+
+    @property
+    def reach_px(self) -> int:
+        """Greatest distance to the left of a pixel's column at which its match can be."""
+        return self.first_px + self.count
+
+    def shrunk(self, factor: int) -> DisparityRange:
+        """Return the range in an image with ``factor`` times fewer columns."""
+        first, end = self.first_px // factor, -(-self.reach_px // factor)
+        return DisparityRange(first_px=first, count=16 * math.ceil((end - first) / 16))
+
+
+def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
+    """Return the disparities of all depths between ``min_depth_m`` and infinity on a rig.
+
+    The range goes from 0, or from the disparity of infinity if the principal points differ, to fx B / z - (cx_right -
+    cx), rounded up to the next multiple of 16, and never beyond the image's width.
+
+    Raises
+    ------
+    VfoaError
+        If nothing at that depth has a positive disparity.
+    """
+    first = max(0, math.floor(rig.cx_px - rig.cx_right_px))
+    last = min(math.ceil(float(disparity_from_depth(min_depth_m, rig))), rig.width_px - 1)
+    if last <= first:
+        raise VfoaError(
+            f"stereo.min_depth_m: expected a depth with a disparity above {first} px on this rig, "
+            f"found {min_depth_m} m, which has {last} px"
+        )
+    return DisparityRange(first_px=first, count=16 * math.ceil((last - first + 1) / 16))
+
+
+# Both views
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairMatcher:
+    """OpenCV's matcher of the left view and, if needed, its matcher of the right view.
+
+    Disparities are int16 in sixteenths of a pixel. Pixels without a match have a value below the range.
+    """
+
+    left_matcher: Any
+    right_matcher: Any
+    searched: DisparityRange
+    block_size_px: int
+
+    def left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        """Return disparities of the left view in ``reached``; only those in ``matched`` are computed.
+
+        OpenCV does not match the first columns, as many as the range of its search; the image is extended by as many.
+        """
+        given = with_edge(matched, self.block_size_px, before=self.searched.reach_px)
+        of_left = self.left_matcher.compute(cut(left, given), cut(right, given))
+        return np.ascontiguousarray(cropped(of_left, given, reached))
+
+    def right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
+        """Return disparities of the right view, which are negative. Here OpenCV does not match the last columns."""
+        given = with_edge(reached, self.block_size_px, after=self.searched.reach_px)
+        of_right = self.right_matcher.compute(cut(right, given), cut(left, given))
+        return np.ascontiguousarray(cropped(of_right, given, reached))
+
+    def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
+        """Return disparities of both views, computed in parallel if this process may use several threads."""
+        if cv2.getNumThreads() == 1:
+            return self.left(left, right, matched, reached), self.right(left, right, reached)
+        with ThreadPoolExecutor(1) as pool:
+            of_right = pool.submit(self.right, left, right, reached)
+            return self.left(left, right, matched, reached), of_right.result()
+
+    def reached(self, matched: Region) -> Region:
+        """Return a region extended by the columns to its left in which its matches may lie."""
+        return matched.from_column(max(matched.u0 - self.searched.reach_px, 0))
+
+
+def with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:
+    """Return a region with all pixels that its matches depend on, and extra columns before or after it.
+
+    The matches depend on half a block around the region, and on one pixel more for OpenCV's gradient. For an odd number
+    of rows OpenCV skips the last row of that gradient: the number is made even.
+    """
+    edge_px = block_size_px // 2 + 1
+    odd = (region.v1 - region.v0) % 2
+    return Region(
+        u0=region.u0 - edge_px - before,
+        v0=region.v0 - edge_px,
+        u1=region.u1 + edge_px + after,
+        v1=region.v1 + edge_px + odd,
+    )
+
+
+# Smoothing within the edges of the image (weighted least squares, Min et al. 2014)
+
+
+_in_parts = Lock()
+
+
+@contextmanager
+def _parts() -> Iterator[None]:
+    """Let OpenCV divide an image into :data:`PARTS` in this block, whatever the number of its threads is."""
+    with _in_parts:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(PARTS)
+        try:
+            yield
+        finally:
+            cv2.setNumThreads(threads)
+
+
+class WlsFilter:
+    """OpenCV's WLS filter with its confidence: agreement of the two views' maps, and their local variance.
+
+    The guide is the colour image: a gray one smears dark scenes. Pixels up to ``discontinuity_radius_px`` from a depth
+    edge have a lower confidence.
+    """
+
+    def __init__(self, *, smoothness: float, sigma_color: float, discontinuity_radius_px: int) -> None:
+        self._filter: Any = cv2.ximgproc.createDisparityWLSFilterGeneric(True)
+        self._filter.setLambda(smoothness)
+        self._filter.setSigmaColor(sigma_color)
+        self._filter.setDepthDiscontinuityRadius(discontinuity_radius_px)
+
+    def filter(self, left: NDArray[np.int16], right: NDArray[np.int16], guide: Image) -> tuple[NDArray[np.int16], Map]:
+        """Filter the left view's map by the right view's.
+
+        Parameters
+        ----------
+        left, right
+            (H, W) raw disparities of both views in sixteenths of a pixel; the right view's are negative.
+        guide
+            (H, W, 3) the left image.
+
+        Returns
+        -------
+        The filtered map in sixteenths, every pixel filled, and its confidence (H, W) in [0, 1].
+        """
+        height, width = left.shape
+        with _parts():
+            filtered = self._filter.filter(left, guide, disparity_map_right=right, ROI=(0, 0, width, height))
+        return filtered, self._filter.getConfidenceMap() / np.float32(CONFIDENCE_SCALE)

@@ -1,4 +1,4 @@
-"""Cut regions out of images for a matcher, and put its maps back in place."""
+"""The images that a matcher compares: both views, gray, cut to a region; and its maps put back in place."""
 
 from __future__ import annotations
 
@@ -8,8 +8,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfoa.errors import VfoaError
 from vfoa.stereo.region import Region
-from vfoa.types import Disparity, Image, Map, StereoRig
+from vfoa.types import Disparity, Image, Map, StereoFrame, StereoRig
+
+
+def both_views(frame: StereoFrame) -> tuple[Image, Image]:
+    """The left and the right image (H, W, 3) of a frame.
+
+    Raises
+    ------
+    VfoaError
+        If the frame has no right image.
+    """
+    if frame.right is None:
+        raise VfoaError(
+            "stereo.matcher: found a matcher of two views, but the clip has no right images; "
+            'expected stereo.matcher = "sensor", which uses the measured depth'
+        )
+    return frame.left, frame.right
 
 
 def gray(image: Image, factor: int) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from vfoa.errors import VfoaError
 from vfoa.onnx import Model, OnnxSettings, Signature
-from vfoa.stereo.views import both_views
+from vfoa.stereo.cut import both_views
 from vfoa.types import Disparity, Image, Map, StereoFrame
 
 SIGNATURE = Signature(inputs={"pair": (1, 2, None, None)}, outputs={"disparity": (1, None, None, 1)}, by_position=True)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
-from vfoa.stereo.search import DisparityRange, disparity_range
+from vfoa.stereo.block_matching import DisparityRange, disparity_range
 
 
 @pytest.mark.parametrize(

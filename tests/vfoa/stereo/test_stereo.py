@@ -18,8 +18,7 @@ from tests.scenes import make_rig, stereo_planes
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
 from vfoa.stereo import MATCHERS
-from vfoa.stereo.block_matching import SGBM_MODES
-from vfoa.stereo.search import DisparityRange, disparity_range
+from vfoa.stereo.block_matching import SGBM_MODES, DisparityRange, disparity_range
 from vfoa.types import StereoFrame
 
 RIG = make_rig(240, 120)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vfoa.stereo.wls import WlsFilter
+from vfoa.stereo.block_matching import WlsFilter
 
 HEIGHT, WIDTH, DISPARITY = 241, 323, 320
 
