@@ -7,7 +7,7 @@ from typing import Any
 
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.methods import DEFAULT_METHOD, METHODS, MethodSettings
+from vfoa.methods import DEFAULT_METHOD, METHODS, MethodSettings, look_ahead_s, open_method
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
@@ -86,3 +86,13 @@ def read_steps(
 def is_in_region(stereo: Settings | None) -> bool:
     """Whether a matcher with these settings is asked only for the disparities of things and heads."""
     return getattr(stereo, "region", None) == "needed"
+
+
+def check_immediate(settings: AttendSettings) -> None:
+    """Refuse (:class:`VfoaError`) a method that needs later frames."""
+    name, seconds = settings.attention.method, look_ahead_s(open_method(settings.attention))
+    if seconds:
+        raise VfoaError(
+            f"settings: attention.method: {name!r} needs {seconds:g} s of later frames with these settings; expected "
+            "settings that need none, such as attention.smoothing = 'forward' (`vfoa run` waits for later frames)"
+        )

@@ -21,10 +21,11 @@ _REASONS = {
 class Look:
     """One person's answer in one frame. ``str()`` of it is a sentence.
 
-    ``track_id`` is the person's number in the sequence, ``subject`` the name made of it ("person 1"). ``target`` is the
-    name of the focus of attention. None: the person looks at none of the targets or, if ``missing`` gives a reason, the
-    answer is unknown. ``attention`` is the target's value in [0, 1], ``distance_m`` the distance from the eyes to the
-    middle of its box; both are NaN without a target. ``values`` holds the attention to all targets by name.
+    ``track_id`` is the person's number in the sequence, ``subject`` the name, or one made of it ("person 1").
+    ``target`` is the name of the focus of attention. None: the person looks at none of the targets or, if ``missing``
+    gives a reason, the answer is unknown. ``attention`` is the target's value in [0, 1], ``distance_m`` the distance
+    from the eyes to the middle of its box; both are NaN without a target. ``values`` holds the attention to all targets
+    by name.
     """
 
     track_id: int
@@ -57,9 +58,7 @@ class Estimate:
     @property
     def looks(self) -> tuple[Look, ...]:
         """One answer per person, in the order of their numbers."""
-        names = self.target_names
-        looks = (_look(attention, self.result, names) for attention in self.result.attentions)
-        return tuple(sorted(looks, key=lambda look: look.track_id))
+        return looks_of(self.result, self.target_names)
 
     @property
     def target_names(self) -> Mapping[int, str]:
@@ -79,11 +78,17 @@ class Estimate:
         return "\n".join(map(str, self.looks)) or "nobody was found"
 
 
+def looks_of(result: FrameResult, names: Mapping[int, str]) -> tuple[Look, ...]:
+    """One answer per person, in the order of their numbers; ``names`` are those of the targets by instance id."""
+    looks = (_look(attention, result, names) for attention in result.attentions)
+    return tuple(sorted(looks, key=lambda look: look.track_id))
+
+
 def _look(attention: Attention, result: FrameResult, names: Mapping[int, str]) -> Look:
     values = {target_attention.instance_id: target_attention.total for target_attention in attention.values}
     return Look(
         track_id=attention.subject.track_id,
-        subject=f"person {attention.subject.track_id}",
+        subject=attention.subject.name or f"person {attention.subject.track_id}",
         target=None if attention.focus is None else names[attention.focus],
         attention=math.nan if attention.focus is None else values[attention.focus],
         distance_m=_distance_m(attention, result),

@@ -13,10 +13,9 @@ import vfoa.head_pose
 import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
-from vfoa.config import STEPS, dotted_tables, is_in_region, read_steps
+from vfoa.config import STEPS, check_immediate, dotted_tables, is_in_region, read_steps
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
-from vfoa.methods import look_ahead_s, open_method
 from vfoa.pipeline import Attending, AttendSettings, Stages, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
@@ -87,7 +86,7 @@ class Estimator:
         self.key_frames = key_frames or KeyFrameSettings()
         self.reconstruction = reconstruction or ReconstructionSettings()
         self.attend = attend or AttendSettings()
-        _check_immediate(self.attend)
+        check_immediate(self.attend)
 
     @classmethod
     def open(cls, settings: Mapping[str, Any] | None = None) -> Self:
@@ -108,7 +107,7 @@ class Estimator:
         chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
         stereo = _present(chosen)["stereo.matcher"][1]
         reconstruction, attend_settings = read_steps(tables, stereo, "settings")
-        _check_immediate(attend_settings)
+        check_immediate(attend_settings)
         check_located(name for choice in chosen.values() if choice for name in weights_of(choice[1]))
         stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
         matcher = stages["stereo.matcher"]
@@ -224,15 +223,6 @@ def rectified_rig(
         )
     except ValueError as error:
         raise VfoaError(f"rectified_rig: {error}") from None
-
-
-def _check_immediate(settings: AttendSettings) -> None:
-    name, seconds = settings.attention.method, look_ahead_s(open_method(settings.attention))
-    if seconds:
-        raise VfoaError(
-            f"settings: attention.method: {name!r} needs {seconds:g} s of later frames with these settings; expected "
-            "settings that need none, such as attention.smoothing = 'forward' (`vfoa run` waits for later frames)"
-        )
 
 
 _Choice = tuple[Any, Settings]

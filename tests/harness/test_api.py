@@ -223,6 +223,14 @@ def test_type_checkers_know_every_public_name() -> None:
     }
 
 
+def test_measurements_are_attended_to_as_documented(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = _blocks("Without images")
+    exec(block, {})
+    anna, ben = capsys.readouterr().out.splitlines()
+    assert anna.startswith("anna looks at cup ")
+    assert ben.startswith("ben looks at anna ")
+
+
 def test_arrays_are_scored_as_documented(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = _blocks("A score from arrays")
     exec(block, {})

@@ -20,11 +20,9 @@ from pydantic import Field
 from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Truth, check_number
 from vfoa.errors import VfoaError, reported_as
+from vfoa.measured import HEAD_SIZE_M, PERSON, POINT_SIZE_M, box_of, target_of
 from vfoa.settings import Settings
-from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
-
-PERSON = "person"
-"""The category of people."""
+from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Person, Scene
 
 Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Metres = tuple[Length, Length, Length]
@@ -51,8 +49,8 @@ class MeasuredSettings(Settings):
     """
 
     objects: dict[str, FixedObject] = Field(default_factory=dict)
-    point_size_m: float = Field(default=0.1, gt=0)
-    head_size_m: Extents = (0.18, 0.25, 0.2)
+    point_size_m: float = Field(default=POINT_SIZE_M, gt=0)
+    head_size_m: Extents = HEAD_SIZE_M
 
     def fixed_objects(self) -> tuple[MeasuredObject, ...]:
         """The static objects."""
@@ -73,10 +71,8 @@ class MeasuredSettings(Settings):
         VfoaError
             If the extent is not positive.
         """
-        size = np.full(3, self.point_size_m) if size_m is None else np.array(size_m)
-        rotation = np.eye(3) if left_from_box is None else left_from_box
         with reported_as("size"):
-            return Box3D(center_m=np.array(center_m), half_size_m=size / 2, left_from_box=rotation)
+            return box_of(center_m, np.full(3, self.point_size_m) if size_m is None else size_m, left_from_box)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,7 +172,7 @@ class FramesOfMeasurements:
                 boxes[person.name] = head
         ids, kinds = {**self.people, **self.objects}, list(dict.fromkeys([PERSON, *self.categories.values()]))
         targets = [
-            _target(ids[name], category := self.categories[name], kinds.index(category), box)
+            target_of(ids[name], category := self.categories[name], kinds.index(category), box)
             for name, box in boxes.items()
         ]
         return Scene(
@@ -224,8 +220,3 @@ class FramesOfMeasurements:
     def _frame(self, number: int) -> MeasuredFrame:
         check_number(number, self.frames, self._where)
         return self.measurements[number]
-
-
-def _target(number: int, category: str, category_id: int, box: Box3D | None) -> Target:
-    instance = Instance(id=number, label=category, category_id=category_id, is_thing=True, score=1.0)
-    return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=box)

@@ -33,7 +33,6 @@ from harness.files.digests import digest_files
 from harness.files.tables import TableRow, read_header, read_rows, write_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
-    PERSON,
     FramesOfMeasurements,
     MeasuredFrame,
     MeasuredObject,
@@ -41,6 +40,7 @@ from harness.sources.measured.clip import (
     MeasuredSettings,
 )
 from vfoa.errors import VfoaError, located
+from vfoa.measured import PERSON
 from vfoa.types import Float, Gaze, HeadPose
 
 POSITION = ("x_m", "y_m", "z_m")
