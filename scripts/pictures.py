@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyBboxPatch, Polygon, Rectangle
 
 from harness.score.statistics import wilson_interval
-from vfoa.attention import cue_weights
+from vfoa.cones import cue_weights
 from vfoa.geometry import fov_from_radius
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "pictures"

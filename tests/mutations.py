@@ -128,17 +128,17 @@ MUTATIONS = (
     ),
     Mutation(
         "a ray through the middle of a box counts less",
-        "vfoa/attention.py",
+        "vfoa/cones.py",
         "(1.5 * d_max[box] - np.maximum(distance, d_min[box]))",
         "(1.4 * d_max[box] - np.maximum(distance, d_min[box]))",
-        "vfoa/test_attention.py",
+        "vfoa/test_cones.py",
     ),
     Mutation(
         "gaze and head that differ weigh as much as if they agreed",
-        "vfoa/attention.py",
+        "vfoa/cones.py",
         '"differ": (0.9, 0.1),',
         '"differ": (0.6, 0.4),',
-        "vfoa/test_attention.py",
+        "vfoa/test_cones.py",
     ),
     Mutation(
         "a track ends at its first gap",

@@ -17,9 +17,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from vfoa.attention import boxes_of_others
 from vfoa.geometry import sigma_rad, unit
-from vfoa.methods import MethodSettings, seconds_between
+from vfoa.methods import MethodSettings, boxes_of_others, seconds_between
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
@@ -27,7 +26,7 @@ from vfoa.posterior.grid import Error
 from vfoa.posterior.looks import Keys
 from vfoa.recent import Recent
 from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
-from vfoa.visible import RAYS, views_of
+from vfoa.visible import RAYS, visible_targets
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
 """Smallest angular error: a model that claims less is given this one."""
@@ -204,18 +203,18 @@ def believed(
         return NoAttention.NO_DIRECTION
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
-    views = views_of(origin, others, eyes, clouds=clouds)
+    visible = visible_targets(origin, others, eyes, clouds=clouds)
     scenery = Scenery(
-        keys=(*views.ids, None),
-        directions=views.directions,
-        variances=views.variances,
+        keys=(*visible.ids, None),
+        directions=visible.directions,
+        variances=visible.variances,
         to_camera=unit(-origin if origin.any() else (0, 0, -1)),
     )
     last, last_ns = before or (None, None)
     dt_s = seconds_between(last_ns, time_ns)
     measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
     asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, settings.error
-    return _RECENT.get((views, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error)), cues
+    return _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error)), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:

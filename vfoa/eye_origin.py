@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vfoa.geometry import back_project, project
-from vfoa.pixels import Seen, known_pixels, points_of, window_of
+from vfoa.pixels import ViewMaps, known_pixels, points_of, window_of
 from vfoa.types import Float, Head, HeadView
 
 EyeMethod = Literal["head", "patch"]
@@ -38,7 +38,7 @@ class PointLimits(NamedTuple):
 
 
 def eye_origin(
-    view: HeadView, instance_id: int | None, seen: Seen, *, method: EyeMethod, points: PointLimits
+    view: HeadView, instance_id: int | None, seen: ViewMaps, *, method: EyeMethod, points: PointLimits
 ) -> Float | None:
     """Return the point (3,) between a head's eyes, metres, camera frame; None where too few points are known.
 
@@ -52,7 +52,7 @@ def eye_origin(
     return _patch(view.head, instance_id, seen, points)
 
 
-def _ball(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits) -> tuple[Float, float] | None:
+def _ball(head: Head, instance_id: int | None, seen: ViewMaps, limits: PointLimits) -> tuple[Float, float] | None:
     """Middle (3,) and radius of the ball in a head's box, metres; None if the ball would contain the camera."""
     u0, v0, u1, v1 = head.box_px
     rig = seen.rig
@@ -68,7 +68,7 @@ def _ball(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits) 
     return back_project(middle[0], middle[1], depth, rig), radius_per_m * depth
 
 
-def _patch(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits) -> Float | None:
+def _patch(head: Head, instance_id: int | None, seen: ViewMaps, limits: PointLimits) -> Float | None:
     """Median (3,) of the points of the patch, else of a patch twice as wide, else of the person in the head's box."""
     u0, v0, u1, v1 = head.box_px
     center_u, center_v, side = (u0 + u1) / 2, v0 + EYE_HEIGHT * (v1 - v0), EYE_PATCH * (u1 - u0)
@@ -82,7 +82,7 @@ def _patch(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits)
 
 
 def _points_in(
-    region: tuple[float, float, float, float], instance_id: int | None, seen: Seen, most: int | None
+    region: tuple[float, float, float, float], instance_id: int | None, seen: ViewMaps, most: int | None
 ) -> Float:
     """At most so many points (N, 3) of the person's pixels in a region; of all pixels if the person is not known."""
     window = window_of(*region, seen.rig)

@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
-from vfoa.logit_cues import CUES, ROWS, Case, Means, Seen, features, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings, seconds_between
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
@@ -66,14 +66,14 @@ class Weights(Settings):
     @property
     def vector(self) -> Float:
         """The weights (F,) in the order of :func:`features`."""
-        rows = [getattr(self, name) for name in CUES if getattr(self, name)]
+        rows = [getattr(self, name) for name in LOGIT_CUES if getattr(self, name)]
         return np.array([self.constant, self.size, *(weight for row in rows for weight in row)])
 
     @classmethod
     def of(cls, case: Case, vector: Sequence[float]) -> Weights:
         """Return the weights of a case from their vector (F,)."""
         rows = np.reshape(vector[2:], (len(ROWS[case]), -1)).tolist()
-        named = {CUES[cue]: tuple(row) for cue, row in zip(ROWS[case], rows, strict=True)}
+        named = {LOGIT_CUES[cue]: tuple(row) for cue, row in zip(ROWS[case], rows, strict=True)}
         return cls.model_validate({"constant": float(vector[0]), "size": float(vector[1]), **named})
 
 
@@ -96,9 +96,9 @@ class LogitWeights(Settings):
         for smoothing, scales in (("forward", 2), ("both", 3)):
             for case, rows in ROWS.items():
                 weights = getattr(getattr(self, smoothing), case)
-                counts = [len(getattr(weights, cue)) for cue in CUES]
-                if counts != [scales * (row in rows) for row in range(len(CUES))]:
-                    cues = ", ".join(CUES[row] for row in rows)
+                counts = [len(getattr(weights, cue)) for cue in LOGIT_CUES]
+                if counts != [scales * (row in rows) for row in range(len(LOGIT_CUES))]:
+                    cues = ", ".join(LOGIT_CUES[row] for row in rows)
                     raise ValueError(f"{smoothing}.{case}: expected {scales} weights of {cues} and of no other cue")
         return self
 

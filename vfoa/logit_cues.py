@@ -28,8 +28,8 @@ from typing import Literal
 
 import numpy as np
 
-from vfoa.attention import boxes_of_others
 from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
+from vfoa.methods import boxes_of_others
 from vfoa.types import Box3D, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
@@ -57,9 +57,9 @@ _INNER = 0.5
 """Part of a target's radius within which the angle counts as 0."""
 
 Case = Literal["both", "gaze", "head"]
-CUES = ("gaze", "middle", "head", "head_swing", "head_overlap", "posterior")
+LOGIT_CUES = ("gaze", "middle", "head", "head_swing", "head_overlap", "posterior")
 ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4, 5), "gaze": (0, 5), "head": (2, 3, 4, 5)}
-"""The cues of a frame with both measured directions, or one of them, as positions in :data:`CUES`."""
+"""The cues of a frame with both measured directions, or one of them, as positions in :data:`LOGIT_CUES`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class Means:
     time_ns: int | None = None
     ids: tuple[int, ...] = ()
     head: Float = field(default_factory=lambda: np.zeros(4))
-    sums: Float = field(default_factory=lambda: np.zeros((2, len(CUES), 0)))
+    sums: Float = field(default_factory=lambda: np.zeros((2, len(LOGIT_CUES), 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +123,7 @@ def observe(
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
     ids = shapes.ids
     chance = np.array([posterior.get(number, 0.0) for number in ids])
-    now = np.empty((len(CUES), len(ids)))
+    now = np.empty((len(LOGIT_CUES), len(ids)))
     now[:4], now[4], now[5] = angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))

@@ -7,7 +7,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 from vfoa.registry import Registry
 from vfoa.settings import Settings
-from vfoa.types import Attention, FrameResult, Scene, Subject
+from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target
 
 State = TypeVar("State")
 FRAME_S = 0.04
@@ -92,7 +92,7 @@ class RevisingMethod(AttentionMethod[State], Protocol[State]):
 METHODS = Registry(
     kind="attention.method",
     builtin={
-        "cones": "vfoa.attention:Cones",
+        "cones": "vfoa.cones:Cones",
         "bayes": "vfoa.bayes:Posterior",
         "logit": "vfoa.logit:Logit",
         "nearest": "vfoa.nearest:Nearest",
@@ -120,3 +120,11 @@ def look_ahead_s(method: AttentionMethod[Any]) -> float:
     """Return the seconds of later frames that an answer of a method needs; 0 for one that never revises."""
     seconds: float = getattr(method, "look_ahead_s", 0.0)
     return seconds
+
+
+def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
+    """Return the boxes of the targets by instance id, in the order of the targets, without the subject's own box."""
+    own = subject.person.instance_id
+    return {
+        target.instance.id: target.box for target in targets if target.box is not None and target.instance.id != own
+    }

@@ -7,9 +7,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from vfoa.attention import boxes_of_others
 from vfoa.geometry import angle_between, unit
-from vfoa.methods import MethodSettings
+from vfoa.methods import MethodSettings, boxes_of_others
 from vfoa.types import CUES, Attention, Cue, NoAttention, Scene, Subject, Target, TargetAttention
 
 

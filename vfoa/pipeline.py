@@ -22,7 +22,7 @@ from typing import Any, cast
 
 from pydantic import InstanceOf, SerializeAsAny
 
-from vfoa.attention import AttentionSettings
+from vfoa.cones import ConesSettings
 from vfoa.drawn import Drawing, Placed
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
@@ -137,7 +137,7 @@ class AttendSettings(Settings):
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
-    attention: SerializeAsAny[InstanceOf[MethodSettings]] = AttentionSettings()
+    attention: SerializeAsAny[InstanceOf[MethodSettings]] = ConesSettings()
 
 
 class Attending:

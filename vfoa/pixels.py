@@ -18,7 +18,7 @@ Window = tuple[slice, slice]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class ViewMaps:
     """The disparities and the masks of one view: the input of clouds and eye origins."""
 
     disparity: Disparity
@@ -35,7 +35,7 @@ def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Win
     return rows, columns
 
 
-def known_pixels(mask: Mask, window: Window, seen: Seen, *, most: int | None = None) -> NDArray[np.intp]:
+def known_pixels(mask: Mask, window: Window, seen: ViewMaps, *, most: int | None = None) -> NDArray[np.intp]:
     """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known.
 
     With ``most``, at most that many of them, spread evenly.
@@ -61,7 +61,7 @@ def _thinned(places: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return places[chosen]
 
 
-def points_of(pixels: NDArray[np.intp], seen: Seen) -> Float:
+def points_of(pixels: NDArray[np.intp], seen: ViewMaps) -> Float:
     """Points (N, 3), metres, camera frame, of pixels (v, u); pixels whose disparity gives no depth are left out."""
     v, u = pixels.T
     depth = depth_from_disparity(seen.disparity.disparity_px[v, u], seen.rig)

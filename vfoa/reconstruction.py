@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 
 from vfoa.eye_origin import EyeMethod, PointLimits, eye_origin
 from vfoa.geometry import left_from_crop, turn_about_z
-from vfoa.pixels import Seen, Window, known_pixels, points_of, window_of
+from vfoa.pixels import ViewMaps, Window, known_pixels, points_of, window_of
 from vfoa.settings import Settings
 from vfoa.types import (
     Box3D,
@@ -108,7 +108,7 @@ def place_targets(
     """
     from scipy.ndimage import find_objects
 
-    seen = Seen(disparity=disparity, instances=instances, rig=rig)
+    seen = ViewMaps(disparity=disparity, instances=instances, rig=rig)
     windows = find_objects(instances.ids)
     targets = []
     for instance in instances.instances:
@@ -118,7 +118,7 @@ def place_targets(
     return tuple(targets)
 
 
-def _target(instance: Instance, window: Window, seen: Seen, settings: ReconstructionSettings) -> Target:
+def _target(instance: Instance, window: Window, seen: ViewMaps, settings: ReconstructionSettings) -> Target:
     rows, columns = window
     mask = np.equal(seen.instances.ids[window], instance.id)
     pixels = known_pixels(_eroded(mask, settings.erode_px), window, seen, most=settings.max_points)
@@ -184,7 +184,7 @@ def _box(points: Float, settings: ReconstructionSettings) -> Box3D | None:
 
 def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: ReconstructionSettings) -> Scene:
     """Return the scene of these targets and of all people with a head: the other half of :func:`reconstruct`."""
-    seen = Seen(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
+    seen = ViewMaps(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
     return Scene(
         index=percepts.index,
         time_ns=percepts.time_ns,
@@ -195,7 +195,7 @@ def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: Reco
     )
 
 
-def _person(view: HeadView, seen: Seen, settings: ReconstructionSettings) -> Person:
+def _person(view: HeadView, seen: ViewMaps, settings: ReconstructionSettings) -> Person:
     instance_id = view.head.instance_id
     if instance_id is None:
         instance_id = _covering_person(view.head, seen, settings)
@@ -204,7 +204,7 @@ def _person(view: HeadView, seen: Seen, settings: ReconstructionSettings) -> Per
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
 
 
-def _covering_person(head: Head, seen: Seen, settings: ReconstructionSettings) -> int | None:
+def _covering_person(head: Head, seen: ViewMaps, settings: ReconstructionSettings) -> int | None:
     """Return the person whose mask covers most of the head's box; the first of equals; None if none overlaps it."""
     u0, v0, u1, v1 = head.box_px
     window = window_of(u0, v0, u1, v1, seen.rig)

@@ -21,7 +21,7 @@ RAYS = 128
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Views:
+class VisibleTargets:
     """The targets as seen: ids, middle directions (T, 3), and variances (T,) per tangent direction, rad^2."""
 
     ids: tuple[int, ...]
@@ -29,10 +29,12 @@ class Views:
     variances: Float
 
 
-_RECENT: Recent[Views] = Recent(32)
+_RECENT: Recent[VisibleTargets] = Recent(32)
 
 
-def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], *, clouds: bool = False) -> Views:
+def visible_targets(
+    origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], *, clouds: bool = False
+) -> VisibleTargets:
     """Return each target as seen from ``origin`` (3,), through everything in front of it.
 
     A target is its box or, with ``clouds``, its cloud as the camera saw it, if any target has one. People are looked at
@@ -43,10 +45,12 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
     """
     clouds = clouds and any(len(target.points_left) for target in targets)
     asked = origin.tobytes(), tuple((number, eyes[number].tobytes()) for number in sorted(eyes)), clouds
-    return _RECENT.get(targets, asked, lambda: _views(origin, targets, eyes, clouds))
+    return _RECENT.get(targets, asked, lambda: _visible_targets(origin, targets, eyes, clouds))
 
 
-def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool) -> Views:
+def _visible_targets(
+    origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], clouds: bool
+) -> VisibleTargets:
     seen = {target.instance.id: target for target in targets if target.box and (not clouds or len(target.points_left))}
     boxes = tuple(target.box for target in seen.values() if target.box is not None)
     if clouds:
@@ -63,7 +67,7 @@ def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float]
             towards = eyes[number] - origin
             distance = length_of(towards)
             directions[row], variances[row] = towards / distance, (FACE_RADIUS_M / distance) ** 2
-    return Views(ids=ids, directions=directions, variances=variances)
+    return VisibleTargets(ids=ids, directions=directions, variances=variances)
 
 
 def _mean_rays_to_clouds(origin: Float, targets: tuple[Target, ...], count: int) -> Float:

@@ -17,8 +17,8 @@ from harness.pipeline.drawn import DrawnClip
 from harness.pipeline.perception import Perception, SharedFrame, pose_frames
 from harness.report.formats import Table
 from harness.sources import MeasuredClip
-from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.bayes import BayesSettings
+from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings
 from vfoa.methods import MethodSettings
@@ -48,10 +48,10 @@ class AttentionTiming:
 
 def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 15) -> AttentionTiming:
     """Time both implementations on one seeded frame with all of its subjects, for cones of 40 surface rays per cue."""
-    settings = AttentionSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
+    settings = ConesSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
     people, targets = seeded_frame(boxes=boxes, subjects=subjects)
 
-    def best_ms(way: Callable[[Subject, tuple[Target, ...], AttentionSettings], object], frames: int) -> float:
+    def best_ms(way: Callable[[Subject, tuple[Target, ...], ConesSettings], object], frames: int) -> float:
         frame = Timer(lambda: [way(subject, targets, settings) for subject in people])
         return 1e3 * min(frame.repeat(rounds, frames)) / frames
 
@@ -65,8 +65,8 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
 
 
 METHODS: dict[str, MethodSettings] = {
-    "cones, one": AttentionSettings(cones_cm=(10.0,)),
-    "cones, two": AttentionSettings(cones_cm=(10.0, 25.0)),
+    "cones, one": ConesSettings(cones_cm=(10.0,)),
+    "cones, two": ConesSettings(cones_cm=(10.0, 25.0)),
     "nearest": NearestSettings(method="nearest"),
     "logit, forward": LogitSettings(method="logit"),
     "logit, both": LogitSettings(method="logit", smoothing="both"),

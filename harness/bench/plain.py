@@ -1,6 +1,6 @@
 """Attention ray by ray and box by box in plain Python: the baseline of the benchmark, and the reference of its test.
 
-Written from the equations in :mod:`vfoa.attention`, without using its code, one number at a time, without numpy.
+Written from the equations in :mod:`vfoa.cones`, without using its code, one number at a time, without numpy.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from vfoa.attention import AttentionSettings
+from vfoa.cones import ConesSettings
 from vfoa.types import Box3D, Subject, Target
 
 Vector = tuple[float, float, float]
 
 
 def plain_attention(
-    subject: Subject, targets: tuple[Target, ...], settings: AttentionSettings
+    subject: Subject, targets: tuple[Target, ...], settings: ConesSettings
 ) -> dict[int, tuple[float, float, float]]:
-    """Attention (gaze, head, total) by instance id, as :func:`vfoa.attention.pay_attention` computes it.
+    """Attention (gaze, head, total) by instance id, as :func:`vfoa.cones.pay_attention` computes it.
 
     Only for a subject with an eye origin, both cues, and the paper's weights.
     """
@@ -66,7 +66,7 @@ def _share(origin: Vector, rays: list[Vector], box: _PlainBox) -> float:
     return total / (len(rays) * (1.5 - box.d_min / box.d_max))
 
 
-def _rays(axis: Vector, settings: AttentionSettings) -> Iterator[Vector]:
+def _rays(axis: Vector, settings: ConesSettings) -> Iterator[Vector]:
     """Every ray of a cue, cone by cone; the first ray of a cone is to the camera's right, as seen along the cue."""
     right = _unit(_cross((0.0, 1.0, 0.0), axis))
     down = _cross(axis, right)

@@ -12,7 +12,7 @@ from typing import Any
 
 from harness.record.layers import Plain
 from harness.run.results import has_images
-from vfoa.attention import AttentionSettings
+from vfoa.cones import ConesSettings
 
 WIDE_DEG, NARROW_DEG = 40, 20
 WIDE_CM, NARROW_CM = 40, 20
@@ -38,7 +38,7 @@ class _Run:
     @property
     def is_default(self) -> bool:
         """Whether nothing of the attention was chosen: no setting of one method stands in the way of another one."""
-        default = AttentionSettings().model_dump(mode="json")
+        default = ConesSettings().model_dump(mode="json")
         return [configuration.get("attention") for configuration in self.configurations] == [default]
 
     def cones(self, degrees: int, centimetres: int) -> str:

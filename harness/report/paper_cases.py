@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.report.formats import Table
-from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.cones import ConesSettings, pay_attention
 from vfoa.types import Box3D, Cues, Gaze, HeadPose, Instance, Person, Subject, Target, TargetAttention
 
 Vector = tuple[float, float, float]
@@ -57,7 +57,7 @@ class Case:
         person = Person(view=view, instance_id=0, eye_origin_left=np.zeros(3))
         subject = Subject(track_id=1, person=person, gaze=view.gaze, head_pose=view.head_pose)
         targets = tuple(_target(number, cube) for number, cube in enumerate(self.cubes, start=1))
-        settings = AttentionSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
+        settings = ConesSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
         return pay_attention(subject, targets, settings).values
 
 

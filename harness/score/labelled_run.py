@@ -20,7 +20,7 @@ from harness.score.outcomes import Reference
 from harness.score.score import judged_part
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
-from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
 from vfoa.logit import LogitSettings, Remembered
 from vfoa.logit import weigh_attentions as weigh
@@ -28,7 +28,7 @@ from vfoa.logit_cues import ROWS, Case, Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Target
 
-_CONES = AttentionSettings(cones_cm=(10, 25))
+_CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
 
 Outcome = tuple[bool, float, float]

@@ -26,7 +26,7 @@ from harness.run.loop import ClipJob, run_clip
 from harness.run.plan import Plan, prepare
 from harness.run.runner import run_plan
 from scripts.measure.printing import print_tables
-from vfoa.attention import AttentionSettings
+from vfoa.cones import ConesSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))
 _PLENTY = 10**12
@@ -117,7 +117,7 @@ def overhead_table(overhead: Overhead) -> Table:
 
 def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Configuration:
     """The configuration with other cones, and a name that says so."""
-    attend = configuration.attend.model_copy(update={"attention": AttentionSettings(cones_cm=cones_cm)})
+    attend = configuration.attend.model_copy(update={"attention": ConesSettings(cones_cm=cones_cm)})
     return replace(configuration, name=f"cones-{'-'.join(f'{cone:g}' for cone in cones_cm)}", attend=attend)
 
 

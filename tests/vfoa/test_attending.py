@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_box, make_person, make_target
-from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings, smooth
+from vfoa.cones import ConesSettings
 from vfoa.logit import LogitSettings, weigh_again
 from vfoa.methods import MethodSettings, look_ahead_s, open_method
 from vfoa.nearest import NearestSettings
@@ -65,7 +65,7 @@ def content(results: Sequence[FrameResult]) -> list[object]:
 @pytest.mark.parametrize(
     "method",
     [
-        AttentionSettings(cones_deg=(10,)),
+        ConesSettings(cones_deg=(10,)),
         NearestSettings(method="nearest"),
         bayes("off"),
         bayes("forward"),
@@ -191,7 +191,7 @@ def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("method", "promised"),
     [
-        (AttentionSettings(), (False, False, 0)),
+        (ConesSettings(), (False, False, 0)),
         (NearestSettings(method="nearest"), (False, False, 0)),
         (NearestSettings(method="nearest", limit_deg=10), (False, True, 0)),
         (bayes("forward"), (True, True, 0)),

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.scenes import make_box, make_person, make_target
-from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
+from vfoa.cones import ConesSettings
 from vfoa.geometry import left_from_crop, perturb, unit
 from vfoa.logit import LogitSettings
 from vfoa.methods import MethodSettings
@@ -25,7 +25,7 @@ from vfoa.types import FrameResult, Scene
 
 FILE = Path(__file__).with_name("known_answers.json")
 METHODS: dict[str, MethodSettings] = {
-    "cones": AttentionSettings(cones_cm=(10, 25)),
+    "cones": ConesSettings(cones_cm=(10, 25)),
     "nearest": NearestSettings(method="nearest", limit_deg=25),
     "bayes": BayesSettings(method="bayes"),
     "bayes, both": BayesSettings(method="bayes", smoothing="both", look_ahead_s=0.2),

@@ -17,7 +17,7 @@ from vfoa.logit import (
     weigh_again,
     weigh_attentions,
 )
-from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
@@ -108,7 +108,7 @@ def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
 def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
     subject = looking(None, head)
     seen = observe(subject, (target,), eyes or {}, Means(), 0.1, by_posterior((target,)))[0]
-    return dict(zip(CUES, seen.now[:, 0].tolist(), strict=True))
+    return dict(zip(LOGIT_CUES, seen.now[:, 0].tolist(), strict=True))
 
 
 @pytest.mark.parametrize("half_m", [(0.1, 0.1, 0.1), (0.6, 0.05, 0.1), (0.05, 0.4, 0.1)])
@@ -181,7 +181,7 @@ def test_the_posterior_is_a_cue_of_its_own() -> None:
     """A target that is likelier by the posterior alone gets a greater utility, in proportion to its weight."""
     subject = looking(None, LEFT)
     seen = {chance: observe(subject, TARGETS, {}, Means(), 0.1, by_posterior(chance=chance)) for chance in (0.1, 0.4)}
-    now = {chance: found.now[CUES.index("posterior")] for chance, (found, _) in seen.items()}
+    now = {chance: found.now[LOGIT_CUES.index("posterior")] for chance, (found, _) in seen.items()}
     assert now[0.1] == pytest.approx(np.log(0.801 / 0.101))
     assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
 
@@ -222,7 +222,7 @@ def test_weights_survive_their_vector() -> None:
     for case, rows in ROWS.items():
         weights = getattr(shipped_weights().both, case)
         assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0})
-        assert {name for name in CUES if getattr(weights, name)} == {CUES[row] for row in rows}
+        assert {name for name in LOGIT_CUES if getattr(weights, name)} == {LOGIT_CUES[row] for row in rows}
 
 
 def test_weights_of_the_wrong_shape_are_refused() -> None:

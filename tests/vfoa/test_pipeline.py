@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.true_stages import EYES, FAR, NEAR, PERSON, true_percepts, true_stages
-from vfoa.attention import AttentionSettings
+from vfoa.cones import ConesSettings
 from vfoa.errors import VfoaError
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.pipeline import Attending, AttendSettings, perceive, reconstruct
@@ -62,7 +62,7 @@ def test_the_settings_of_each_part_reach_it(percepts):
     settings = AttendSettings(
         tracking=TrackingSettings(sigma_l=0.5),
         gaze_filter=GazeFilterSettings(cues="both", noise_deg=30),
-        attention=AttentionSettings(cones_deg=(30, 60), n_rays=7),
+        attention=ConesSettings(cones_deg=(30, 60), n_rays=7),
     )
     first, second = run(percepts, [NEAR, FAR], settings=settings)
     assert [(cone.cue, round(np.degrees(cone.fov_rad)), cone.n_rays) for cone in first.attentions[0].cones] == [

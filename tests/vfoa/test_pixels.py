@@ -7,7 +7,7 @@ import pytest
 
 from tests.scenes import make_rig
 from vfoa.geometry import project
-from vfoa.pixels import Seen, known_pixels, points_of, window_of
+from vfoa.pixels import ViewMaps, known_pixels, points_of, window_of
 from vfoa.types import Disparity, Instances
 
 RIG = make_rig(64, 48, fx_px=50, cx_right_offset_px=3)
@@ -20,7 +20,7 @@ def test_the_points_of_a_mask_are_those_of_its_known_pixels() -> None:
     mask = np.ones((12, 14), np.bool_)
     mask[13 - 8, 23 - 16] = False
     instances = Instances(ids=np.zeros((48, 64), np.uint16), instances=())
-    seen = Seen(disparity=Disparity(disparity_px=disparity), instances=instances, rig=RIG)
+    seen = ViewMaps(disparity=Disparity(disparity_px=disparity), instances=instances, rig=RIG)
     pixels = known_pixels(mask, window, seen)
     np.testing.assert_array_equal(pixels, [[10, 20], [11, 21], [12, 22]])
     points = points_of(pixels, seen)
@@ -32,7 +32,9 @@ def test_the_points_of_a_mask_are_those_of_its_known_pixels() -> None:
 def test_fewer_pixels_are_spread_without_a_gap_of_twice_the_usual(count: int) -> None:
     rig = make_rig(500, 200)
     disparity = Disparity(disparity_px=np.ones((200, 500), np.float32))
-    seen = Seen(disparity=disparity, instances=Instances(ids=np.zeros((200, 500), np.uint16), instances=()), rig=rig)
+    seen = ViewMaps(
+        disparity=disparity, instances=Instances(ids=np.zeros((200, 500), np.uint16), instances=()), rig=rig
+    )
     whole, mask = (slice(0, 200), slice(0, 500)), np.ones((200, 500), np.bool_)
     v, u = known_pixels(mask, whole, seen, most=count).T
     assert len(v) == count

@@ -10,10 +10,10 @@ import pytest
 
 from tests.scenes import make_box, make_target, with_points
 from vfoa.geometry import angle_between
-from vfoa.visible import FACE_RADIUS_M, _lattices, views_of
+from vfoa.visible import FACE_RADIUS_M, _lattices, visible_targets
 
-views_of_clouds = partial(views_of, clouds=True)
-both_kinds = pytest.mark.parametrize("views", [views_of, views_of_clouds], ids=["box", "cloud"])
+visible_clouds = partial(visible_targets, clouds=True)
+both_kinds = pytest.mark.parametrize("views", [visible_targets, visible_clouds], ids=["box", "cloud"])
 EYES = np.zeros(3)
 
 
@@ -44,58 +44,58 @@ def test_a_target_is_seen_through_those_in_front_of_it(views):
 
 def test_an_answer_is_shared_only_by_the_same_question():
     target, other = plate(1, 0.0, 0.1), plate(1, 0.0, 0.1)
-    first = views_of(EYES, (target,), {})
-    assert views_of(EYES, (target,), {}) is first
+    first = visible_targets(EYES, (target,), {})
+    assert visible_targets(EYES, (target,), {}) is first
     again = [((other,), EYES, {}), ((target,), EYES + 0.1, {}), ((target,), EYES, {1: np.ones(3)})]
-    assert all(views_of(eyes, targets, others) is not first for targets, eyes, others in again)
-    assert views_of_clouds(EYES, (target,), {}) is not first
+    assert all(visible_targets(eyes, targets, others) is not first for targets, eyes, others in again)
+    assert visible_clouds(EYES, (target,), {}) is not first
     bare = replace(target, points_left=np.zeros((0, 3), np.float32))
-    assert views_of_clouds(EYES, (bare,), {}) is views_of(EYES, (bare,), {})
+    assert visible_clouds(EYES, (bare,), {}) is visible_targets(EYES, (bare,), {})
 
 
 def test_people_are_looked_at_in_the_face():
     body = make_target(7, make_box((0, 0.5, 2), (0.3, 0.7, 0.2)))
     face = np.array([0.0, -0.1, 2.0])
-    views = views_of(EYES, (body,), {7: face})
+    views = visible_targets(EYES, (body,), {7: face})
     assert views.directions[0] == pytest.approx(face / np.linalg.norm(face))
     assert views.variances[0] == pytest.approx(FACE_RADIUS_M**2 / (face @ face))
-    assert views_of(EYES, (body,), {}).directions[0, 1] > 0.1
+    assert visible_targets(EYES, (body,), {}).directions[0, 1] > 0.1
 
 
 def test_eyes_within_a_box_see_it_everywhere():
-    views = views_of(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {})
+    views = visible_targets(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {})
     assert views.ids == (1,)
     assert views.variances[0] > 0.3
 
 
 def test_nothing_to_see_is_no_view():
-    views = views_of(EYES, (), {})
+    views = visible_targets(EYES, (), {})
     assert views.ids == ()
     assert views.directions.shape == (0, 3)
 
 
 def test_a_target_without_a_cloud_is_not_seen_by_its_cloud():
-    assert views_of_clouds(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}).ids == (2,)
+    assert visible_clouds(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}).ids == (2,)
 
 
 def test_a_cloud_of_two_points_has_their_middle_and_their_spread():
     """Not those of the box, which is elsewhere. Each lies half the angle from the middle, on one line."""
     target = with_points(make_target(1, make_box((3, 3, 2))), [(-0.5, 0, 2), (0.5, 0, 2)])
     half = np.arctan2(0.5, 2)
-    views = views_of_clouds(EYES, (target,), {})
+    views = visible_clouds(EYES, (target,), {})
     assert views.directions[0] == pytest.approx((0, 0, 1))
     assert views.variances[0] == pytest.approx((2 * np.sin(half / 2)) ** 2 / 2)
 
 
 def test_a_cloud_without_a_box_is_left_out():
     lone = replace(plate(1, 0.0, 0.1), box=None)
-    views = views_of_clouds(EYES, (lone, plate(2, 0.5, 0.1)), {})
+    views = visible_clouds(EYES, (lone, plate(2, 0.5, 0.1)), {})
     assert views.ids == (2,)
     assert views.directions[0, 0] == pytest.approx(0.5 / np.hypot(0.5, 2), abs=0.01)
 
 
 def test_a_deep_box_is_seen_by_its_near_face():
-    views = views_of(EYES, (make_target(1, make_box((0, 0, 2), (0.2, 0.2, 0.5))),), {})
+    views = visible_targets(EYES, (make_target(1, make_box((0, 0, 2), (0.2, 0.2, 0.5))),), {})
     assert views.variances[0] == pytest.approx((0.2 / 1.5) ** 2 / 3, rel=0.05)
 
 

@@ -22,7 +22,7 @@ SCORE_FACTOR = 0.5
 
 
 class PersonMask:
-    """A head detector that takes the top of each person's mask as the head (:func:`head_box`)."""
+    """A head detector that takes the top of each person's mask as the head (:func:`head_in_mask`)."""
 
     finds_faces = False
 
@@ -41,13 +41,13 @@ class PersonMask:
         """Return one head per person, best first; none for a person whose mask is too small."""
         heads = []
         for person in instances.instances:
-            box = head_box(instances.mask(person.id)) if person.label == self.settings.label else None
+            box = head_in_mask(instances.mask(person.id)) if person.label == self.settings.label else None
             if box is not None and box[3] - box[1] >= self.settings.min_height_px:
                 heads.append(Head(box_px=box, score=SCORE_FACTOR * person.score, instance_id=person.id))
         return tuple(sorted(heads, key=lambda head: -head.score))
 
 
-def head_box(mask: Mask) -> Float | None:
+def head_in_mask(mask: Mask) -> Float | None:
     """Return the box (4,) of the head in a person's mask (H, W); None for an empty mask.
 
     Rows are taken from the top of the mask until their number reaches 1.25 times their median width. The top is the

@@ -8,7 +8,7 @@ import numpy as np
 
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.segmentation.placement import Size, Window
+from vfoa.segmentation.placement import PixelBox, Size
 from vfoa.types import Instance, Instances, Mask
 
 
@@ -29,7 +29,7 @@ class Canvas:
         """Pixels (H, W) that no mask has taken yet."""
         return np.equal(self._ids, 0)
 
-    def paint(self, mask: Mask, category_id: int, score: float, window: Window | None = None) -> None:
+    def paint(self, mask: Mask, category_id: int, score: float, window: PixelBox | None = None) -> None:
         """Paint the mask of a COCO category: (H, W), or of the size of ``window``, a part of the image."""
         u0, v0, u1, v1 = window or (0, 0, self._ids.shape[1], self._ids.shape[0])
         ids = self._ids[v0:v1, u0:u1]

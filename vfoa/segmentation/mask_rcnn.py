@@ -14,7 +14,7 @@ from vfoa.coco import THINGS
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
 from vfoa.segmentation.key_frames import KeyFrameSettings
-from vfoa.segmentation.placement import stretched, window_of
+from vfoa.segmentation.placement import pixel_box, stretched
 from vfoa.types import Instances, StereoFrame
 
 SIGNATURE = Signature(
@@ -54,7 +54,7 @@ class MaskRcnn:
             if outputs["scores"][n] < self.settings.score_threshold:
                 break
             # The mask may extend one pixel beyond its box, which is rounded.
-            window = window_of(boxes[n] + [-1, -1, 1, 1], placement.image_size)
+            window = pixel_box(boxes[n] + [-1, -1, 1, 1], placement.image_size)
             if window and int(outputs["labels"][n]) in self._wanted:
                 mask = placement.inside(outputs["masks"][n, 0], window) > 0.5
                 canvas.paint(mask, int(outputs["labels"][n]), outputs["scores"][n], window)

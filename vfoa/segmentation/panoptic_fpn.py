@@ -17,7 +17,7 @@ from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
 from vfoa.segmentation.key_frames import KeyFrameSettings
-from vfoa.segmentation.placement import Placement, Size, letterboxed, resample, window_of
+from vfoa.segmentation.placement import Placement, Size, letterboxed, pixel_box, resample
 from vfoa.types import Instances, Map, StereoFrame
 
 SIGNATURE = Signature(
@@ -84,7 +84,7 @@ class PanopticFpn:
         for n in np.argsort(-scores, kind="stable"):
             if scores[n] < self.settings.score_threshold:
                 break
-            window, category = window_of(boxes[n], placement.image_size), THING_IDS[labels[n]]
+            window, category = pixel_box(boxes[n], placement.image_size), THING_IDS[labels[n]]
             if window and category in self._wanted:
                 canvas.paint(resample(masks[n], boxes[n], window) >= 0.5, category, scores[n], window)
 

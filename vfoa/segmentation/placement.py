@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from vfoa.types import Float, Image, Map
 
-Window = tuple[int, int, int, int]
+PixelBox = tuple[int, int, int, int]
 """Pixels of the image: first column, first row, and the column and row after the last ones."""
 
 Size = tuple[int, int]
@@ -36,7 +36,7 @@ class Placement:
         height, width = self.image_size
         return self.inside(grid, (0, 0, width, height))
 
-    def inside(self, grid: Map, window: Window) -> Map:
+    def inside(self, grid: Map, window: PixelBox) -> Map:
         """Resample a grid (h, w) over the whole input to the image's pixels in a window."""
         height, width = self.input_size
         return resample(grid, self.to_image([0, 0, width, height])[0], window)
@@ -68,14 +68,14 @@ def letterboxed(
     return canvas, placement
 
 
-def window_of(box: ArrayLike, size: Size) -> Window | None:
+def pixel_box(box: ArrayLike, size: Size) -> PixelBox | None:
     """Return the pixels of the image in a box (4,) of edges; None if there are none."""
     limit = np.array([size[1], size[0]] * 2)
     u0, v0, u1, v1 = np.clip(np.rint(np.asarray(box)), 0, limit).astype(int).tolist()
     return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 else None
 
 
-def resample(grid: Map, extent: ArrayLike, window: Window) -> Map:
+def resample(grid: Map, extent: ArrayLike, window: PixelBox) -> Map:
     """Resample a grid (h, w), which covers a box (4,) of edges in the image, at the pixels of a window of the image.
 
     Interpolation is linear between the centres of the cells; the border is repeated beyond the outermost centres.

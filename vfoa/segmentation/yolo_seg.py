@@ -18,7 +18,7 @@ from vfoa.coco import THING_IDS, THINGS
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
 from vfoa.segmentation.key_frames import KeyFrameSettings
-from vfoa.segmentation.placement import Placement, letterboxed, window_of
+from vfoa.segmentation.placement import Placement, letterboxed, pixel_box
 from vfoa.types import Instances, Map, StereoFrame
 
 SIGNATURE = Signature(
@@ -90,7 +90,7 @@ class YoloSeg:
         logits = np.tensordot(detections.coefficients, prototypes, axes=1)
         canvas = Canvas(placement.image_size, self.settings.max_hidden)
         for n, box in enumerate(placement.to_image(detections.boxes)):
-            if window := window_of(box, placement.image_size):
+            if window := pixel_box(box, placement.image_size):
                 mask = placement.inside(logits[n], window) > 0
                 canvas.paint(mask, THING_IDS[detections.classes[n]], detections.scores[n], window)
         return canvas.instances()

@@ -23,7 +23,7 @@ from harness.run.frame_sink import Camera, FinishedFrame
 from harness.run.records import FrameRecord, to_record
 from harness.score.verdicts import Verdict, judge
 from tests.record_tables import write_tables
-from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.cones import ConesSettings, pay_attention
 from vfoa.geometry import fov_from_radius
 from vfoa.tracking import Tracked
 from vfoa.types import (
@@ -115,7 +115,7 @@ def show(index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int
     people = tuple(Person(view=view, instance_id=1 + turn, eye_origin_left=EYES) for view in views)
     names = {thing + turn: NAMES[thing] for thing in things}
     scene = Scene(index=index, time_ns=frame.time_ns, targets=targets, people=people, names=names)
-    settings = AttentionSettings(cones_cm=(10, 25))
+    settings = ConesSettings(cones_cm=(10, 25))
     subjects = [Subject(track_id=7, person=p, gaze=p.view.gaze, head_pose=p.view.head_pose, name=ANN) for p in people]
     result = FrameResult(scene=scene, attentions=tuple(pay_attention(s, targets, settings) for s in subjects))
     record = to_record("clip", "two cones", result)

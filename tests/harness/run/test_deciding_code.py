@@ -17,7 +17,7 @@ from harness.run.plan import describe, prepare
 def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
     plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=1)
     modules = import_closure(plan.deciding_modules)[0]
-    assert {"harness.run.loop", "vfoa.attention", "vfoa.stereo.block_matching", "harness.studio.clip"} <= modules.keys()
+    assert {"harness.run.loop", "vfoa.cones", "vfoa.stereo.block_matching", "harness.studio.clip"} <= modules.keys()
     assert {"harness.run.records", "harness.pipeline.ground_truth", "harness.clips.naming"} <= modules.keys()
     rooms = {name.split(".")[1] for name in modules if name.startswith("harness.")}
     assert not rooms & {"annotate", "bench", "cli", "score", "record", "report", "api"}

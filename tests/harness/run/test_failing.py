@@ -20,7 +20,7 @@ from harness.score.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
 from tests.recorded import values_of
 from tests.records import tables_of
-from vfoa.attention import Cones
+from vfoa.cones import Cones
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
 from vfoa.types import Disparity, Scene, StereoFrame

@@ -23,7 +23,7 @@ from harness.studio.stage import RIG, Stage
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, entry_distance, project
-from vfoa.pixels import Seen, known_pixels, points_of
+from vfoa.pixels import ViewMaps, known_pixels, points_of
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher
 
 
@@ -169,7 +169,7 @@ class TestTruth:
         assert np.nanmin(depth_m) > StudioClip.nearest_m
         assert truth.instances is not None
         assert truth.boxes is not None
-        seen = Seen(disparity=truth.disparity, instances=truth.instances, rig=RIG)
+        seen = ViewMaps(disparity=truth.disparity, instances=truth.instances, rig=RIG)
         whole = slice(0, RIG.height_px), slice(0, RIG.width_px)
         for number, found in truth.boxes.items():
             points = points_of(known_pixels(truth.instances.mask(number), whole, seen), seen)

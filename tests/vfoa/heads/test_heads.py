@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_head
 from vfoa.errors import VfoaError
-from vfoa.heads.person_mask import HEAD_ASPECT, PersonMask, head_box
+from vfoa.heads.person_mask import HEAD_ASPECT, PersonMask, head_in_mask
 from vfoa.heads.yunet import YuNet
 from vfoa.types import Float, Image, Instance, Instances, Mask
 
@@ -69,7 +69,7 @@ def yunet(shared_models: Path) -> YuNet:
 )
 def test_the_top_of_a_persons_mask_is_the_head(u: float, top: float, head_width: float) -> None:
     mask, box = person_mask((400, 500), u, top, head_width)
-    found = head_box(mask)
+    found = head_in_mask(mask)
     assert found is not None
     assert overlap(found, box) > 0.7
 
@@ -79,7 +79,7 @@ def test_the_head_moves_with_the_mask(du: int, dv: int) -> None:
     mask, _ = person_mask((400, 500), 250, 20, 60)
     moved = np.zeros_like(mask)
     moved[dv:] = np.roll(mask, du, axis=1)[: 400 - dv]
-    first, second = head_box(mask), head_box(moved)
+    first, second = head_in_mask(mask), head_in_mask(moved)
     assert first is not None
     assert second is not None
     np.testing.assert_allclose(second - first, [du, dv, du, dv])
@@ -88,14 +88,14 @@ def test_the_head_moves_with_the_mask(du: int, dv: int) -> None:
 def test_a_close_up_of_a_head_is_all_head() -> None:
     mask = np.zeros((100, 200), bool)
     mask[10:60, 20:180] = True
-    np.testing.assert_allclose(head_box(mask), [19.5, 9.5, 179.5, 59.5], atol=9)
+    np.testing.assert_allclose(head_in_mask(mask), [19.5, 9.5, 179.5, 59.5], atol=9)
 
 
 @given(widths=st.lists(st.integers(0, 60), min_size=1, max_size=60))
 def test_a_head_ends_where_its_rows_reach_the_height_of_their_median_width(widths: list[int]) -> None:
     mask = np.arange(64) <= np.array(widths)[:, None] + 3  # no row is so narrow that it could be left out
     reached = (n for n in range(1, len(widths) + 1) if n >= HEAD_ASPECT * np.median(mask[:n].sum(axis=1)))
-    _, top, _, bottom = head_box(mask)
+    _, top, _, bottom = head_in_mask(mask)
     assert bottom - top == next(reached, len(widths))
 
 
@@ -105,11 +105,11 @@ def test_what_sticks_out_above_a_head_is_not_the_head(rows: slice) -> None:
     mask, _ = person_mask((400, 500), 250, 40, 60)
     adorned = mask.copy()
     adorned[rows, 251:254] = True
-    np.testing.assert_array_equal(head_box(adorned), head_box(mask))
+    np.testing.assert_array_equal(head_in_mask(adorned), head_in_mask(mask))
 
 
 def test_an_empty_mask_has_no_head() -> None:
-    assert head_box(np.zeros((10, 10), bool)) is None
+    assert head_in_mask(np.zeros((10, 10), bool)) is None
 
 
 def test_each_person_has_one_head_and_other_things_have_none() -> None:

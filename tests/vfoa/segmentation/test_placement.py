@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError
 from vfoa.segmentation.canvas import Canvas, wanted_categories
-from vfoa.segmentation.placement import letterboxed, resample, stretched, window_of
+from vfoa.segmentation.placement import letterboxed, pixel_box, resample, stretched
 
 sides = st.integers(8, 200)
 
@@ -58,9 +58,9 @@ def test_a_grid_of_the_images_own_size_is_not_touched() -> None:
 
 
 def test_the_window_of_a_box_ends_at_the_image() -> None:
-    assert window_of([-3.0, 1.6, 4.4, 99], (50, 40)) == (0, 2, 4, 50)
-    assert window_of([41, 0, 60, 50], (50, 40)) is None
-    assert window_of([3.1, 3.1, 3.2, 9], (50, 40)) is None
+    assert pixel_box([-3.0, 1.6, 4.4, 99], (50, 40)) == (0, 2, 4, 50)
+    assert pixel_box([41, 0, 60, 50], (50, 40)) is None
+    assert pixel_box([3.1, 3.1, 3.2, 9], (50, 40)) is None
 
 
 def test_a_canvas_gives_each_pixel_to_the_first_and_leaves_out_what_is_mostly_hidden() -> None:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 
 from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop, stacked
-from vfoa.methods import MethodSettings
+from vfoa.methods import MethodSettings, boxes_of_others
 from vfoa.types import (
     CUES,
     Attention,
@@ -63,7 +63,7 @@ WEIGHTS = {
 """(w_gaze, w_head). The first two are the paper's adaptive weights: eyes turned away from the head say more."""
 
 
-class AttentionSettings(MethodSettings):
+class ConesSettings(MethodSettings):
     """Settings of :func:`pay_attention`.
 
     Cones are full apex angles in degrees (``cones_deg``) or, as in the paper, base radii in centimetres at a height
@@ -111,11 +111,11 @@ class AttentionSettings(MethodSettings):
 class Cones:
     """Cones of rays about gaze and head, as a :class:`vfoa.methods.AttentionMethod`."""
 
-    Settings = AttentionSettings
+    Settings = ConesSettings
     probabilistic = False
     says_nowhere = False
 
-    def __init__(self, settings: AttentionSettings) -> None:
+    def __init__(self, settings: ConesSettings) -> None:
         self._settings = settings
 
     def start(self) -> None:
@@ -128,7 +128,7 @@ class Cones:
         return tuple(pay_attention(subject, scene.targets, self._settings) for subject in subjects), states
 
 
-def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: AttentionSettings) -> Attention:
+def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: ConesSettings) -> Attention:
     """Compute one subject's attention to every target that has a box, except the subject's own instance.
 
     The values keep the order of the targets. Among targets with exactly the same total, the one entered nearest to the
@@ -158,14 +158,6 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
     values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
     focus, tied = _focus(values, rays)
     return Attention(subject=subject, values=values, focus=focus, tied=tied, cones=cones, rays=rays)
-
-
-def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
-    """Return the boxes of the targets by instance id, in the order of the targets, without the subject's own box."""
-    own = subject.person.instance_id
-    return {
-        target.instance.id: target.box for target in targets if target.box is not None and target.instance.id != own
-    }
 
 
 def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, float]:
@@ -198,9 +190,7 @@ def _cone_index(cones: int, n_rays: int) -> NDArray[np.intp]:
     return np.repeat(np.arange(cones), n_rays)
 
 
-def _cast(
-    cones: tuple[Cone, ...], axes: Sequence[Float], boxes: tuple[Box3D, ...], settings: AttentionSettings
-) -> Rays:
+def _cast(cones: tuple[Cone, ...], axes: Sequence[Float], boxes: tuple[Box3D, ...], settings: ConesSettings) -> Rays:
     """Cast the rays of the cones about each axis, one cone after another, and find where they enter the boxes."""
     origin = cones[0].apex_left
     bundle = pencil(settings.cones_rad, settings.n_rays, settings.axis_ray)

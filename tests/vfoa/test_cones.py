@@ -14,20 +14,20 @@ from scipy.spatial.transform import Rotation
 
 from harness.bench.plain import plain_attention
 from tests.scenes import make_box, make_subject, make_target, random_room
-from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.cones import ConesSettings, pay_attention
 from vfoa.types import Attention, Box3D, NoAttention, Subject, Target
 
 AHEAD = (0.0, 0.0, 1.0)
 CUBE = make_target(1, make_box((0, 0, 1.1)))
 NEAR_CORNER = (0.18, 0.18, 0.9)
-TWO_CONES = AttentionSettings(cones_cm=(10, 25))
+TWO_CONES = ConesSettings(cones_cm=(10, 25))
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def surface_rays(radius_cm: float, n_rays: int = 40) -> AttentionSettings:
+def surface_rays(radius_cm: float, n_rays: int = 40) -> ConesSettings:
     """One cone as the paper's synthetic cases have it."""
-    return AttentionSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
+    return ConesSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
 
 
 def moved(subject: Subject, targets: tuple[Target, ...], rotation: Rotation, scale: float = 1.0):
@@ -109,7 +109,7 @@ def test_with_gaze_and_head_on_different_boxes_the_gazes_box_wins(apart_deg):
 def test_the_head_counts_less_where_it_differs_from_the_gaze(apart_deg, w_head):
     angle = math.radians(apart_deg)
     gaze = (math.sin(angle), 0, math.cos(angle))
-    (value,) = pay_attention(make_subject(gaze=gaze, head=AHEAD), (CUBE,), AttentionSettings(cones_cm=(0.01,))).values
+    (value,) = pay_attention(make_subject(gaze=gaze, head=AHEAD), (CUBE,), ConesSettings(cones_cm=(0.01,))).values
     assert value.head == pytest.approx(w_head, abs=1e-3)
 
 
@@ -117,14 +117,14 @@ def test_the_head_counts_less_where_it_differs_from_the_gaze(apart_deg, w_head):
     ("weighting", "gaze", "head"), [("equal", 0.5, 0.5), ("gaze", 1, 0), ("head", 0, 1), ("adaptive", 0.6, 0.4)]
 )
 def test_each_weighting_splits_the_same_attention(weighting, gaze, head):
-    settings = AttentionSettings(cones_cm=(0.01,), weighting=weighting)
+    settings = ConesSettings(cones_cm=(0.01,), weighting=weighting)
     (value,) = pay_attention(make_subject(gaze=AHEAD, head=AHEAD), (CUBE,), settings).values
     assert (value.gaze, value.head, value.total) == pytest.approx((gaze, head, 1), abs=1e-3)
 
 
 @pytest.mark.parametrize("weighting", ["adaptive", "equal"])
 def test_a_cue_that_was_not_measured_gives_its_weight_to_the_other(weighting):
-    settings = AttentionSettings(cones_cm=(0.01,), weighting=weighting)
+    settings = ConesSettings(cones_cm=(0.01,), weighting=weighting)
     (gaze_only,) = pay_attention(make_subject(gaze=AHEAD), (CUBE,), settings).values
     (head_only,) = pay_attention(make_subject(head=AHEAD), (CUBE,), settings).values
     assert gaze_only.total == gaze_only.gaze == pytest.approx(1, abs=1e-3)
@@ -146,7 +146,7 @@ def test_a_cue_that_was_not_measured_gives_its_weight_to_the_other(weighting):
     ],
 )
 def test_without_eyes_or_direction_there_is_no_attention_and_it_says_why(subject, weighting, missing):
-    attention = pay_attention(subject, (CUBE,), AttentionSettings(weighting=weighting))
+    attention = pay_attention(subject, (CUBE,), ConesSettings(weighting=weighting))
     assert attention == Attention(subject=subject, missing=missing)
 
 
@@ -179,7 +179,7 @@ def test_eyes_inside_a_box_give_it_no_more_than_all():
 
 def test_a_box_behind_another_on_a_ray_counts_too():
     subject, hidden = make_subject(gaze=AHEAD, head=AHEAD), make_target(2, make_box((0, 0, 3), 0.1))
-    settings = AttentionSettings(cones_cm=(5,))
+    settings = ConesSettings(cones_cm=(5,))
     alone = [totals(pay_attention(subject, (target,), settings)) for target in (hidden, CUBE)]
     assert totals(pay_attention(subject, (hidden, CUBE), settings)) == alone[0] | alone[1]
 
@@ -208,7 +208,7 @@ def test_it_equals_the_plain_loop_over_rays_and_boxes(seed):
 @given(seeds)
 def test_values_are_shares_and_the_parts_make_the_total(seed):
     subject, targets = random_room(seed)
-    for value in pay_attention(subject, targets, AttentionSettings(cones_deg=(5, 60, 170))).values:
+    for value in pay_attention(subject, targets, ConesSettings(cones_deg=(5, 60, 170))).values:
         assert 0 <= value.gaze <= 0.9
         assert 0 <= value.head <= 0.4
         assert value.total == pytest.approx(value.gaze + value.head)
@@ -235,7 +235,7 @@ def test_the_scale_of_the_room_and_a_turn_about_the_vertical_do_not_matter(seed,
 def test_any_turn_matters_only_through_where_on_the_cone_its_rays_stand(seed):
     subject, targets = random_room(seed)
     turned = moved(subject, targets, Rotation.random(rng=np.random.default_rng(seed)))
-    dense = AttentionSettings(cones_cm=(10, 25), n_rays=2000)
+    dense = ConesSettings(cones_cm=(10, 25), n_rays=2000)
     before, after = pay_attention(subject, targets, dense), pay_attention(*turned, dense)
     assert totals(after) == pytest.approx(totals(before), abs=0.01)
 
@@ -274,15 +274,15 @@ def test_every_ray_lies_on_its_cone_and_says_where_it_enters():
 
 
 def test_one_cone_of_ten_centimetres_is_the_default_and_settings_read_back():
-    settings = AttentionSettings()
+    settings = ConesSettings()
     assert settings.cones_rad == pytest.approx([2 * math.atan(10 / 110)])
-    for written in (settings, AttentionSettings(cones_deg=(60,))):
-        assert AttentionSettings.model_validate(written.model_dump()) == written
+    for written in (settings, ConesSettings(cones_deg=(60,))):
+        assert ConesSettings.model_validate(written.model_dump()) == written
 
 
 def test_cones_are_named_by_angle_or_by_radius():
-    assert np.degrees(AttentionSettings(cones_cm=(5, 47)).cones_rad) == pytest.approx([5.2, 46.3], abs=0.05)
-    assert np.degrees(AttentionSettings(cones_deg=(5.2, 46.3)).cones_rad) == pytest.approx([5.2, 46.3])
+    assert np.degrees(ConesSettings(cones_cm=(5, 47)).cones_rad) == pytest.approx([5.2, 46.3], abs=0.05)
+    assert np.degrees(ConesSettings(cones_deg=(5.2, 46.3)).cones_rad) == pytest.approx([5.2, 46.3])
 
 
 @pytest.mark.parametrize(
@@ -298,4 +298,4 @@ def test_cones_are_named_by_angle_or_by_radius():
 )
 def test_a_wrong_setting_is_refused(wrong, message):
     with pytest.raises(ValidationError, match=message):
-        AttentionSettings(**wrong)
+        ConesSettings(**wrong)
