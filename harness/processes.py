@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 
 TYPE_CHECKING = False  # as in typing, which takes ten times as long to import as this module
@@ -26,6 +27,18 @@ def interrupt(number: int, frame: FrameType | None) -> None:
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:
         raise KeyboardInterrupt
+
+
+@atexit.register
+def _stop_waiting() -> None:
+    """Drop a signal that still waits at the end: without Python's handlers, its alarm would kill the process.
+
+    This module is the first that the command imports, so that this is the last of its functions to be called at exit.
+    """
+    import signal
+
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _drops_exceptions(frame: FrameType | None) -> bool:

@@ -105,6 +105,27 @@ def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) ->
     assert done.stderr.rstrip().endswith("KeyboardInterrupt")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_ctrl_c_at_the_very_end_does_not_fail_what_is_done(tmp_path: Path) -> None:
+    """The signal comes where it must wait, and the interpreter has ended its handlers before the wait is over."""
+    write_text(
+        tmp_path / "end.py",
+        "import os, signal, time\nfrom harness.processes import interrupt\n"
+        "signal.signal(signal.SIGINT, interrupt)\n"
+        "class Slow:\n    def __del__(self, sleep=time.sleep):\n        sleep(0.2)\nslow = Slow()\n"
+        f"{LOST['__del__']}",
+    )
+    done = subprocess.run(
+        [sys.executable, tmp_path / "end.py"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        timeout=30,
+    )
+    assert (done.stdout, done.stderr, done.returncode) == ("went on\n", "", 0)
+
+
 def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -> None:
     code = "import sys, harness.run.runner, harness.report.sinks; print(*sys.modules)\n"
     code += "import harness.studio.raycast; print(*sys.modules)"
