@@ -18,8 +18,9 @@ from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.frames_csv import run_frames
 from harness.report.write import rescore
-from harness.run.directory import MOST, RunDirectory, out_folder
+from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
+from harness.run.manifest import MOST, Failure
 from harness.run.tables import TABLES, make_table, read_table
 from harness.score.compared_runs import compare_runs as _compare_runs
 from vfoa.errors import VfoaError
@@ -65,8 +66,8 @@ class RunResults:
 
     def __init__(self, path: str | Path) -> None:
         self.directory = RunDirectory(local_folder(path, "load_run:"))
-        self.manifest: dict[str, Any] = self.directory.read_manifest()
-        if "finished" not in self.manifest:
+        self._manifest = self.directory.read_manifest()
+        if not self._manifest.finished:
             raise VfoaError(f"{path}: this run is not finished; repeat the same `vfoa run` to continue it")
 
     def __repr__(self) -> str:
@@ -78,14 +79,19 @@ class RunResults:
         return self.directory.path
 
     @property
+    def manifest(self) -> dict[str, Any]:
+        """``manifest.json``: what was run, with which versions, on which data, and what failed."""
+        return self._manifest.plain()
+
+    @property
     def clips(self) -> tuple[str, ...]:
         """Names of the clips, in the order of the experiment."""
-        return tuple(clip["name"] for clip in self.manifest["clips"])
+        return tuple(clip.name for clip in self._manifest.clips)
 
     @property
     def configurations(self) -> tuple[str, ...]:
         """Names of the configurations, in the order of the experiment."""
-        return tuple(self.manifest["configurations"])
+        return tuple(self._manifest.configurations)
 
     @cached_property
     def frr(self) -> pd.DataFrame:
@@ -166,7 +172,8 @@ class RunResults:
     @property
     def failed(self) -> pd.DataFrame:
         """The configurations that could not be finished on a clip: clip, configuration, error."""
-        return pd.DataFrame(self.manifest["failed"], columns=["clip", "configuration", "error"])
+        rows = [failure.plain() for failure in self._manifest.failed]
+        return pd.DataFrame(rows, columns=["clip", "configuration", "error"])
 
     @property
     def recordings(self) -> dict[tuple[str, str], tuple[Path, ...]]:
@@ -302,16 +309,17 @@ def run_experiment(
         limit=limit,
         recording=("light" if recordings else "none") if isinstance(recordings, bool) else recordings,
     )
-    if failed := directory.read_manifest()["failed"]:  # before scoring, which may find nothing that can be compared
+    if failed := directory.read_manifest().failed:  # before scoring, which may find nothing that can be compared
         warnings.warn(_incomplete(directory, failed), stacklevel=2)
     rescore(directory)
     return RunResults(directory.path)
 
 
-def _incomplete(directory: RunDirectory, failed: Sequence[Mapping[str, str]]) -> IncompleteRunWarning:
+def _incomplete(directory: RunDirectory, failed: Sequence[Failure]) -> IncompleteRunWarning:
     named = "; ".join(directory.told(failure) for failure in failed[:MOST])
     more = f"; and {len(failed) - MOST} more" if len(failed) > MOST else ""
-    return IncompleteRunWarning(f"{directory.path}: {len(failed)} failed: {named}{more}", failed)
+    text = f"{directory.path}: {len(failed)} failed: {named}{more}"
+    return IncompleteRunWarning(text, [failure.plain() for failure in failed])
 
 
 def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:

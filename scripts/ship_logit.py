@@ -87,7 +87,7 @@ def _people(paths: Sequence[str]) -> Iterator[Person]:
     for path in paths:
         directory = RunDirectory(Path(path))
         stages: dict[str, str] = {}
-        for name, plain in directory.read_manifest()["configurations"].items():
+        for name, plain in directory.read_manifest().configurations.items():
             stages.setdefault(repr({key: value for key, value in plain.items() if key != "attention"}), name)
         for run in read_features(directory, tuple(stages.values()), cases=tuple(ROWS)):
             yield from run.people

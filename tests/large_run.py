@@ -11,6 +11,7 @@ from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, Per
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from tests import records
+from tests.records import write_manifest
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")
@@ -30,7 +31,8 @@ def write_run(root: Path, frames: int, configurations: int, subjects: int) -> Ru
         "rate_hz": 25.0,
         "frames": list(range(1, frames + 1)),
     }
-    directory.write_manifest(
+    write_manifest(
+        directory,
         {
             "experiment": "large",
             "notes": [],
@@ -38,7 +40,7 @@ def write_run(root: Path, frames: int, configurations: int, subjects: int) -> Ru
             "configurations": {name: {"attention": {"cones_cm": [k]}} for k, name in enumerate(names, start=1)},
             "versions": {},
             "finished": "now",
-        }
+        },
     )
     rng = np.random.default_rng(0)
     return records.write_run(root / "run", (each for name in names for each in _records(name, frames, subjects, rng)))

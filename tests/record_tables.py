@@ -60,7 +60,7 @@ def write_tables(directory: RunDirectory, by_pair: Mapping[Pair, Sequence[FrameR
 
     What records lack, such as the rig, is null, or 0.
     """
-    configurations = directory.read_manifest()["configurations"]
+    configurations = directory.read_manifest().configurations
     shutil.rmtree(directory.path / "answers", ignore_errors=True)
     for pair, records in by_pair.items():
         settings = configurations[pair[1]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from harness.report.stages import stage_times
 from harness.report.write import Scored, render_tables, run_tables, scored, write_scores
 from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
 from harness.score.outcomes import Outcomes, Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
+from tests.disk import write_text
 from tests.record_tables import columns_of, write_tables
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -101,15 +104,15 @@ def labels(*targets: str, subject: str = "girl") -> Labels:
     )
 
 
-def run_manifest(clips: Iterable[str]) -> dict[str, Any]:
+def run_manifest(clips: Iterable[str]) -> RunManifest:
     """The manifest of a run of these clips, as far as a page needs it."""
     about = {"licence": None, "frames": [], "rate_hz": None}
-    return {
-        "experiment": "test",
-        "clips": [{"name": clip, **about} for clip in clips],
-        "configurations": {},
-        "versions": {},
-    }
+    return RunManifest(experiment="test", clips=[ClipOfRun(name=clip, **about) for clip in clips])
+
+
+def write_manifest(directory: RunDirectory, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest of a run with just these keys, right or wrong."""
+    write_text(directory.manifest, json.dumps(manifest))
 
 
 def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> RunDirectory:
@@ -122,7 +125,7 @@ def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> Run
         frames = {clip: [each.frame for each in of_pair] for (clip, _), of_pair in by_pair.items()}
         clips = [{"name": clip, "frames": numbers} for clip, numbers in frames.items()]
         configurations = {name: dict[str, Any]() for _, name in by_pair}
-        directory.write_manifest({"clips": clips, "configurations": configurations, "finished": "now", **about})
+        write_manifest(directory, {"clips": clips, "configurations": configurations, "finished": "now", **about})
     write_tables(directory, by_pair)
     return directory
 

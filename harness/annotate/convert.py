@@ -138,7 +138,7 @@ def export_predictions(
         If the run has no such clip or configuration, the format needs data that the run lacks, or a file exists.
     """
     manifest = RunDirectory(run).read_manifest()
-    clips = {entry["name"]: entry for entry in manifest["clips"]}
+    clips = {of_run.name: of_run for of_run in manifest.clips}
     if clip is not None:
         check_known(clip, clips, f"{run}: no clip")
     chosen = [clip] if clip is not None else list(clips)
@@ -146,19 +146,18 @@ def export_predictions(
         raise VfoaError(f"{run}: has the clips {', '.join(chosen)}; expected --clip CLIP with a file of your own")
     written: AnnotationFormat = FORMATS.load(name)()
     for clip_name in chosen:
-        records, entry = read_clip_records(run, clip_name, configuration), clips[clip_name]
-        subjects, targets = (tuple(entry["names"][kind]) for kind in ("subjects", "targets"))
-        predicted = predicted_labels(records, {*subjects, *targets})
+        records, of_run = read_clip_records(run, clip_name, configuration), clips[clip_name]
+        predicted = predicted_labels(records, {*of_run.subjects, *of_run.targets})
         if not predicted.labels.ranges:
             reason = " ".join(predicted.notes) or "no person was found"
             raise VfoaError(f"{run}: {clip_name}: nothing was predicted; {reason}")
         place = to or run / "labels" / f"{clip_name}__{records.configuration}{SUFFIXES.get(name, '')}"
         check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
         exchange = Exchange(
-            timeline=Timeline(frames=entry["frames"], times_ns=entry["times_ns"]),
-            rate_hz=entry["rate_hz"],
+            timeline=Timeline(frames=of_run.frames, times_ns=of_run.times_ns or ()),
+            rate_hz=of_run.rate_hz,
             subjects=predicted.labels.subjects,
-            targets=targets,
+            targets=of_run.targets,
             **options,
         )
         yield place, (*predicted.notes, *written.write(place, predicted.labels, exchange))

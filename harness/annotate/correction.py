@@ -86,7 +86,7 @@ def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | N
         If the run has no such clip, or no such frame of it.
     """
     run = FinishedRun.read(directory)
-    (frames,) = (entry["frames"] for entry in run.manifest["clips"] if entry["name"] == clip)
+    (frames,) = (of_run.frames for of_run in run.manifest.clips if of_run.name == clip)
     if frame is not None and frame not in frames:
         raise VfoaError(f"{clip}: the run has no frame {frame}; expected one of {min(frames)} to {max(frames)}")
     place = 0 if frame is None else frames.index(frame)
@@ -146,7 +146,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
         if frame not in frames:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
     first, last = frames.index(correction.first), frames.index(correction.last)
-    with closing(open_store(manifest, directory.read_manifest().get("annotator"), timeline)) as store:
+    with closing(open_store(manifest, directory.read_manifest().annotator, timeline)) as store:
         corrected = mark_range(store.track(correction.subject), first, last, correction.target)
         store.put(correction.subject, corrected)
         path = store.path
@@ -157,9 +157,9 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
 def _manifest(directory: RunDirectory, clip: str) -> ClipManifest:
     """The manifest whose names the labels have that the run is scored against."""
     run = directory.read_manifest()
-    places = {entry["name"]: entry["manifest"] for entry in run["clips"]}
+    places = {of_run.name: of_run.manifest for of_run in run.clips}
     check_known(clip, places, f"{directory.path}: no clip")
-    return manifest_of_run(places[clip], clip, run.get("annotator"))
+    return manifest_of_run(places[clip], clip, run.annotator)
 
 
 def correction_routes(directory: RunDirectory) -> list[Route]:

@@ -56,7 +56,7 @@ def _score_again(run: Path, annotator: str | None) -> None:
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
-    if directory.read_manifest().get("annotator") == annotator:
+    if directory.read_manifest().annotator == annotator:
         scores = rescore(directory)
         say(f"{run}: tables, page and recordings are updated")
         say_unknown_names(scores)

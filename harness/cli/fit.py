@@ -116,7 +116,7 @@ def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
 
     if _is_run(what):
         run = RunDirectory(Path(what))
-        return str(run.read_manifest().get("experiment", "")), list(run.inputs), lambda: run
+        return run.read_manifest().experiment, list(run.inputs), lambda: run
     experiment = experiment_of([what], (), (), None)
     files = [find("experiments", what) or Path(what)]
     files += [file for clip in experiment.clips for file in load_manifest(clip).files]

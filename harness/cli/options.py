@@ -63,8 +63,8 @@ def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
     # the parser stops at an option without a value, and leaves the arguments before it
     place = context.params.get("run") or next(iter(context.args), None)
     try:
-        return _matching(RunDirectory(Path(str(place))).read_manifest()["configurations"], incomplete)
-    except (VfoaError, OSError, KeyError):
+        return _matching(RunDirectory(Path(str(place))).read_manifest().configurations, incomplete)
+    except (VfoaError, OSError):
         return []
 
 

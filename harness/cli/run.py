@@ -246,7 +246,7 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
 
 def _report_failures(directory: RunDirectory) -> None:
     """Print what could not be finished, and exit with code 1 if there is anything."""
-    failed = directory.read_manifest()["failed"]
+    failed = directory.read_manifest().failed
     for failure in failed:
         say(f"vfoa: {directory.told(failure)}", err=True)
     if failed:

@@ -82,7 +82,7 @@ def _label_routes(run: Path) -> Routes:
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
-    is_finished = run.is_dir() and "finished" in directory.read_manifest()
+    is_finished = run.is_dir() and bool(directory.read_manifest().finished)
     return correction_routes(directory) if is_finished else ()
 
 

@@ -20,6 +20,7 @@ from rerun.blueprint import table
 from harness.record.composed import RecordedClip, common_layout, find_clips
 from harness.record.reading import ids_of, properties
 from harness.run.directory import RunDirectory
+from harness.run.manifest import RunManifest
 from harness.server.local_server import HOST
 from vfoa.errors import VfoaError
 
@@ -122,12 +123,11 @@ def _count(known: Mapping[str, Any]) -> int:
     return sum(int(known.get(outcome, 0)) for outcome in ("correct", "wrong"))
 
 
-def _settings(manifest: Mapping[str, Any]) -> dict[str, str]:
+def _settings(manifest: RunManifest) -> dict[str, str]:
     """What distinguishes each configuration of a run, as text; empty for a run without a grid."""
-    factors = manifest.get("factors") or {}
     return {
-        name: ", ".join(f"{key} = {value}" for key, value in factors.get(name, {}).items())
-        for name in manifest["configurations"]
+        name: ", ".join(f"{key} = {value}" for key, value in manifest.factors.get(name, {}).items())
+        for name in manifest.configurations
     }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.record.layers import ClipFiles, LayerNames, layer_names
-from harness.run.directory import Pair, RunDirectory, clip_names
+from harness.run.directory import Pair, RunDirectory
 from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:
@@ -194,13 +194,13 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
 def _clips(run: Path) -> list[RecordedClip]:
     """Every clip of a run, with the configurations that were recorded, perhaps none."""
     manifest, recorded = RunDirectory(run).read_manifest(), []
-    names = layer_names(manifest["configurations"]).values()
-    for clip in manifest["clips"]:
-        files = ClipFiles(run=run, clip=clip["name"])
+    names = layer_names(manifest.configurations).values()
+    for clip in manifest.clips:
+        files = ClipFiles(run=run, clip=clip.name)
         layers = tuple(name for name in names if files.attention(name.configuration).is_file())
-        subjects, frames = clip_names(clip)[0], tuple(clip["frames"])
+        subjects, frames = clip.subjects, tuple(clip.frames)
         recorded.append(
-            RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.get("rate_hz"))
+            RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.rate_hz)
         )
     return recorded
 

@@ -22,7 +22,7 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
-from harness.run.directory import Pair, RunDirectory, clip_names
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import renamed
 from harness.run.results import AnswerTraits, answer_traits
 from harness.run.table_records import Block, TableReader
@@ -72,14 +72,14 @@ def write_verdict_layers(
         If the manifest or the tables of the run cannot be read.
     """
     manifest = directory.read_manifest()
-    clips = {clip["name"]: clip_names(clip) for clip in manifest["clips"]}
+    clips = {clip.name: (clip.subjects, clip.targets) for clip in manifest.clips}
     reader, of_pair = TableReader(directory), dict[Pair, list[Block]]()
     for block in reader.blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():
         attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
         if attention.is_file():
-            files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.get("run_id"), clip))
+            files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
             names = (names_now or {}).get(clip, {})
             traits = answer_traits(manifest, configuration, directory.manifest)
             layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names, traits)

@@ -22,7 +22,7 @@ from harness.report.formats import (
     points,
     points_range,
 )
-from harness.run.directory import PublishedCount
+from harness.run.manifest import PublishedCount
 from harness.score.comparison import (
     MOST_CLIPS,
     POWER,

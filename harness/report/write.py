@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from harness.files.io import write_together
 from harness.report.comparisons import (
@@ -49,6 +49,7 @@ from harness.report.tables import (
 from harness.report.thumbnails import BUDGET_BYTES, SERVED_BYTES, read_thumbnails
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import RunManifest
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import Reference
@@ -76,7 +77,7 @@ def scored(columns: Iterable[PairColumns], reference: Reference) -> Scored:
     return Scored(score(watched(), reference), attention, reference.names_now)
 
 
-def write_scores(directory: RunDirectory, run: Scored, manifest: Mapping[str, Any], times: StageTimes) -> Scores:
+def write_scores(directory: RunDirectory, run: Scored, manifest: RunManifest, times: StageTimes) -> Scores:
     """Write the tables and the page of a run into its directory, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``comparisons.csv .md`` and
@@ -93,7 +94,7 @@ def _page(
     directory: RunDirectory,
     run: Scored,
     tables: RunTables,
-    manifest: Mapping[str, Any],
+    manifest: RunManifest,
     times: StageTimes,
     served: Served | None = None,
     where: str = "",

@@ -368,8 +368,8 @@ def attend_again(
         If a key, a value or a configuration is wrong, a setting decides what is perceived, or as :func:`read_scenes`.
     """
     manifest = directory.read_manifest()
-    weights: dict[str, Any] = {name: {"attention": each} for name, each in manifest.get("fitted", {}).items()}
-    plain = {name: {**each, **weights.get(name, {})} for name, each in manifest["configurations"].items()}
+    weights: dict[str, Any] = {name: {"attention": each} for name, each in manifest.fitted.items()}
+    plain = {name: {**each, **weights.get(name, {})} for name, each in manifest.configurations.items()}
     for name in configurations:
         check_known(name, plain, f"{directory.path}: no configuration")
     tables = dict(find_tables(directory))

@@ -168,7 +168,7 @@ class ColumnReader:
     def __init__(self, directory: RunDirectory) -> None:
         self.words = Words()
         self._paths = dict(find_tables(directory))
-        configurations = directory.read_manifest().get("configurations", {})
+        configurations = directory.read_manifest().configurations
         self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
         kept = lru_cache(maxsize=_KEPT_SCENES)
         self._scene = kept(self._read_scene)

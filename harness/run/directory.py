@@ -13,155 +13,19 @@ import os
 import platform
 import shutil
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Self
-
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, model_validator
+from typing import IO
 
 from harness.clips.manifest import manifest_of_run
 from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
-from harness.files.parsing import differing_keys, parse_json
+from harness.files.parsing import parse_json
 from harness.remote import local_folder
+from harness.run.manifest import Failure, RunManifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
-from vfoa.settings import Settings
 from vfoa.validation import parse
-
-
-class PublishedCount(Settings):
-    """``correct`` of ``n`` frames."""
-
-    correct: NonNegativeInt
-    n: PositiveInt
-
-    @model_validator(mode="after")
-    def _share(self) -> Self:
-        if self.correct > self.n:
-            raise ValueError(f"found {self.correct} correct of {self.n}; expected at most {self.n}")
-        return self
-
-
-class Published(Settings):
-    """``[published]`` of an experiment: the source of the figures, and the counts by configuration."""
-
-    source: str
-    counts: dict[str, PublishedCount] = Field(min_length=1)
-
-
-MOST = 3
-"""Number of differences that are named; the others are counted."""
-
-_FOLLOWS = "times_ns"
-"""Differs wherever a clip's frames do."""
-_DERIVED = "methods"
-"""Follows from the configurations and the code, which are compared."""
-
-
-class _Table(BaseModel):
-    """A table whose known keys must have these types; other keys are ignored."""
-
-    model_config = ConfigDict(extra="allow", strict=True)
-
-
-class _Names(_Table):
-    subjects: dict[str, Any] = {}
-    targets: dict[str, Any] = {}
-
-
-class _Clip(_Table):
-    name: str
-    frames: list[int]
-    manifest: str = ""
-    notes: list[str] = []
-    times_ns: list[int] | None = None
-    rate_hz: float | None = None
-    licence: str | None = None
-    citation: str | None = None
-    sha256: str = ""
-    names: _Names = _Names()
-
-    @model_validator(mode="after")
-    def _one_time_a_frame(self) -> Self:
-        if self.times_ns is not None and len(self.times_ns) != len(self.frames):
-            raise ValueError(f"found {len(self.times_ns)} times; expected {len(self.frames)}, one for each frame")
-        if any(later <= earlier for earlier, later in zip(self.frames, self.frames[1:], strict=False)):
-            raise ValueError("found frames out of order, or one twice; expected ascending numbers")
-        return self
-
-
-class _Segmentation(_Table):
-    every: int = 1
-
-
-class _Configuration(_Table):
-    attention: dict[str, Any] = {}
-    segmentation: _Segmentation | None = None
-
-
-class _Method(_Table):
-    probabilistic: bool
-    says_nowhere: bool
-    from_file: bool = False
-
-
-class _Failure(_Table):
-    clip: str
-    configuration: str
-    error: str
-
-
-class _RunManifest(_Table):
-    """All keys are optional: a run that has just begun has fewer, and older versions wrote fewer."""
-
-    experiment: str = ""
-    run_id: str | None = Field(default=None, pattern="^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}$")
-    annotator: str | None = None
-    notes: list[str] = []
-    clips: list[_Clip] = []
-    configurations: dict[str, _Configuration] = {}
-    methods: dict[str, _Method] = {}
-    factors: dict[str, dict[str, str]] = {}
-    failed: list[_Failure] = []
-    labels_sha256: dict[str, str | None] = {}
-    versions: dict[str, Any] = {}
-    commit: str | None = None
-    published: Published | None = None
-
-
-def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Name the differences of a run's manifest from ``wanted``; "" if none: ``attention.n_rays, versions.numpy``.
-
-    Keys that ``wanted`` does not have do not count.
-    """
-    every = list(dict.fromkeys(_differing(actual, wanted)))
-    more = f" and {len(every) - MOST} more" if len(every) > MOST else ""
-    return f"{', '.join(every[:MOST])}{more}"
-
-
-def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in wanted.items():
-        if key != _DERIVED and actual.get(key) != value:
-            yield from _within(key, _named(actual.get(key)), _named(value)) or [key]
-
-
-def _within(key: str, actual: Any, wanted: Any) -> list[str]:
-    """Differences within one key. Those of clips name the clip; those of configurations, mostly shared, do not."""
-    if key not in ("clips", "configurations"):
-        return list(differing_keys(actual, wanted, key))
-    if not isinstance(actual, dict) or list(actual) != list(wanted):
-        return [key]
-    leaves = [(name, list(differing_keys(actual[name], wanted[name]))) for name in wanted]
-    if key == "configurations":
-        return [leaf for _, keys in leaves for leaf in keys]
-    return [f"{leaf} of {name}" for name, keys in leaves for leaf in keys if leaf != _FOLLOWS or "frames" not in keys]
-
-
-def _named(value: Any) -> Any:
-    """A list of clips by their names; other values unchanged."""
-    return {clip["name"]: clip for clip in value} if isinstance(value, list) and value and "name" in value[0] else value
-
 
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
@@ -209,23 +73,23 @@ class RunDirectory:
         yield from self.path.glob("*.rrd")
         yield from self.path.rglob("*.parquet")
         yield from (self.path / "partial").rglob("*")
-        run: dict[str, Any] = self.read_manifest() if self.manifest.is_file() else {"clips": []}
-        for clip in run["clips"]:
+        run = self.read_manifest() if self.manifest.is_file() else RunManifest()
+        for clip in run.clips:
             with suppress(VfoaError):  # the clip of a finished run may be gone
-                yield from manifest_of_run(clip.get("manifest", ""), clip["name"], run.get("annotator")).files
+                yield from manifest_of_run(clip.manifest, clip.name, run.annotator).files
 
-    def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
+    def failure(self, pair: Pair, error: VfoaError) -> Failure:
         """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""
-        row = {"clip": pair[0], "configuration": pair[1], "error": str(error)}
+        failure = Failure(clip=pair[0], configuration=pair[1], error=str(error))
         if not isinstance(error, StageError):
-            return row
+            return failure
         atomic_write(self.traceback(pair), error.trace)
-        return {**row, "traceback": self.traceback(pair).relative_to(self.path).as_posix()}
+        return failure.model_copy(update={"traceback": self.traceback(pair).relative_to(self.path).as_posix()})
 
-    def told(self, failure: Mapping[str, str]) -> str:
+    def told(self, failure: Failure) -> str:
         """Return a failure as one line of text."""
-        kept = f" (traceback: {self.path / failure['traceback']})" if "traceback" in failure else ""
-        return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
+        kept = f" (traceback: {self.path / failure.traceback})" if failure.traceback else ""
+        return f"{failure.clip} under {failure.configuration}: {failure.error}{kept}"
 
     @property
     def noted_inputs(self) -> Path:
@@ -249,7 +113,7 @@ class RunDirectory:
         for path in (self.partial(pair, "csv"), self.answers(pair)):
             path.unlink(missing_ok=True)
 
-    def read_manifest(self) -> dict[str, Any]:
+    def read_manifest(self) -> RunManifest:
         """Read the manifest.
 
         Raises
@@ -266,14 +130,12 @@ class RunDirectory:
             runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
             raise VfoaError(f"{self.path}: expected a run's directory, found {problem}{hint}")
-        data = parse_json(read_bytes(self.manifest), self.manifest)
-        parse(_RunManifest, data, str(self.manifest))
-        return dict(data)
+        return parse(RunManifest, parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
 
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
+    def write_manifest(self, manifest: RunManifest) -> None:
         """Write the manifest."""
         self.path.mkdir(parents=True, exist_ok=True)
-        atomic_write(self.manifest, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
+        atomic_write(self.manifest, json.dumps(manifest.plain(), indent=2, ensure_ascii=False) + "\n")
 
     def join_timings(self, pairs: Iterable[Pair]) -> None:
         """Make ``timings.csv`` from the times of finished pairs, which are kept."""
@@ -407,9 +269,3 @@ def _remove_refused(folder: Path, made: Iterable[Path]) -> None:
             path.rmdir()
         else:
             path.unlink()
-
-
-def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The subjects and the targets of a clip, from the manifest of a run; none if an older run did not save them."""
-    names = clip.get("names", {})
-    return tuple(names.get("subjects", ())), tuple(names.get("targets", ()))

@@ -46,8 +46,8 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.directory import Published
 from harness.run.grid import base_of, repeated, variants
+from harness.run.manifest import Published
 from harness.run.notes import Note, fitted_on_reported
 from vfoa import __version__
 from vfoa.config import Tables, dotted_tables

@@ -38,16 +38,16 @@ def export_answers(
     """
     directory = RunDirectory(run)
     manifest = directory.read_manifest()
-    configurations = [*manifest.get("configurations", ())]
+    configurations = [*manifest.configurations]
     chosen = choose(configurations, configuration, run)
     target = folder or run / "exported" / chosen
-    for clip in manifest.get("clips", ()):
-        check_new(target / f"{clip['name']}.csv", replace=replace, inputs=directory.inputs)
-    for clip in manifest.get("clips", ()):
-        of_clip = manifest_of_run(clip.get("manifest", ""), clip["name"], manifest.get("annotator"))
+    for clip in manifest.clips:
+        check_new(target / f"{clip.name}.csv", replace=replace, inputs=directory.inputs)
+    for clip in manifest.clips:
+        of_clip = manifest_of_run(clip.manifest, clip.name, manifest.annotator)
         header, rows = answer_table(read_clip_records(run, of_clip, chosen))
         target.mkdir(parents=True, exist_ok=True)
-        write_rows(path := target / f"{clip['name']}.csv", header, rows)
+        write_rows(path := target / f"{clip.name}.csv", header, rows)
         yield path
 
 

@@ -16,7 +16,7 @@ from harness.pipeline.cache import Account, open_cache
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration, clouds_of
 from harness.pipeline.perception import Perception
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import lacks_files
 from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
@@ -85,8 +85,9 @@ def run_jobs(
     results = Results()
     ahead = PREFETCHED if executor.threads > 1 else 0
     jobs: list[tuple[ClipJob, PreparedClip]] = []
+    run_id = directory.read_manifest().run_id or new_run_id()
     for prepared in plan.clips:
-        job = replace(_job(plan, prepared, directory, cache, results.account), ahead=ahead)
+        job = replace(_job(plan, prepared, directory, run_id, cache, results.account), ahead=ahead)
         if job.configurations:
             jobs.append((job, prepared))
         else:
@@ -184,7 +185,9 @@ def skip(clip: PreparedClip, progress: Progress) -> None:
         progress(clip.manifest.name)
 
 
-def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
+def _job(
+    plan: Plan, prepared: PreparedClip, directory: RunDirectory, run_id: str, store: Store | None, account: Account
+) -> ClipJob:
     """Return the job with the unfinished configurations of a clip, with the scenes that the cache has.
 
     All configurations run again if a sink lacks what it has written of the clip for all of them.
@@ -196,7 +199,7 @@ def _job(plan: Plan, prepared: PreparedClip, directory: RunDirectory, store: Sto
         frames=prepared.frames,
         configurations=configurations,
         directory=directory,
-        run_id=directory.read_manifest()["run_id"],
+        run_id=run_id,
         sinks=plan.sinks,
         drawn=prepared.drawn,
         clouds=clouds_of(configurations),

@@ -25,6 +25,7 @@ from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
+from harness.run.manifest import ClipOfRun, MethodOfRun, NamesOfClip, RunManifest
 from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
@@ -196,8 +197,8 @@ def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Confi
             yield from (f"{clip.manifest.name}: {note}." for note in near_notes(frames, limit_m))
 
 
-def describe(plan: Plan) -> dict[str, Any]:
-    """Return everything that a plan's results depend on, as written to the run's manifest.
+def describe(plan: Plan) -> RunManifest:
+    """Return everything that a plan's results depend on, as a run's manifest begins.
 
     Raises
     ------
@@ -205,26 +206,24 @@ def describe(plan: Plan) -> dict[str, Any]:
         If weights are missing: which, how to fetch them, and what would do instead.
     """
     configurations = plan.experiment.configurations
-    return {
-        "experiment": plan.experiment.name,
-        "notes": [note.text for note in plan.experiment.notes],
-        "published": plan.experiment.published.model_dump() if plan.experiment.published else None,
-        "annotator": plan.experiment.annotator,
-        "recording": None,
-        **{key: value for sink in plan.sinks for key, value in sink.described().items()},
-        "clips": [_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
-        "configurations": {configuration.name: configuration.plain() for configuration in configurations},
-        "methods": {
-            configuration.name: _describe_method(configuration, plan.clips) for configuration in configurations
-        },
-        "left_out_labels_sha256": _labels_of_fits(plan),
-        "factors": {configuration.name: dict(configuration.factors) for configuration in configurations},
-        "weights_sha256": {
+    of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
+    return RunManifest(
+        experiment=plan.experiment.name,
+        notes=[note.text for note in plan.experiment.notes],
+        published=plan.experiment.published,
+        annotator=plan.experiment.annotator,
+        clips=[_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
+        configurations={configuration.name: configuration.plain() for configuration in configurations},
+        methods={configuration.name: _describe_method(configuration, plan.clips) for configuration in configurations},
+        left_out_labels_sha256=_labels_of_fits(plan),
+        factors={configuration.name: dict(configuration.factors) for configuration in configurations},
+        weights_sha256={
             name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
         },
-        "versions": versions(),
-        "source_sha256": code_digest(plan.deciding_modules),
-    }
+        versions=versions(),
+        source_sha256=code_digest(plan.deciding_modules),
+        **{"recording": None, **of_sinks},
+    )
 
 
 def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
@@ -235,7 +234,7 @@ def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
     return {manifest.name: manifest.annotations.digest(plan.experiment.annotator) for manifest in clips}
 
 
-def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> dict[str, bool]:
+def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> MethodOfRun:
     """What the answers of a configuration are: scores need it, and import no method.
 
     Raises
@@ -260,7 +259,7 @@ def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]
             f"{configuration.name}: attention: {differ} is {of_first[differ]} for {first} and "
             f"{described[other][differ]} for {other}; expected answers of one kind, or a configuration for each"
         )
-    return of_first
+    return MethodOfRun(**of_first)
 
 
 def _default_fetch(plan: Plan) -> str | None:
@@ -273,21 +272,21 @@ def _default_fetch(plan: Plan) -> str | None:
     return fetch_command(plan.experiment.clips[0]) if same else None
 
 
-def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> dict[str, Any]:
-    return {
-        "name": prepared.manifest.name,
-        "manifest": str(prepared.manifest.path),
-        "licence": prepared.manifest.licence,
-        "citation": prepared.manifest.citation,
-        "notes": [*prepared.manifest.notes, *prepared.clip.notes],
-        "rate_hz": prepared.clip.rate_hz,
-        "frames": list(prepared.frames),
-        "times_ns": [prepared.clip.time_ns(number) for number in prepared.frames],
-        "sha256": prepared.digest,
-        "drawn_sha256": None if prepared.drawn is None else prepared.drawn.digest,
-        "names": prepared.manifest.naming(),
-        "stage_outputs_sha256": output_digests(experiment, prepared.manifest, prepared.clip),
-    }
+def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> ClipOfRun:
+    return ClipOfRun(
+        name=prepared.manifest.name,
+        manifest=str(prepared.manifest.path),
+        licence=prepared.manifest.licence,
+        citation=prepared.manifest.citation,
+        notes=[*prepared.manifest.notes, *prepared.clip.notes],
+        rate_hz=prepared.clip.rate_hz,
+        frames=list(prepared.frames),
+        times_ns=[prepared.clip.time_ns(number) for number in prepared.frames],
+        sha256=prepared.digest,
+        drawn_sha256=None if prepared.drawn is None else prepared.drawn.digest,
+        names=NamesOfClip.model_validate(prepared.manifest.naming()),
+        stage_outputs_sha256=output_digests(experiment, prepared.manifest, prepared.clip),
+    )
 
 
 _PACKAGES = (

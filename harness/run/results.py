@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
+from harness.run.manifest import RunManifest
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
@@ -39,7 +40,7 @@ class AnswerTraits(NamedTuple):
     from_file: bool = False
 
 
-def answer_traits(manifest: Mapping[str, Any], configuration: str, path: Path) -> AnswerTraits:
+def answer_traits(manifest: RunManifest, configuration: str, path: Path) -> AnswerTraits:
     """Return what the answers of a configuration are, by its run's manifest, a file at ``path``.
 
     Raises
@@ -47,10 +48,10 @@ def answer_traits(manifest: Mapping[str, Any], configuration: str, path: Path) -
     VfoaError
         If the manifest does not say it: an earlier version of this program wrote it.
     """
-    of_method = manifest.get("methods", {}).get(configuration)
+    of_method = manifest.methods.get(configuration)
     if of_method is not None:
-        return AnswerTraits(of_method["probabilistic"], of_method["says_nowhere"], of_method.get("from_file", False))
-    if "method" in manifest.get("configurations", {}).get(configuration, {}).get("attention", {}):
+        return AnswerTraits(of_method.probabilistic, of_method.says_nowhere, of_method.from_file)
+    if "method" in manifest.configurations.get(configuration, {}).get("attention", {}):
         raise VfoaError(
             f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
         )
@@ -77,9 +78,8 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     manifest = directory.read_manifest()
     name, names_now = clip if isinstance(clip, str) else clip.name, dict[str, str]()
     if isinstance(clip, ClipManifest):
-        clips = manifest.get("clips", [])
-        then: dict[str, Any] = next((entry.get("names", {}) for entry in clips if entry["name"] == clip.name), {})
-        names_now = clip.names_now(then.get("targets", {}))
+        then = next((of_run.names for of_run in manifest.clips if of_run.name == clip.name), None)
+        names_now = clip.names_now(then.targets if then else {})
     records = [renamed(frame, names_now) for frame in read_records(directory, {name})]
     if not records:
         raise VfoaError(f"{run}: the run has no frames of clip {name!r}")

@@ -6,16 +6,16 @@ import itertools
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.pipeline.cache import cache_lines
 from harness.pipeline.cache_store import Store
-from harness.run.directory import RunDirectory, differences, locked, missing_of, new_run_id, removed_if_refused
+from harness.run.directory import RunDirectory, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Progress
 from harness.run.frame_sink import lacks_files
 from harness.run.jobs import Fit, Results, executor, run_jobs, skip
+from harness.run.manifest import RunManifest, differences
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
 from vfoa.errors import VfoaError
@@ -80,7 +80,7 @@ def run_plan(
         identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
     if directory.path != out:
-        different = differences(RunDirectory(out).read_manifest(), identity)
+        different = _differences(RunDirectory(out), identity)
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
     if _is_done(plan, directory, retry_failed):
         for prepared in plan.clips:
@@ -90,11 +90,11 @@ def run_plan(
     made = missing_of(directory.path)
     with locked(directory.path, tell), removed_if_refused(directory, made):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
-        earlier = {} if directory.is_new() else directory.read_manifest()
-        for failure in earlier.get("failed", ()):  # a repaired input may give another result
-            directory.discard((failure["clip"], failure["configuration"]))
+        earlier = RunManifest() if directory.is_new() else directory.read_manifest()
+        for pair in earlier.failed_pairs:  # a repaired input may give another result
+            directory.discard(pair)
         started = _now()
-        of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
+        of_run = identity.model_copy(update={"run_id": earlier.run_id or new_run_id()})
         directory.write_manifest(of_run)
         write_value(directory.noted_inputs, inputs)
         modules, sees = plan.deciding_modules, directory.manifest
@@ -113,9 +113,9 @@ def run_plan(
 
 def _is_done(plan: Plan, directory: RunDirectory, retry_failed: bool) -> bool:
     """Whether this run is finished, with all of its recordings; if so, remove its partial results."""
-    manifest = {} if directory.is_new() else directory.read_manifest()
-    failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
-    if "finished" not in manifest or (retry_failed and failed):
+    manifest = RunManifest() if directory.is_new() else directory.read_manifest()
+    failed = manifest.failed_pairs
+    if not manifest.finished or (retry_failed and failed):
         return False
     if any(lacks_files(plan.sinks, directory, pair) for pair in plan.pairs if pair not in failed):
         return False
@@ -124,7 +124,7 @@ def _is_done(plan: Plan, directory: RunDirectory, retry_failed: bool) -> bool:
     return True
 
 
-def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], results: Results, started: str) -> None:
+def _finish(plan: Plan, directory: RunDirectory, of_run: RunManifest, results: Results, started: str) -> None:
     """Join the times of the stages, and write the manifest that marks the run as finished.
 
     Raises
@@ -139,22 +139,20 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], results
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
     directory.join_timings(finished)
-    directory.write_manifest(
-        {
-            **of_run,
-            "failed": failed,
-            "cache": results.account.rows(),
-            "fitted": {name: attention.model_dump(mode="json") for name, attention in results.fitted.items()},
-            "labels_sha256": {
-                prepared.manifest.name: prepared.manifest.annotations.digest(plan.experiment.annotator)
-                for prepared in plan.clips
-            },
-            "commit": source_commit(),
-            "host": host(),
-            "started": started,
-            "finished": _now(),
-        }
-    )
+    of_results = {
+        "failed": failed,
+        "cache": results.account.rows(),
+        "fitted": {name: attention.model_dump(mode="json") for name, attention in results.fitted.items()},
+        "labels_sha256": {
+            prepared.manifest.name: prepared.manifest.annotations.digest(plan.experiment.annotator)
+            for prepared in plan.clips
+        },
+        "commit": source_commit(),
+        "host": host(),
+        "started": started,
+        "finished": _now(),
+    }
+    directory.write_manifest(of_run.model_copy(update=of_results))
     remove_unused(directory)
     if not failed:
         directory.remove_partial()
@@ -167,12 +165,12 @@ def _candidates(first: RunDirectory) -> Iterator[RunDirectory]:
         yield RunDirectory(first.path.with_name(f"{first.path.name}-{number}"))
 
 
-def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunDirectory:
+def _choose(first: RunDirectory, identity: RunManifest, beside: bool) -> RunDirectory:
     """Choose the directory to run in: one without a run, or with this very run."""
     for directory in _candidates(first):
         if directory.is_new():
             return directory
-        differing = differences(directory.read_manifest(), identity)
+        differing = _differences(directory, identity)
         if not differing:
             return directory
         if not beside:
@@ -181,6 +179,10 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunD
                 "expected an empty directory, or the same run to continue: choose another --out"
             )
     raise AssertionError("counting has no end")
+
+
+def _differences(directory: RunDirectory, identity: RunManifest) -> str:
+    return differences(directory.read_manifest().plain(), identity.plain())
 
 
 def _now() -> str:

@@ -426,7 +426,7 @@ def remove_unused(directory: RunDirectory) -> None:
     """
     used = [path for _, paths in find_tables(directory) for path in paths.values()]
     folders = {path.parent for path in used}
-    places = () if directory.read_manifest().get("failed") else ("scenes", "directions")
+    places = () if directory.read_manifest().failed else ("scenes", "directions")
     for folder in (folder for place in places for folder in directory.path.glob(f"{place}/*/*")):
         if folder not in folders:
             shutil.rmtree(folder)

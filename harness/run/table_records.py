@@ -57,7 +57,7 @@ class TableReader:
 
     def __init__(self, directory: RunDirectory, clips: Collection[str] | None = None) -> None:
         self._paths = dict(find_tables(directory, clips))
-        configurations = directory.read_manifest().get("configurations", {})
+        configurations = directory.read_manifest().configurations
         self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
         kept = lru_cache(maxsize=_KEPT_GROUPS)
         self._scene, self._directions = kept(_read_scene), kept(_read_directions)

@@ -329,12 +329,12 @@ def find_tables(
         finished.
     """
     manifest = directory.read_manifest()
-    if "finished" not in manifest or not (directory.path / "answers").is_dir():
-        why = "is of an earlier version; run it again" if "finished" in manifest else "is not finished"
+    if not manifest.finished or not (directory.path / "answers").is_dir():
+        why = "is of an earlier version; run it again" if manifest.finished else "is not finished"
         raise VfoaError(f"{directory.path}: has no tables of frames (answers/): it {why}")
-    failed = {(failure["clip"], failure["configuration"]) for failure in manifest.get("failed", ())}
-    names = [clip["name"] for clip in manifest.get("clips", ()) if clips is None or clip["name"] in clips]
-    for clip, configuration in product(names, manifest.get("configurations", ())):
+    failed = manifest.failed_pairs
+    names = [clip.name for clip in manifest.clips if clips is None or clip.name in clips]
+    for clip, configuration in product(names, manifest.configurations):
         if (clip, configuration) not in failed:
             yield (clip, configuration), answer_tables(directory, (clip, configuration))
 

@@ -17,7 +17,8 @@ from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.columns import ColumnReader, PairColumns
-from harness.run.directory import Pair, Published, RunDirectory, differences
+from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import ClipOfRun, RunManifest, differences
 from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import answer_traits, has_images
@@ -26,11 +27,6 @@ from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import Condition, subset
 from vfoa.errors import VfoaError
-
-RUN_LABELS = "run_labels_sha256"
-"""The key of a run's manifest with the labels that it was made with, if its tables use other labels."""
-TABLE_LABELS = "labels_sha256"
-"""The key with the labels that the tables use."""
 
 
 def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Scores:
@@ -51,7 +47,7 @@ class FinishedRun:
     """A run's directory, and its manifest."""
 
     directory: RunDirectory
-    manifest: dict[str, Any]
+    manifest: RunManifest
 
     @classmethod
     def read(cls, directory: RunDirectory) -> FinishedRun:
@@ -63,9 +59,9 @@ class FinishedRun:
             If there is none, or the run is not finished.
         """
         manifest = directory.read_manifest()
-        if "finished" not in manifest:
+        if not manifest.finished:
             raise VfoaError(f"{directory.path}: this run is not finished; repeat the same `vfoa run` to continue it")
-        if missing := next((key for key in ("clips", "configurations") if not manifest.get(key)), None):
+        if missing := next((key for key in ("clips", "configurations") if not getattr(manifest, key)), None):
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         return cls(directory=directory, manifest=manifest)
 
@@ -74,7 +70,7 @@ class FinishedRun:
 
         Renamed targets have their present names.
         """
-        names = self._names_now(self._manifests(self.manifest.get("annotator")))
+        names = self._names_now(self._manifests(self.manifest.annotator))
         reader = TableReader(self.directory)
         counts = Counter[Pair]()
         for block in reader.blocks:
@@ -92,23 +88,20 @@ class FinishedRun:
         VfoaError
             If there is no such frame, or a table is missing, damaged, of another version, or has lost frames.
         """
-        names = self._names_now(self._manifests(self.manifest.get("annotator")))
+        names = self._names_now(self._manifests(self.manifest.annotator))
         reader = ColumnReader(self.directory)
         for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}):
             yield reader.read(pair, names[pair[0]])
 
     def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
         """The present manifest of each clip, whose names the labels of this annotator have."""
-        return {
-            clip["name"]: manifest_of_run(clip.get("manifest", ""), clip["name"], annotator)
-            for clip in self.manifest["clips"]
-        }
+        return {clip.name: manifest_of_run(clip.manifest, clip.name, annotator) for clip in self.manifest.clips}
 
     def _names_now(self, manifests: Mapping[str, ClipManifest]) -> dict[str, dict[str, str]]:
         """The present names of renamed targets by their names in the results, for each clip."""
         return {
-            clip["name"]: manifests[clip["name"]].names_now(clip.get("names", {}).get("targets", {}))
-            for clip in self.manifest["clips"]
+            clip.name: manifests[clip.name].names_now(clip.names.targets if clip.names else {})
+            for clip in self.manifest.clips
         }
 
     def _scored(self, counts: Mapping[Pair, int]) -> list[Pair]:
@@ -120,13 +113,12 @@ class FinishedRun:
             If there is none, or tables have lost frames: these would be scored as without a prediction.
         """
         run, (clips, configurations, _) = self.manifest, _left_out(self.manifest)
-        if not run["configurations"].keys() - configurations:
+        if not run.configurations.keys() - configurations:
             raise VfoaError(
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
-        frames = {clip["name"]: len(clip["frames"]) for clip in run["clips"]}
-        failed = {(failure["clip"], failure["configuration"]) for failure in run.get("failed", [])}
-        for clip, configuration in product(frames, run["configurations"]):
+        frames, failed = {clip.name: len(clip.frames) for clip in run.clips}, run.failed_pairs
+        for clip, configuration in product(frames, run.configurations):
             count = counts.get((clip, configuration), 0)
             if (clip, configuration) not in failed and count != frames[clip]:
                 raise VfoaError(
@@ -143,58 +135,59 @@ class FinishedRun:
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
-        traits = {name: answer_traits(run, name, self.directory.manifest) for name in run["configurations"]}
-        annotator = annotator or run.get("annotator")
+        traits = {name: answer_traits(run, name, self.directory.manifest) for name in run.configurations}
+        annotator = annotator or run.annotator
         manifests = self._manifests(annotator)
-        read = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
+        read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name in read if name not in labels]
         if where:
-            frames = {clip["name"]: clip["frames"] for clip in run["clips"]}
-            times_ns = {clip["name"]: clip.get("times_ns", ()) for clip in run["clips"]}
+            frames = {clip.name: clip.frames for clip in run.clips}
+            times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
             labels = subset(labels, where, frames, times_ns, self.records)
         of_clips: dict[str, list[str]] = {}
         changed: list[str] = []
-        for clip in run["clips"]:
-            for note in clip.get("notes", ()):
-                of_clips.setdefault(note, []).append(clip["name"])
-            manifest, digest = manifests[clip["name"]], _labels_of_run(run, clip)
-            is_relabelled = manifest.annotations.digest(run.get("annotator")) != digest
-            if is_relabelled and annotator == run.get("annotator") and digest is not None:
+        for clip in run.clips:
+            for note in clip.notes:
+                of_clips.setdefault(note, []).append(clip.name)
+            manifest, digest = manifests[clip.name], (run.run_labels_sha256 or run.labels_sha256).get(clip.name)
+            is_relabelled = manifest.annotations.digest(run.annotator) != digest
+            if is_relabelled and annotator == run.annotator and digest is not None:
                 changed.append(_label_note(clip, manifest, annotator))
             changed += _name_notes(clip, manifest)
             if is_relabelled and compare_content:
                 changed += _content_notes(clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
-            frames={clip["name"]: clip["frames"] for clip in run["clips"]},
+            frames={clip.name: clip.frames for clip in run.clips},
             notes=(
                 *map(Note, _left_out(run)[2]),
-                *map(Note.of_run, run.get("notes", ())),
-                *map(Note, carried_mask_notes(run["configurations"])),
+                *map(Note.of_run, run.notes),
+                *map(Note, carried_mask_notes(run.configurations)),
                 *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
                 *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),
                 *map(Note, changed),
                 *self._unlabelled_notes(without_labels),
                 *([Note(f"Only frames with {' and '.join(each.text for each in where)}.")] if where else []),
             ),
-            unknown_names={clip["name"]: _unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
+            unknown_names={clip.name: _unknown_names(clip, manifests[clip.name]) for clip in run.clips},
             names_now=self._names_now(manifests),
             traits=traits,
-            published=Published.model_validate(run["published"]) if run.get("published") else None,
-            factors=run.get("factors", {}),
-            settings=run["configurations"],
+            published=run.published,
+            factors=run.factors,
+            settings=run.configurations,
             phases={name: manifests[name].phase_of_things() for name in read if manifests[name].phases},
         )
 
     def note_labels(self, annotator: str | None = None) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
-        annotator = annotator or self.manifest.get("annotator")
-        before = self.manifest.get(TABLE_LABELS, {})
+        annotator = annotator or self.manifest.annotator
+        before = self.manifest.labels_sha256
         now = {name: clip.annotations.digest(annotator) for name, clip in self._manifests(annotator).items()}
         if now != before:
-            of_run = self.manifest.get(RUN_LABELS, before)
-            self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
+            of_run = self.manifest.run_labels_sha256
+            labels = {"labels_sha256": now, "run_labels_sha256": before if of_run is None else of_run}
+            self.directory.write_manifest(self.manifest.model_copy(update=labels))
 
     def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[Note]:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
@@ -207,7 +200,7 @@ class FinishedRun:
                 f"no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
                 "found in its frames; "
                 f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
-                f"{how_to_label(clip.name, self.manifest['configurations'].values())}.",
+                f"{how_to_label(clip.name, self.manifest.configurations.values())}.",
             )
             for clip in clips
         ]
@@ -223,44 +216,38 @@ def how_to_label(clip: str, configurations: Collection[Mapping[str, Any]]) -> st
 _FOUND = {0: "nobody", 1: "one person at most"}
 
 
-def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
+def _left_out(run: RunManifest) -> tuple[set[str], set[str], list[str]]:
     """The clips on which everything failed, the configurations that failed on another clip, and a note for each.
 
     A configuration that ran on only some of the clips would have a rate over other frames than the rest of the table.
     """
-    failed = run.get("failed", [])
-    counts = Counter(failure["clip"] for failure in failed)
-    clips = {clip for clip, count in counts.items() if count == len(run["configurations"])}
-    configurations = {failure["configuration"] for failure in failed if failure["clip"] not in clips}
+    counts = Counter(failure.clip for failure in run.failed)
+    clips = {clip for clip, count in counts.items() if count == len(run.configurations)}
+    configurations = {failure.configuration for failure in run.failed if failure.clip not in clips}
     notes: dict[str, str] = {}
-    for failure in failed:
-        if failure["clip"] in clips:
-            notes.setdefault(failure["clip"], f"left out, every configuration failed: {failure['error']}")
+    for failure in run.failed:
+        if failure.clip in clips:
+            notes.setdefault(failure.clip, f"left out, every configuration failed: {failure.error}")
         else:
-            notes.setdefault(failure["configuration"], f"left out, failed on {failure['clip']}: {failure['error']}")
+            notes.setdefault(failure.configuration, f"left out, failed on {failure.clip}: {failure.error}")
     return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
 
 
-def _timeline(clip: dict[str, Any]) -> Timeline | None:
+def _timeline(clip: ClipOfRun) -> Timeline | None:
     """The frames of the run and their times; None if an older run did not save the times."""
-    if "times_ns" not in clip:
+    if clip.times_ns is None:
         return None
-    return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)
+    return Timeline(frames=clip.frames, times_ns=clip.times_ns, is_whole=False)
 
 
-def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
-    digests: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
-    return digests.get(clip["name"])
-
-
-def _label_note(clip: Mapping[str, Any], manifest: ClipManifest, annotator: str | None) -> str:
+def _label_note(clip: ClipOfRun, manifest: ClipManifest, annotator: str | None) -> str:
     """The note that the labels are not those of the run: edited since, or another file."""
     path = manifest.annotations.find(annotator)
     now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
-    return f"{clip['name']}: its labels are not those that the run was made with; {now}."
+    return f"{clip.name}: its labels are not those that the run was made with; {now}."
 
 
-def _name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
+def _name_notes(clip: ClipOfRun, manifest: ClipManifest) -> Iterator[str]:
     """Yield a note if subjects or targets have another rule, or were added or deleted: the results have the old names.
 
     Renamed targets are no difference: the results are read with their present names.
@@ -268,28 +255,31 @@ def _name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str
     names = manifest.naming()
     if different := differences(_names_then(clip, manifest) or names, names):
         yield (
-            f"{clip['name']}: the names in {manifest.path.name} are not those that the run was made with "
+            f"{clip.name}: the names in {manifest.path.name} are not those that the run was made with "
             f"({different}), and its results have the old ones; to score the new ones, run it again."
         )
 
 
-def _unknown_names(clip: Mapping[str, Any], manifest: ClipManifest) -> tuple[str, ...]:
+def _unknown_names(clip: ClipOfRun, manifest: ClipManifest) -> tuple[str, ...]:
     """Names in the results that the clip's manifest, and so its labels, do not know."""
     then = _names_then(clip, manifest)
     known = {*manifest.subjects, *manifest.targets}
     return tuple(name for kind in ("subjects", "targets") for name in then.get(kind, ()) if name not in known)
 
 
-def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, Any]:
+def _names_then(clip: ClipOfRun, manifest: ClipManifest) -> dict[str, Any]:
     """The rules of the run, by the present names of renamed targets; empty if an older run did not save them."""
-    if "names" not in clip:
+    if clip.names is None:
         return {}
-    targets: dict[str, Any] = clip["names"].get("targets", {})
+    targets = clip.names.targets
     now = manifest.names_now(targets)
-    return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
+    return {
+        **clip.names.plain(),
+        "targets": {now.get(name, name): rule for name, rule in targets.items()},
+    }
 
 
-def _content_notes(clip: Mapping[str, Any], manifest: ClipManifest, digests: Path) -> Iterator[str]:
+def _content_notes(clip: ClipOfRun, manifest: ClipManifest, digests: Path) -> Iterator[str]:
     """Yield a note if another clip has taken this one's name. ``digests`` are noted there.
 
     Opening a clip takes time, so that this is asked only if its labels are not the run's. A clip that cannot be opened
@@ -304,9 +294,9 @@ def _content_notes(clip: Mapping[str, Any], manifest: ClipManifest, digests: Pat
         return
     if not used.keys() <= noted.keys():
         write_value(digests, {**noted, **used})
-    if digest != clip.get("sha256", digest):
+    if clip.sha256 not in (None, digest):
         yield (
-            f"{clip['name']}: the images or the calibration of {manifest.path.name} are not those that the run was "
+            f"{clip.name}: the images or the calibration of {manifest.path.name} are not those that the run was "
             "made with, and its labels may be of another clip; to score this one, run it again."
         )
 

@@ -92,14 +92,14 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
         If the run is not finished, has no such configuration, or no labelled frame with a measured direction.
     """
     run = FinishedRun.read(directory)
-    known = run.manifest["configurations"]
+    known = run.manifest.configurations
     bases = list(dict.fromkeys(base_of(name) for name in known))
     logits = [base_of(name) for name in known if known[name].get("attention", {}).get("method") == "logit"]
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
     answers = _answers(run, reference)
-    return labelled_runs(_experiment(run), run.records(), reference.labels, [chosen], tuple(ROWS), answers)[0]
+    return labelled_runs(run.manifest.experiment, run.records(), reference.labels, [chosen], tuple(ROWS), answers)[0]
 
 
 def read_features(
@@ -115,15 +115,11 @@ def read_features(
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
     run = FinishedRun.read(directory)
-    return labelled_runs(_experiment(run), run.records(), run.reference().labels, configurations, cases)
+    return labelled_runs(run.manifest.experiment, run.records(), run.reference().labels, configurations, cases)
 
 
 Answers = Mapping[tuple[str, str, int], Mapping[str, Outcome]]
 """The outcome of each configuration by clip, subject and labelled frame."""
-
-
-def _experiment(run: FinishedRun) -> str:
-    return str(run.manifest.get("experiment", ""))
 
 
 def labelled_runs(

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.columns import Words
-from harness.run.directory import Pair, Published
+from harness.run.directory import Pair
+from harness.run.manifest import Published
 from harness.run.notes import Note, NoteKind
 from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, best_limit_rad, commonest

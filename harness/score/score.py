@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.run.columns import PairColumns
-from harness.run.directory import Pair, Published
+from harness.run.directory import Pair
 from harness.run.grid import base_of
+from harness.run.manifest import Published
 from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS

@@ -171,7 +171,7 @@ def test_a_script_chooses_the_kind_of_recordings(
     two_people: Path, asked: bool | RecordingKind | None, written: str | None
 ) -> None:
     run = harness.run_experiment(two_people, out="run", cache=False, limit=2, recordings=asked)
-    assert RunDirectory(run.path).read_manifest()["recording"] == written
+    assert RunDirectory(run.path).read_manifest().recording == written
     assert bool(run.recordings) == bool(written)
 
 
@@ -180,7 +180,7 @@ def test_the_command_chooses_the_kind_of_recordings(
 ) -> None:
     options = ("--recording", "jpeg", "--limit", "2", "--workers", "1", "--no-cache", "--out", "run")
     assert vfoa(monkeypatch, capsys, "run", str(two_people), *options)[0] == 0
-    assert RunDirectory(Path("run")).read_manifest()["recording"] == "jpeg"
+    assert RunDirectory(Path("run")).read_manifest().recording == "jpeg"
 
 
 def test_what_fails_is_warned_of_by_name(two_people: Path, monkeypatch: pytest.MonkeyPatch) -> None:

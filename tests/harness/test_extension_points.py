@@ -101,7 +101,7 @@ def test_a_method_of_one_file_is_run_recorded_and_scored(tmp_path: Path, monkeyp
     plan = prepare(experiment, sinks=composed_sinks(experiment.configurations))
     directory = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
 
-    manifest = directory.read_manifest()
+    manifest = directory.read_manifest().plain()
     assert manifest["configurations"]["steady"]["attention"] == {"method": "steady", "keep": 0.8}
     assert manifest["methods"]["steady"] == {"probabilistic": False, "says_nowhere": False, "from_file": False}
     assert "my_method" in plan.deciding_modules
@@ -151,8 +151,8 @@ def test_a_method_that_fails_ends_its_configuration_alone(tmp_path: Path, monkey
     add_clip(measured_tables(tmp_path / "talk"), name="talk")
     experiment = load_experiment(str(write_text(tmp_path / "method.toml", METHOD)))
     directory = run_plan(prepare(experiment), tmp_path / "run", workers=1, progress=lambda clip: None)
-    (failure,) = directory.read_manifest()["failed"]
-    assert (failure["configuration"], "no third frame" in failure["error"]) == ("steady", True)
+    (failure,) = directory.read_manifest().failed
+    assert (failure.configuration, "no third frame" in failure.error) == ("steady", True)
     assert [record.configuration for record in read_records(directory)] == ["nearest"] * 12
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.files.io import write_together
-from harness.run.directory import Pair, RunDirectory, clip_names
+from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.table_records import TableReader
 from harness.score.calibration import reliabilities
@@ -189,9 +189,8 @@ def _failure(scores: Scores, recorded: set[Pair], wanted: Wanted) -> Verdict | N
 
 def _targets(run: Path, clip: str) -> list[str]:
     """The names of a clip in a run in the order in which recordings colour them: targets, then subjects."""
-    (about,) = (each for each in RunDirectory(run).read_manifest()["clips"] if each["name"] == clip)
-    subjects, targets = clip_names(about)
-    return [*targets, *subjects]
+    (about,) = (each for each in RunDirectory(run).read_manifest().clips if each.name == clip)
+    return [*about.targets, *about.subjects]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

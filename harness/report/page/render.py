@@ -17,6 +17,7 @@ from harness.report.stages import StageTimes
 from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_lines
+from harness.run.manifest import ClipOfRun, RunManifest
 from harness.score.calibration import reliabilities
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -39,7 +40,7 @@ def render_page(
     scores: Scores,
     tables: RunTables,
     attention: Attention,
-    manifest: Mapping[str, Any],
+    manifest: RunManifest,
     *,
     times: StageTimes = NO_TIMES,
     thumbnails: Thumbnails = NO_THUMBNAILS,
@@ -56,7 +57,7 @@ def render_page(
     attention
         That of the scored records.
     manifest
-        The run's, from :meth:`harness.run.directory.RunDirectory.read_manifest`.
+        The run's.
     times
         Times of the stages; without any, the section is left out.
     thumbnails
@@ -68,28 +69,28 @@ def render_page(
     run_folder
         The address of the run's directory, relative to the page, with a slash at its end; "" for a page inside.
     """
-    rates = {clip["name"]: clip.get("rate_hz") for clip in manifest["clips"]}
+    rates = {clip.name: clip.rate_hz for clip in manifest.clips}
     data, packs = page_data(scores, attention, thumbnails, served, rates, run_folder)
     panels = draw_panels(scores)
-    differing = differing_settings(manifest["configurations"])
+    differing = differing_settings(manifest.configurations)
     groups, shown = _numbered(
         {
             **{group: [tables[name] for name in names] for group, names in _GROUPS.items()},
             "speed": [times.table()],
             "more": [*(tables[name] for name in _MORE), *(panel for panel in panels if isinstance(panel, Table))],
-            "settings": [_clips(manifest["clips"]), differing],
+            "settings": [_clips(manifest.clips), differing],
         }
     )
     packs["tables"] = pack_json([plain_table(table) for table in shown])
     packs["manifest"] = pack_json(_printed(manifest))
     return template("page.html.jinja").render(
-        title=f"Run {manifest.get('experiment', '')}",
+        title=f"Run {manifest.experiment}",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
         verdict=verdict_lines(scores),
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
-        versions=manifest.get("versions", {}),
+        versions=manifest.versions,
         groups=groups,
         titles=[table.title for table in shown],
         drawings=[panel for panel in panels if isinstance(panel, Picture)],
@@ -150,16 +151,16 @@ def render_tables(
     )
 
 
-def _facts(scores: Scores, manifest: Mapping[str, Any]) -> list[str]:
+def _facts(scores: Scores, manifest: RunManifest) -> list[str]:
     """Date, commit, clips, frames and n, as words."""
     labelled = sum(
         len(outcome.frames) for outcome in scores.outcomes if outcome.configuration == scores.configurations[0]
     )
-    finished, commit = str(manifest.get("finished", "")), manifest.get("commit")
+    finished, commit = manifest.finished or "", manifest.commit
     facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
     facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
-    frames = sum(len(clip["frames"]) for clip in manifest["clips"])
-    facts += [f"{counted(len(manifest['clips']), 'clip')}, {counted(frames, 'frame')}"]
+    frames = sum(len(clip.frames) for clip in manifest.clips)
+    facts += [f"{counted(len(manifest.clips), 'clip')}, {counted(frames, 'frame')}"]
     return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
 
 
@@ -196,28 +197,25 @@ def plain_table(table: Table) -> dict[str, Any]:
     return {name: getattr(table, name) for name in ("title", "columns", "words", "rows", "notes")}
 
 
-def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
+def _clips(clips: Sequence[ClipOfRun]) -> Table:
     return Table.of(
         "Clips, licences",
         "Clip | Licence | To be cited | Frames | Hz",
         (
             (UNKNOWN if value is None else value for value in values)
             for clip in clips
-            for values in [
-                (clip["name"], clip.get("licence"), clip.get("citation"), len(clip["frames"]), clip.get("rate_hz"))
-            ]
+            for values in [(clip.name, clip.licence, clip.citation, len(clip.frames), clip.rate_hz)]
         ),
         words=3,
     )
 
 
-def _printed(manifest: Mapping[str, Any]) -> str:
+def _printed(manifest: RunManifest) -> str:
     """The manifest as readable text: a clip's frames on one line."""
-    clips = [
-        {**clip, **{key: " ".join(map(str, clip[key])) for key in ("frames", "times_ns") if key in clip}}
-        for clip in manifest["clips"]
-    ]
-    return json.dumps({**manifest, "clips": clips}, indent=2, ensure_ascii=False)
+    plain = manifest.plain()
+    for clip in plain["clips"]:
+        clip.update({key: " ".join(map(str, clip[key])) for key in ("frames", "times_ns") if key in clip})
+    return json.dumps(plain, indent=2, ensure_ascii=False)
 
 
 @cache

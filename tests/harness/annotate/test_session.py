@@ -25,6 +25,7 @@ from harness.clips.naming import NameRule
 from harness.run.directory import RunDirectory
 from tests.annotating import MANIFEST
 from tests.disk import HEIGHT, WIDTH, write_text
+from tests.records import write_manifest
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity
@@ -113,7 +114,7 @@ def test_nothing_hit_is_none_only_of_a_method_that_can_say_so(
     clip = {"name": "noise", "frames": [1], "times_ns": [0], "rate_hz": None}
     method = {"probabilistic": False, "says_nowhere": says_nowhere}
     manifest = {"clips": [clip], "configurations": {"one": {}}, "methods": {"one": method}, "finished": "now"}
-    RunDirectory(work / "run").write_manifest(manifest)
+    write_manifest(RunDirectory(work / "run"), manifest)
     assert opened(run=work / "run").about()["suggestions"]["ann"][-1] == suggested
 
 

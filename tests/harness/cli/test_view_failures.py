@@ -13,7 +13,7 @@ from harness.run.directory import RunDirectory
 from harness.score.outcomes import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
-from tests.records import frame_record, score, subject_record, target_record
+from tests.records import frame_record, score, subject_record, target_record, write_manifest
 
 WRONG = {("b", "two"): {(7, "ann"), (3, "bob")}, ("b", "one"): {(1, "ann")}, ("a", "two"): {(9, "ann")}}
 LABELLED = {"b": [(1, "ann"), (3, "bob"), (4, "ann"), (7, "ann")], "a": [(9, "ann")]}
@@ -93,7 +93,7 @@ def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys)
     for name in ("b__two", "b__one", "a__two"):
         (tmp_path / f"{name}.rrd").touch()
     clips = [{"name": name, "frames": list(range(1, 10))} for name in ("a", "b")]
-    RunDirectory(tmp_path).write_manifest({"clips": clips, "configurations": {"one": {}, "two": {}}})
+    write_manifest(RunDirectory(tmp_path), {"clips": clips, "configurations": {"one": {}, "two": {}}})
     went = []
 
     @contextlib.contextmanager

@@ -57,7 +57,7 @@ def _run(experiment: Path, out: Path, store: Store | None, *overrides: str) -> R
 
 
 def _uses(directory: RunDirectory) -> dict[str, tuple[int, int, str | None]]:
-    rows = directory.read_manifest()["cache"]
+    rows = directory.read_manifest().cache
     return {f"{row['slot']} {row['stage']}": (row["reused"], row["computed"], row["why"]) for row in rows}
 
 

@@ -120,14 +120,14 @@ def _results(directory: RunDirectory) -> dict[str, list[FrameRecord]]:
 
 def _check(directory: RunDirectory, alone: dict[str, list[FrameRecord]]) -> None:
     assert _results(directory) == alone
-    (failed,) = directory.read_manifest()["failed"]
-    assert failed == {
+    (failed,) = directory.read_manifest().failed
+    assert failed.plain() == {
         "clip": "alley",
         "configuration": "broken",
         "error": SAID,
         "traceback": "partial/alley__broken.traceback.txt",
     }
-    trace = (directory.path / failed["traceback"]).read_text()
+    trace = (directory.path / str(failed.traceback)).read_text()
     assert trace.startswith("Traceback (most recent call last)")
     assert "far = self.settings.disparity_px / (frame.index - self.settings.fails_at)" in trace
     assert trace.endswith("ZeroDivisionError: float division by zero\n")
@@ -159,9 +159,9 @@ def test_a_mended_stage_is_tried_again_and_leaves_nothing_of_its_fault(
     mended = lambda self, frame: Disparity(disparity_px=np.full(frame.left.shape[:2], 9.0, np.float32))  # noqa: E731
     monkeypatch.setattr(flat, "match", mended)  # which finds something else in the frames before, too
     directory = _run(experiment, tmp_path / "run")
-    assert [each["configuration"] for each in directory.read_manifest()["failed"]] == ["broken"]
+    assert [each.configuration for each in directory.read_manifest().failed] == ["broken"]
     directory = _run(experiment, tmp_path / "run", retry_failed=True)
-    assert directory.read_manifest()["failed"] == []
+    assert directory.read_manifest().failed == []
     assert not (directory.path / "partial").exists()
     results = _results(directory)
     assert {name: results[name] for name in alone} == alone

@@ -23,6 +23,7 @@ from harness.run.frame_sink import Camera, FinishedFrame
 from harness.run.records import FrameRecord, to_record
 from harness.score.verdicts import Verdict, judge
 from tests.record_tables import write_tables
+from tests.records import write_manifest
 from vfoa.cones import ConesSettings, pay_attention
 from vfoa.geometry import fov_from_radius
 from vfoa.tracking import Tracked
@@ -198,7 +199,7 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     directory = RunDirectory(run)
     names = {"subjects": {ANN: {}}, "targets": {"red cup": {}}}
     clip = {"name": "clip", "frames": numbers, "rate_hz": 25, "names": names}
-    directory.write_manifest({"clips": [clip], "configurations": tables, "finished": "now"})
+    write_manifest(directory, {"clips": [clip], "configurations": tables, "finished": "now"})
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
     of_each = {key: options[key] for key in ("rate_hz", "names")}

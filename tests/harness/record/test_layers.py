@@ -19,6 +19,7 @@ from harness.run.table_records import TableReader, read_records
 from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, under, write_run
 from tests.harness.record.conftest import shared as seen_by
 from tests.record_tables import write_tables
+from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
 
@@ -198,8 +199,8 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
 
 def test_a_layer_that_is_written_later_joins_the_recording_of_an_earlier_version(shared):
     """Its ids were made in another way than those of the manifest's run would be now."""
-    manifest = RunDirectory(shared.run).read_manifest()
-    RunDirectory(shared.run).write_manifest({**manifest, "run_id": new_run_id()})
+    manifest = RunDirectory(shared.run).read_manifest().plain()
+    write_manifest(RunDirectory(shared.run), {**manifest, "run_id": new_run_id()})
     before = ids_of(shared.files.attention("one"))
     write_verdict_layers(RunDirectory(shared.run), {})
     assert {ids_of(path) for path in shared.run.glob("*.rrd")} == {before}

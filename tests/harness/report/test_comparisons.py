@@ -15,8 +15,8 @@ from harness.report.comparisons import (
     terminal_comparisons,
 )
 from harness.report.formats import UNKNOWN
-from harness.run.directory import Published
 from harness.run.experiment import load_experiment
+from harness.run.manifest import Published
 from harness.score.comparison import Comparison
 from harness.score.outcomes import Reference
 from harness.score.score import Scores

@@ -18,7 +18,7 @@ from harness.score.verdicts import judge
 from tests.command import vfoa
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
-from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_run
+from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_manifest, write_run
 
 CLIPS = [f"clip_{number:02}" for number in range(12)]
 """More than a page of the report's pager."""
@@ -197,10 +197,10 @@ def recorded(tmp_path: Path) -> Path:
     ):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / file).write_text(text, encoding="utf-8")
-    manifest = run.read_manifest()
+    manifest = run.read_manifest().plain()
     manifest["clips"][0]["manifest"] = str(tmp_path / "datasets" / "clip.toml")
     methods = {"two cones": {"probabilistic": False, "says_nowhere": False}}
-    run.write_manifest({**manifest, "methods": methods, "finished": "now"})
+    write_manifest(run, {**manifest, "methods": methods, "finished": "now"})
     return run.path
 
 

@@ -19,6 +19,7 @@ from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import Attention, bundle, runs, steps
 from harness.report.page.render import RunTables, render_page
 from harness.report.write import run_tables
+from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores
@@ -181,9 +182,9 @@ def test_only_settings_that_differ_are_listed() -> None:
 
 def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
     scores, tables, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
-    clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None, "citation": "Doe 2020"}
-    about = {"experiment": "e", "configurations": {}, "versions": {}, "finished": "2026-01-02T03:04:05+00:00"}
-    text = render_page(scores, tables, attention, {**about, "clips": [clip], "commit": "0123456789abcdef"})
+    clip = ClipOfRun(name="clip", licence="CC-BY 4.0", frames=[1], citation="Doe 2020")
+    manifest = RunManifest(clips=[clip], commit="0123456789abcdef", finished="2026-01-02T03:04:05+00:00")
+    text = render_page(scores, tables, attention, manifest)
     (table,) = (each for each in _Page(text).pack("tables") if each["title"] == "Clips, licences")
     assert table["rows"] == [["clip", "CC-BY 4.0", "Doe 2020", "1", "–"]]
     facts = re.findall(r"<span>(.*?)</span>", text.split('<p class="meta">')[1].split("</p>")[0])
@@ -197,7 +198,7 @@ def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
 
 def test_a_manifest_with_no_more_than_scores_need_has_a_page() -> None:
     scores, tables, attention, _ = _scored(answers(["cup"]), {"clip": labels("cup")})
-    manifest = {"clips": [{"name": "clip", "frames": [1]}], "configurations": {"one": {}}}
+    manifest = RunManifest(clips=[ClipOfRun(name="clip", frames=[1])], configurations={"one": {}})
     (table,) = (
         each
         for each in _Page(render_page(scores, tables, attention, manifest)).pack("tables")

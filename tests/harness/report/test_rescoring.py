@@ -15,7 +15,7 @@ from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.table_records import read_records
 from tests import large_run
-from tests.records import write_run
+from tests.records import write_manifest, write_run
 from vfoa.types import DirectionFit
 
 FRAMES, GROUP, CONFIGURATIONS = 90, 30, 2
@@ -26,9 +26,9 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     """A run of two configurations, one of them with probabilities, in three row groups each; scored once."""
     monkeypatch.setattr(tables, "GROUP_FRAMES", GROUP)
     directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
-    manifest = directory.read_manifest()
+    manifest = directory.read_manifest().plain()
     manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
-    directory.write_manifest(manifest)
+    write_manifest(directory, manifest)
     write_run(directory.path, map(_with_probabilities, list(read_records(directory))))
     large_run.write_labels(tmp_path, FRAMES, 2, 0)
     rescore(directory)

@@ -21,7 +21,7 @@ def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
     assert {"harness.run.records", "harness.pipeline.ground_truth", "harness.clips.naming"} <= modules.keys()
     rooms = {name.split(".")[1] for name in modules if name.startswith("harness.")}
     assert not rooms & {"annotate", "bench", "cli", "score", "record", "report", "api"}
-    assert describe(plan)["source_sha256"] == code_digest(plan.deciding_modules)
+    assert describe(plan).source_sha256 == code_digest(plan.deciding_modules)
 
 
 def test_scenes_depend_on_what_perceives_and_on_no_method() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from harness.run.directory import RunDirectory
+from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
 
@@ -12,7 +13,7 @@ from vfoa.errors import VfoaError
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A working directory with two runs."""
     for name in ("demo", "demo-2"):
-        RunDirectory(tmp_path / "runs" / name).write_manifest({})
+        write_manifest(RunDirectory(tmp_path / "runs" / name), {})
     monkeypatch.chdir(tmp_path)
 
 
@@ -31,6 +32,6 @@ def test_what_is_no_run_says_where_runs_are(place: str, found: str) -> None:
 
 
 def test_a_commit_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    RunDirectory(tmp_path).write_manifest({"commit": 5})
+    write_manifest(RunDirectory(tmp_path), {"commit": 5})
     with pytest.raises(VfoaError, match="commit"):
         RunDirectory(tmp_path).read_manifest()

@@ -63,8 +63,8 @@ def _run(folder: Path, clips: list[str], *, retry: bool = False, recorded: bool 
 
 def test_a_configuration_that_fails_is_left_out_and_said(tmp_path: Path, broken_sgbm: None) -> None:
     directory = _run(tmp_path, ["studio_table", "studio_talk"], recorded=True)
-    failed = directory.read_manifest()["failed"]
-    assert [(each["clip"], each["configuration"], each["error"]) for each in failed] == [
+    failed = directory.read_manifest().failed
+    assert [(each.clip, each.configuration, each.error) for each in failed] == [
         ("studio_table", "sgbm", "out of memory"),
         ("studio_talk", "sgbm", "out of memory"),
     ]
@@ -84,9 +84,9 @@ def test_what_failed_stays_failed_until_it_is_tried_again(
     _run(tmp_path, ["studio_table"], recorded=True)
     monkeypatch.undo()
     again = _run(tmp_path, ["studio_table"], recorded=True)
-    assert [each["configuration"] for each in again.read_manifest()["failed"]] == ["sgbm"]
+    assert [each.configuration for each in again.read_manifest().failed] == ["sgbm"]
     mended = _run(tmp_path, ["studio_table"], recorded=True, retry=True)
-    assert mended.read_manifest()["failed"] == []
+    assert mended.read_manifest().failed == []
     assert [record.configuration for record in read_records(mended)] == ["bm"] * 3 + ["sgbm"] * 3
     assert not (mended.path / "partial").exists()
     rescore(mended)
@@ -113,16 +113,16 @@ def test_after_a_method_failed_a_retry_only_attends(
     calls: list[int] = []
     with monkeypatch.context() as patch:
         patch.setattr(Cones, "attend", fails_once)
-        (failure,) = _run(tmp_path, ["studio_table"], recorded=recorded).read_manifest()["failed"]
+        (failure,) = _run(tmp_path, ["studio_table"], recorded=recorded).read_manifest().failed
     expected_error = "frame 2: attention: ValueError: not today"
-    assert (failure["configuration"], failure["error"]) == ("bm", expected_error)
+    assert (failure.configuration, failure.error) == ("bm", expected_error)
     kept = [*tmp_path.glob("out/answers/sgbm/*"), *tmp_path.glob("out/*__sgbm.rrd")]
     places = [path.stat().st_ino for path in kept]
     assert len(places) == 1 + recorded
     with monkeypatch.context() as patch:
         patch.setattr(Perception, "__init__", _perceives_nothing)
         mended = _run(tmp_path, ["studio_table"], retry=True, recorded=recorded)
-    assert mended.read_manifest()["failed"] == []
+    assert mended.read_manifest().failed == []
     assert [path.stat().st_ino for path in kept] == places
     assert tables_of(mended) == tables_of(expected)
     recordings = sorted(path.name for path in mended.path.glob("*.rrd"))

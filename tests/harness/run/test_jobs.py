@@ -16,6 +16,7 @@ from harness.run.experiment import load_experiment
 from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches, warm_clip
 from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
 from harness.run.plan import prepare
+from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
 
@@ -61,7 +62,7 @@ class DyingWorkers:
 def _run(executor: Any, folder: Path) -> dict[Pair, VfoaError]:
     plan = prepare(load_experiment("demo", clips=(CLIP,)), limit=2)
     directory = RunDirectory(folder / "run")
-    directory.write_manifest({"run_id": new_run_id()})
+    write_manifest(directory, {"run_id": new_run_id()})
     store = Store(folder / "cache", 10**9)
     return run_jobs(plan, directory, cache=store, executor=executor, progress=lambda clip: None).failures
 

@@ -125,5 +125,5 @@ def test_workers_change_nothing_and_carried_masks_are_cached_as_found_ones_are(
         second = run(experiment, tmp_path)
     assert asked == []
     assert unmeasured(second) == unmeasured(alone[0])
-    rows = [each for each in second.read_manifest()["cache"] if each["slot"] == "segmentation"]
+    rows = [each for each in second.read_manifest().cache if each["slot"] == "segmentation"]
     assert [(row["reused"], row["computed"]) for row in rows] == [(FRAMES, 0)]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from harness.run.directory import differences
+from harness.run.manifest import differences
 
 
 def _manifest(

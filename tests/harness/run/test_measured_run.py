@@ -89,7 +89,7 @@ def test_a_recording_has_the_scene_and_the_curves_and_no_image(talk: Path) -> No
 def test_any_experiment_runs_and_uses_no_model(talk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VFOA_MODELS", str(talk / "nothing"))
     directory = _run(talk, "default", clips=("talk",))
-    (settings,) = directory.read_manifest()["configurations"].values()
+    (settings,) = directory.read_manifest().configurations.values()
     assert [settings[stage] for stage in ("stereo", "segmentation", "heads", "head_pose", "gaze")] == [None] * 5
     assert len(list(read_records(directory))) == 12
 
@@ -157,4 +157,4 @@ def test_a_true_gaze_is_seen_only_through_its_stages(talk: Path) -> None:
     assert found["heads"] == [None] * 12
     assert np.allclose(np.array(found["true"]), np.array(truth))
     assert 5 < np.degrees(angle_between(np.array(found["wrong"]), np.array(truth))).mean() < 40
-    assert directory.read_manifest()["configurations"]["wrong"]["gaze"]["error_deg"] == 20
+    assert directory.read_manifest().configurations["wrong"]["gaze"]["error_deg"] == 20

@@ -99,7 +99,7 @@ def test_workers_share_a_clip_and_change_nothing(
     assert all(record.subjects and record.subjects[0].gaze for record in read_records(shared))
     assert _same(shared, alone)
     assert told == ["alley"] * FRAMES
-    stereo = [row for row in shared.read_manifest()["cache"] if row["slot"] == "stereo"]
+    stereo = [row for row in shared.read_manifest().cache if row["slot"] == "stereo"]
     assert [(row["stage"], row["reused"], row["computed"]) for row in stereo] == [
         ("bm", 0, FRAMES),
         ("sgbm", 0, FRAMES),
@@ -181,7 +181,7 @@ def test_what_kills_workers_is_never_done_by_the_run_itself_and_ends_no_other_co
     )
     run = _run(experiment, tmp_path, 2)
     assert 3 not in matched
-    failed = {(each["configuration"], each["error"]) for each in run.read_manifest()["failed"]}
+    failed = {(each.configuration, each.error) for each in run.read_manifest().failed}
     assert failed == {("sgbm", "died")}
     expected = [record for record in read_records(alone) if record.configuration != "sgbm"]
     assert len(expected) == 2 * FRAMES
@@ -212,7 +212,7 @@ def test_one_process_at_a_time_writes_the_recordings_of_a_clip_also_when_nothing
     for name in ("perceived", "cached"):
         plan = prepare(loaded, sinks=(recordings(loaded.configurations),), limit=3)
         directory = run_plan(plan, tmp_path / name, workers=2, progress=len, cache=store)
-        assert not directory.read_manifest()["failed"]
+        assert not directory.read_manifest().failed
         written = {path.name for path in directory.path.glob("*.rrd*")}
         assert {"alley.rrd", "alley__bm.rrd", "alley__sgbm.rrd", "alley__wider.rrd"} <= written
         assert not [each for each in written if "partial" in each]

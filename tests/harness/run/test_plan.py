@@ -42,7 +42,7 @@ def test_a_clips_content_is_digested_once_for_the_plan_and_the_cache(
     asked = []
     content = type(one.clip).digest
     monkeypatch.setattr(type(one.clip), "digest", lambda clip: asked.append(clip) or content(clip))
-    described = describe(plan)["clips"][0]["sha256"]
+    described = describe(plan).clips[0].sha256
     cache = open_cache(Store(tmp_path, 10**9), "studio_table", one.clip, plan.experiment.configurations, one.digest)
     assert asked == [one.clip]
     assert {identity.parts["clip sha256"] for identity in cache.identities.values()} == {described}

@@ -150,7 +150,7 @@ def test_a_configuration_that_is_repeated_leaves_the_masks_of_the_others_in_the_
     with monkeypatch.context() as patched:
         patched.setattr(attend, "to_record", fail_for_the_second)
         partly = _run(experiment, tmp_path / "out")
-    assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
+    assert [failure.configuration for failure in partly.read_manifest().failed] == ["second"]
     _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)
 
 
@@ -168,6 +168,6 @@ def test_a_configuration_that_is_perceived_again_leaves_the_masks_of_the_others_
     with monkeypatch.context() as patched:
         patched.setattr(KeyFrameSegmenter, "segment", fail_at_the_end)
         partly = _run(experiment, tmp_path / "out")
-    assert [failure["configuration"] for failure in partly.read_manifest()["failed"]] == ["second"]
+    assert [failure.configuration for failure in partly.read_manifest().failed] == ["second"]
     assert values_of(partly.path / "studio_table.rrd") != values_of(whole.path / "studio_table.rrd")
     _assert_whole(_run(experiment, tmp_path / "out", retry_failed=True), whole)

@@ -11,6 +11,7 @@ from harness.run.directory import LOCK, RunDirectory, locked, missing_of, remove
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
+from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
 EXPERIMENT = """
@@ -59,10 +60,10 @@ def test_a_folder_that_was_there_stays(map_of_first: Path) -> None:
 
 def test_what_an_earlier_run_has_written_stays(map_of_first: Path) -> None:
     out = RunDirectory(Path("files"))
-    out.write_manifest({"experiment": "other"})
+    write_manifest(out, {"experiment": "other"})
     with pytest.raises(VfoaError, match=r"0001\.npy"):
         _run(out.path)
-    assert out.read_manifest() == {"experiment": "other"}
+    assert out.read_manifest().plain() == {"experiment": "other"}
     assert [path.name for path in Path().glob("files*") if path.is_dir()] == ["files"]
 
 
@@ -74,7 +75,7 @@ def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
     def refused() -> None:
         made = missing_of(directory.path)
         with locked(directory.path, print), removed_if_refused(directory, made):
-            directory.write_manifest({})
+            write_manifest(directory, {})
             write_text(directory.partial(pair, "csv.partial"), line)
             write_text(directory.traceback(pair), "Traceback")
             raise VfoaError("refused")

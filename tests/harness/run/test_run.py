@@ -22,7 +22,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
-from tests.records import tables_of
+from tests.records import tables_of, write_manifest
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
@@ -143,7 +143,7 @@ def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, t
     unfinished = json.loads(finished.manifest.read_text())
     for later in ("commit", "host", "started", "finished", "failed", "labels_sha256"):
         del unfinished[later]
-    directory.write_manifest({**unfinished, "recording": None})
+    write_manifest(directory, {**unfinished, "recording": None})
     for name in ("scenes", "directions", "answers"):
         shutil.copytree(finished.path / name, directory.path / name)
     for pair in [("studio_table", name) for name in CONFIGURATIONS]:
@@ -179,7 +179,7 @@ def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirect
         clip["manifest"] = str(tmp_path / "datasets" / f"{clip['name']}.toml")
         write_text(Path(clip["manifest"]), manifest.path.read_text())
     shutil.copytree(finished.path, copy.path)
-    copy.write_manifest(run)
+    write_manifest(copy, run)
     rescore(copy, "anna")
     assert (copy.path / "frr.csv").read_bytes() == (finished.path / "frr.csv").read_bytes()
     assert "labels of 'anna'" in (copy.path / "frr.md").read_text()

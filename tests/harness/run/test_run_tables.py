@@ -20,7 +20,7 @@ from harness.run.table_records import read_records
 from harness.run.tables import TABLES, read_table
 from tests.drawn_records import records
 from tests.record_tables import write_tables
-from tests.records import frame_record, subject_record, target_record
+from tests.records import frame_record, subject_record, target_record, write_manifest
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
 
@@ -33,7 +33,7 @@ def _run(folder: Path, by_pair: dict[Pair, list[FrameRecord]], **settings: dict[
     directory = RunDirectory(folder)
     clips = [{"name": clip, "frames": []} for clip in dict.fromkeys(clip for clip, _ in by_pair)]
     configurations = {name: settings.get(name, {}) for _, name in by_pair}
-    directory.write_manifest({"clips": clips, "configurations": configurations, "failed": [], "finished": "now"})
+    write_manifest(directory, {"clips": clips, "configurations": configurations, "failed": [], "finished": "now"})
     write_tables(directory, by_pair)
     return directory
 

@@ -113,7 +113,7 @@ def test_another_method_reads_no_frame(alley: Path, tmp_path: Path, store: Store
     assert _files(second) == _files(plain)
     assert {"1.webp", "2.webp", "3.webp", "alley__filtered.jsonl"} <= _files(second).keys()
     assert _stages(second) == _stages(plain)
-    assert [(row["slot"], row["stage"], row["reused"], row["computed"]) for row in second.read_manifest()["cache"]] == [
+    assert [(row["slot"], row["stage"], row["reused"], row["computed"]) for row in second.read_manifest().cache] == [
         ("scene", "tables", FRAMES, 0)
     ]
     rescore(second)

@@ -18,6 +18,7 @@ from harness.run.scenes import SceneWriters, key_of
 from harness.run.table_records import read_records
 from harness.run.tables import find_tables, read_table
 from tests.disk import write_text
+from tests.records import write_manifest
 from vfoa.types import HeadView
 from vfoa.visible import spaced
 
@@ -246,8 +247,9 @@ def test_what_a_killed_run_has_left_is_removed(
     directory = RunDirectory(tmp_path / "out")
     for left in ("partial/studio_talk__0.tables", "scenes/0/studio_talk", "directions/0/studio_talk"):
         write_text(directory.path / left / "frames.parquet", "half")
-    directory.write_manifest(
-        {key: value for key, value in followed[0].read_manifest().items() if key not in ("finished", "failed")}
+    write_manifest(
+        directory,
+        {key: value for key, value in followed[0].read_manifest().items() if key not in ("finished", "failed")},
     )
     _run(tmp_path)
     assert {path.relative_to(tmp_path / "out") for path in directory.path.rglob("*.parquet")} == {

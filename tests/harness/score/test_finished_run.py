@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,12 +11,17 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
+from harness.run.manifest import RunManifest
 from harness.run.notes import NoteKind
 from harness.run.results import AnswerTraits
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
 from tests.records import answers, write_run
 from vfoa.errors import VfoaError
+
+
+def _finished(folder: Path, **manifest: Any) -> FinishedRun:
+    return FinishedRun(directory=RunDirectory(folder), manifest=RunManifest.model_validate(manifest))
 
 
 @pytest.mark.parametrize(
@@ -48,7 +54,7 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
         for name, notes in (("studio_table", ["Rendered."]), ("studio_talk", ["Rendered.", "Two people."]))
     ]
     manifest = {"notes": ["Ours."], "clips": clips, "configurations": {"one": {}}, "finished": "now"}
-    run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
+    run = _finished(tmp_path, **manifest)
     assert [note.text for note in run.reference().notes] == [
         *("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
     ]
@@ -91,7 +97,7 @@ def test_a_run_that_does_not_say_what_the_answers_of_a_method_are_is_refused(tmp
     configurations = {"one": {"attention": {"method": "bayes"}}}
     manifest = {"notes": [], "clips": [clip], "configurations": configurations, "finished": "now"}
     with pytest.raises(VfoaError, match=r"manifest\.json: methods\.one: missing"):
-        FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest).reference()
+        _finished(tmp_path, **manifest).reference()
     methods = {"one": {"probabilistic": True, "says_nowhere": False}}
-    run = FinishedRun(directory=RunDirectory(tmp_path), manifest={**manifest, "methods": methods})
+    run = _finished(tmp_path, **manifest, methods=methods)
     assert run.reference().traits == {"one": AnswerTraits(probabilistic=True)}

@@ -26,7 +26,7 @@ from harness.score.labelled_run import labelled_people, read_labelled
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
-from tests.records import frame_record, subject_record, tables_of, target_record
+from tests.records import frame_record, subject_record, tables_of, target_record, write_manifest
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.bayes import BayesSettings
@@ -210,8 +210,8 @@ def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("talk",), 40)
     directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None)
-    manifest = directory.read_manifest()
-    directory.write_manifest({**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
+    manifest = directory.read_manifest().plain()
+    write_manifest(directory, {**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
     assert [len(person.labelled) for person in read_labelled(directory).people] == [40, 40]
 
 
@@ -253,7 +253,7 @@ def _run(out: Path, workers: int = 1, cache: Store | None = None) -> RunDirector
 
 def _fitted(out: Path) -> LogitSettings:
     """The weights of the first configuration that has left-out ones, after a run."""
-    manifest = _run(out).read_manifest()
+    manifest = _run(out).read_manifest().plain()
     assert manifest["configurations"]["forward"]["attention"]["weights"] == "left-out"
     return LogitSettings.model_validate(manifest["fitted"]["forward"])
 
@@ -273,7 +273,7 @@ def test_workers_and_interrupts_change_nothing_of_left_out_weights(
     whole = _run(tmp_path / "whole")
     shared = _run(tmp_path / "shared", 2, Store(tmp_path / "cache", 10**9))
     assert tables_of(shared) == tables_of(whole)
-    assert shared.read_manifest()["fitted"] == whole.read_manifest()["fitted"]
+    assert shared.read_manifest().fitted == whole.read_manifest().fitted
     for place in ("harness.score.fit_logit.left_out_weights", "harness.run.runner._finish"):
         with monkeypatch.context() as patch:
             patch.setattr(place, _interrupted)
@@ -281,7 +281,7 @@ def test_workers_and_interrupts_change_nothing_of_left_out_weights(
                 _run(tmp_path / "continued")
     continued = _run(tmp_path / "continued")
     assert tables_of(continued) == tables_of(whole)
-    assert continued.read_manifest()["fitted"] == whole.read_manifest()["fitted"]
+    assert continued.read_manifest().fitted == whole.read_manifest().fitted
 
 
 def _interrupted(*_: object) -> None:

@@ -16,7 +16,16 @@ from harness.run.records import FrameRecord, Vector
 from harness.score.finished_run import read_scores
 from harness.score.subset import Condition, measured_distances
 from tests.command import vfoa
-from tests.records import answers, frame_record, labels, subject_record, target_record, write_clip, write_run
+from tests.records import (
+    answers,
+    frame_record,
+    labels,
+    subject_record,
+    target_record,
+    write_clip,
+    write_manifest,
+    write_run,
+)
 from vfoa.errors import VfoaError
 
 TRUTH = ("cup", "book", "cup", "none", "cup", "book")
@@ -106,10 +115,10 @@ def test_distances_are_medians_over_the_configurations_that_measured_them() -> N
 
 def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:
     directory = RunDirectory(run)
-    manifest = directory.read_manifest()
+    manifest = directory.read_manifest().plain()
     for clip in manifest["clips"]:
         del clip["times_ns"]
-    directory.write_manifest(manifest)
+    write_manifest(directory, manifest)
     with pytest.raises(VfoaError, match="--where: time: the run has no times of a; expected them"):
         read_scores(directory, [Condition.parse("time>1")])
 

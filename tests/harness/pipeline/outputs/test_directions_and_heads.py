@@ -72,7 +72,7 @@ def _run(experiment: Path, limit: int) -> RunDirectory:
 
 
 def test_a_run_from_files_is_the_run_that_computed_them(files: Path, tmp_path: Path) -> None:
-    computed, read = (_run(tmp_path / f"{name}.toml", 2).read_manifest()["run_id"] for name in ("studio", "files"))
+    computed, read = (_run(tmp_path / f"{name}.toml", 2).read_manifest().run_id for name in ("studio", "files"))
     assert computed != read
     records = [list(read_records(RunDirectory(tmp_path / f"{name}.run"))) for name in ("files", "studio")]
     assert len(records[0]) == 2
@@ -85,8 +85,8 @@ def test_a_frame_without_a_file_is_told_when_it_is_read(files: Path, tmp_path: P
 
 
 def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(files: Path, tmp_path: Path) -> None:
-    finished = _run(tmp_path / "files.toml", 1).read_manifest()["finished"]
-    assert _run(tmp_path / "files.toml", 1).read_manifest()["finished"] == finished
+    finished = _run(tmp_path / "files.toml", 1).read_manifest().finished
+    assert _run(tmp_path / "files.toml", 1).read_manifest().finished == finished
     table = files / "gaze.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
     with pytest.raises(VfoaError, match=r"holds another run \(different: stage_outputs_sha256 of"):

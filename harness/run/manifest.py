@@ -1,0 +1,193 @@
+"""The manifest of a run, ``manifest.json``: what was run, with which versions, on which data, and what failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, field_validator, model_validator
+
+from harness.files.parsing import differing_keys
+from vfoa.settings import Settings
+
+MOST = 3
+"""Number of differences that are named; the others are counted."""
+
+_FOLLOWS = "times_ns"
+"""Differs wherever a clip's frames do."""
+_DERIVED = "methods"
+"""Follows from the configurations and the code, which are compared."""
+
+
+class PublishedCount(Settings):
+    """``correct`` of ``n`` frames."""
+
+    correct: NonNegativeInt
+    n: PositiveInt
+
+    @model_validator(mode="after")
+    def _share(self) -> Self:
+        if self.correct > self.n:
+            raise ValueError(f"found {self.correct} correct of {self.n}; expected at most {self.n}")
+        return self
+
+
+class Published(Settings):
+    """``[published]`` of an experiment: the source of the figures, and the counts by configuration."""
+
+    source: str
+    counts: dict[str, PublishedCount] = Field(min_length=1)
+
+
+class _Table(BaseModel):
+    """A table whose known keys must have these types; other keys are kept as they are."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    def plain(self) -> dict[str, Any]:
+        """The keys that were given, with values as in JSON."""
+        return self.model_dump(exclude_unset=True)
+
+
+class NamesOfClip(_Table):
+    """The rules of subjects and targets by their names, as in the clip's manifest."""
+
+    subjects: dict[str, Any] = {}
+    targets: dict[str, Any] = {}
+
+
+class ClipOfRun(_Table):
+    """A clip of a run. ``manifest`` is the path of its own; ``names`` and ``times_ns`` are None in older runs."""
+
+    name: str
+    manifest: str = ""
+    licence: str | None = None
+    citation: str | None = None
+    notes: list[str] = []
+    rate_hz: int | float | None = None
+    frames: list[int]
+    times_ns: list[int] | None = None
+    sha256: str | None = None
+    drawn_sha256: str | None = None
+    names: NamesOfClip | None = None
+    stage_outputs_sha256: list[str] = []
+
+    @model_validator(mode="after")
+    def _one_time_a_frame(self) -> Self:
+        if self.times_ns is not None and len(self.times_ns) != len(self.frames):
+            raise ValueError(f"found {len(self.times_ns)} times; expected {len(self.frames)}, one for each frame")
+        if any(later <= earlier for earlier, later in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("found frames out of order, or one twice; expected ascending numbers")
+        return self
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """The names of its subjects; none if an older run did not save them."""
+        return tuple(self.names.subjects) if self.names else ()
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The names of its targets; none if an older run did not save them."""
+        return tuple(self.names.targets) if self.names else ()
+
+
+class MethodOfRun(_Table):
+    """What the answers of a configuration are, as :class:`harness.run.results.AnswerTraits`."""
+
+    probabilistic: bool
+    says_nowhere: bool
+    from_file: bool = False
+
+
+class Failure(_Table):
+    """A (clip, configuration) that failed. ``traceback`` is the file of a stage's fault, below the run's directory."""
+
+    clip: str
+    configuration: str
+    error: str
+    traceback: str | None = None
+
+
+class RunManifest(_Table):
+    """The keys of ``manifest.json``.
+
+    All are optional: a run that has just begun has fewer, and older versions wrote fewer. Only keys that were given are
+    written. ``configurations`` are their settings by table; a stage that is off is None.
+    """
+
+    experiment: str = ""
+    notes: list[str] = []
+    published: Published | None = None
+    annotator: str | None = None
+    recording: str | None = None
+    clips: list[ClipOfRun] = []
+    configurations: dict[str, dict[str, Any]] = {}
+    methods: dict[str, MethodOfRun] = {}
+    left_out_labels_sha256: dict[str, str | None] | None = None
+    factors: dict[str, dict[str, str]] = {}
+    weights_sha256: dict[str, str] = {}
+    versions: dict[str, Any] = {}
+    source_sha256: str | None = None
+    run_id: str | None = Field(default=None, pattern="^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}$")
+    failed: list[Failure] = []
+    cache: list[dict[str, Any]] = []
+    fitted: dict[str, dict[str, Any]] = {}
+    labels_sha256: dict[str, str | None] = {}
+    """The labels that the tables use, by clip."""
+    commit: str | None = None
+    host: dict[str, Any] = {}
+    started: str | None = None
+    finished: str | None = None
+    """None while the run goes on."""
+    run_labels_sha256: dict[str, str | None] | None = None
+    """The labels that the run was made with, if its tables use other labels."""
+
+    @field_validator("configurations")
+    @classmethod
+    def _tables(cls, configurations: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for name, tables in configurations.items():
+            for table, settings in tables.items():
+                if not isinstance(settings, dict | None):
+                    raise ValueError(f"{name}.{table}: found {settings!r}; expected a table")
+            every = (tables.get("segmentation") or {}).get("every", 1)
+            if not isinstance(every, int):
+                raise ValueError(f"{name}.segmentation.every: found {every!r}; expected a whole number")
+        return configurations
+
+    @property
+    def failed_pairs(self) -> set[tuple[str, str]]:
+        """Every (clip, configuration) that failed."""
+        return {(failure.clip, failure.configuration) for failure in self.failed}
+
+
+def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Name the differences of a run's manifest from ``wanted``; "" if none: ``attention.n_rays, versions.numpy``.
+
+    Keys that ``wanted`` does not have do not count.
+    """
+    every = list(dict.fromkeys(_differing(actual, wanted)))
+    more = f" and {len(every) - MOST} more" if len(every) > MOST else ""
+    return f"{', '.join(every[:MOST])}{more}"
+
+
+def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in wanted.items():
+        if key != _DERIVED and actual.get(key) != value:
+            yield from _within(key, _named(actual.get(key)), _named(value)) or [key]
+
+
+def _within(key: str, actual: Any, wanted: Any) -> list[str]:
+    """Differences within one key. Those of clips name the clip; those of configurations, mostly shared, do not."""
+    if key not in ("clips", "configurations"):
+        return list(differing_keys(actual, wanted, key))
+    if not isinstance(actual, dict) or list(actual) != list(wanted):
+        return [key]
+    leaves = [(name, list(differing_keys(actual[name], wanted[name]))) for name in wanted]
+    if key == "configurations":
+        return [leaf for _, keys in leaves for leaf in keys]
+    return [f"{leaf} of {name}" for name, keys in leaves for leaf in keys if leaf != _FOLLOWS or "frames" not in keys]
+
+
+def _named(value: Any) -> Any:
+    """A list of clips by their names; other values unchanged."""
+    return {clip["name"]: clip for clip in value} if isinstance(value, list) and value and "name" in value[0] else value
