@@ -26,7 +26,7 @@ import vfoa
 from harness.files.io import atomic_write
 from harness.report.fit import fitted_text
 from harness.run.directory import RunDirectory
-from harness.run.experiment import FitRecord, FittedWeights, MethodScore
+from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.score.fit_logit import Person, answers, is_on_target, score
 from harness.score.labelled_run import read_features
 from vfoa.logit import Cases, LogitSettings, LogitWeights, Weights

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import tomlkit
 
 from harness.report.formats import Table, number, percent
-from harness.run.experiment import FittedWeights, MethodScore
+from harness.run.fitted import FittedWeights, MethodScore
 from vfoa.logit import shipped_fit
 
 
@@ -50,7 +50,7 @@ def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Tab
 
 
 def fitted_text(fitted: FittedWeights) -> str:
-    """The file, as :func:`harness.run.experiment.read_fitted` reads it."""
+    """The file, as :func:`harness.run.fitted.read_fitted` reads it."""
     plain = fitted.model_dump(mode="json", exclude_none=True)
     weights = {
         smoothing: {case: {key: value for key, value in of_case.items() if value} for case, of_case in cases.items()}

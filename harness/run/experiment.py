@@ -24,8 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -46,92 +45,17 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.grid import base_of, repeated, variants
+from harness.run.fitted import read_fitted
+from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
 from harness.run.notes import Note, fitted_on_reported
-from vfoa import __version__
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
-from vfoa.logit import LogitSettings
 from vfoa.methods import DEFAULT_METHOD
 from vfoa.registry import AUTO
 from vfoa.removed import removed
 from vfoa.settings import Settings
 from vfoa.validation import parse
-
-
-class MethodScore(Settings):
-    """The scores of one method. Without probabilities it has no log loss and no calibration error."""
-
-    method: str
-    n: int
-    log_loss: float | None = None
-    calibration_error: float | None = None
-    balanced_frr: float | None = None
-    frr: float
-    recall_on_targets: float | None = None
-
-
-class FitRecord(Settings):
-    """What weights were fitted to, and their scores on what was left out."""
-
-    experiment: str
-    configuration: str
-    clips: tuple[str, ...]
-    people: int
-    labelled_s: float
-    seeds: int = 1
-    version: str
-    held_out: tuple[MethodScore, ...] = ()
-    curve: tuple[MethodScore, ...] = ()
-
-    def score_of(self, method: str) -> MethodScore | None:
-        """Return the scores of a method, if it was scored."""
-        return next((method_score for method_score in self.held_out if method_score.method == method), None)
-
-
-class FittedWeights(Settings):
-    """A whole file."""
-
-    fit: FitRecord
-    attention: LogitSettings
-
-
-def read_fitted(path: Path) -> FittedWeights:
-    """Read a file of ``vfoa fit``.
-
-    Raises
-    ------
-    VfoaError
-        If it is missing, a key or value is wrong, or a later version of this program wrote it.
-    """
-    table = read_toml(path)
-    _check_version(table, path)  # first: a later version may have other keys
-    return parse(FittedWeights, table, str(path))
-
-
-def _check_version(table: Mapping[str, Any], path: Path) -> None:
-    record = table.get("fit")
-    version = record.get("version") if isinstance(record, dict) else None
-    if isinstance(version, str) and not () < _release(version) <= _release(__version__):
-        raise VfoaError(
-            f"{path}: fit.version: found {version!r}; expected that of this program, {__version__}, or an earlier one: "
-            "update vfoa, or fit the weights again"
-        )
-
-
-def _release(version: str) -> tuple[int, ...]:
-    """The numbers that a version begins with; none if it is no version."""
-    numbers = re.match(r"\d{1,9}(\.\d{1,9})*", version, re.ASCII)
-    return tuple(map(int, numbers[0].split("."))) if numbers else ()
-
-
-def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
-    """Return the tables of a preset that apply to a configuration of this method; None: it sets no method."""
-    if "attention" not in tables or method in (None, tables["attention"].get("method")):
-        return tables
-    return {name: table for name, table in tables.items() if name != "attention"}
-
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
@@ -148,7 +72,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any]]:
+def preset_tables(name: str | None, where: str) -> Tables:
     """Return the settings of a preset by table; none without a name. A ``.toml`` file is one that ``vfoa fit`` wrote.
 
     Raises
@@ -166,6 +90,8 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     return PRESETS[name]
 
 
+_Change = tuple[str, Any]
+"""A setting's dotted key and its value."""
 RecordingKind = Literal["light", "jpeg", "none"]
 
 
@@ -275,69 +201,77 @@ def _with_fitted_files(file: _File, folder: Path) -> _File:
     return file.model_copy(update={"preset": located(file.preset), "configuration": tuple(configurations)})
 
 
-def _configurations(
-    file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
-) -> tuple[tuple[Configuration, ...], list[str]]:
-    """Return every configuration of the file with its defaults and the changes, and notes on changes that some lack."""
-    made = []
-    used: set[tuple[str, str]] = set()
-    of_variants = list(variants(file.grid, file.configuration, where))
-    presets = {variant.name: variant.preset or file.preset for variant in of_variants}
-    bundles = {name: _bundle(preset, own, where) for name, own in presets.items()}
-    tables_of = {
-        variant.name: _with_quick_auto(
-            merged(
-                merged(file.defaults, bundles[variant.name]),
-                dotted_tables([*variant.differences, *changes], TABLES, where),
-            ),
-            _preset_name(preset, presets[variant.name]),
-        )
-        for variant in of_variants
-    }
-    lacking = {key: [name for name, tables in tables_of.items() if not takes(tables, key)] for key, _ in changes}
-    lacking = {key: names if len(names) < len(of_variants) else [] for key, names in lacking.items()}  # all: an error
-    for variant in of_variants:
-        of_file = dotted_tables(variant.differences, TABLES, where)
-        taken = [(key, value) for key, value in changes if variant.name not in lacking[key]]
-        own = dotted_tables([*variant.differences, *taken], TABLES, where)
-        for chosen in (of_file, own):  # a stage that a change exchanges has still used its defaults
-            used |= {(table, key) for table, settings in inherited(file.defaults, chosen).items() for key in settings}
-        bundle = bundles[variant.name]
-        default, of_own = (tables.get("attention", {}) for tables in (file.defaults, own))
-        attention = {**default, **of_own}
-        # a default that only names a method yields to fitted weights
-        is_chosen = "method" in of_own if default.keys() == {"method"} else bool(attention)
-        bundle = logit_only(bundle, attention.get("method", DEFAULT_METHOD) if is_chosen else None)
-        tables = merged(inherited(merged(file.defaults, bundle), own), own)
-        tables = _with_quick_auto(tables, _preset_name(preset, presets[variant.name]))
-        of_variant = f"{where}: configuration {variant.name!r}"
-        made.append(make_configuration(variant.name, tables, variant.factors, of_variant))
-    check_all_used(file.defaults, used, where)
-    notes = [
-        f"{key} is not set in {', '.join(names)}: no such setting there." for key, names in lacking.items() if names
-    ]
-    return tuple(made), notes
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Layers:
+    """The settings of one configuration, from the weakest: ``defaults``, ``bundle``, the variant's own, changes.
 
-
-def _with_quick_auto(tables: Tables, preset: str | None) -> Tables:
-    """Return the tables in which the gaze model ``"auto"`` is the quick one, under the real-time preset.
-
-    For one face on one core, MobileGaze takes 65 ms and ADAS-0002 8.
+    ``preset`` is the name of the preset that counts. ``bundle`` are its settings, with those of a given file of fitted
+    weights over them; changes are those of the command line.
     """
-    is_slow = preset == "realtime" and tables.get("gaze", {}).get("model") == AUTO
-    return merged(tables, {"gaze": {"model": "adas_0002"}}) if is_slow else tables
+
+    variant: Variant
+    defaults: Tables
+    preset: str | None
+    bundle: Tables
+    where: str
+
+    @classmethod
+    def of(cls, variant: Variant, file: _File, given: str | None, where: str) -> _Layers:
+        """The layers of a variant; ``given`` is a preset instead of the file's, or a file of weights beside it."""
+        fitted = given if given is not None and given.endswith(".toml") else None
+        preset = (None if fitted else given) or variant.preset or file.preset
+        bundle = merged(preset_tables(preset, where), preset_tables(fitted, where))
+        return cls(variant=variant, defaults=file.defaults, preset=preset, bundle=bundle, where=where)
+
+    def tables(self, changes: Sequence[_Change] = ()) -> Tables:
+        """All layers together, with these changes."""
+        own = self._own(changes)
+        tables = merged(inherited(merged(self.defaults, self._bundle_under(own)), own), own)
+        # for one face on one core, MobileGaze takes 65 ms and ADAS-0002 8
+        is_slow = self.preset == "realtime" and tables.get("gaze", {}).get("model") == AUTO
+        return merged(tables, {"gaze": {"model": "adas_0002"}}) if is_slow else tables
+
+    def used_defaults(self, changes: Sequence[_Change] = ()) -> Iterator[tuple[str, str]]:
+        """Yield the table and key of each default that the configuration has."""
+        for table, settings in inherited(self.defaults, self._own(changes)).items():
+            yield from ((table, key) for key in settings)
+
+    def configuration(self, changes: Sequence[_Change]) -> Configuration:
+        """The configuration with these changes."""
+        where = f"{self.where}: configuration {self.variant.name!r}"
+        return make_configuration(self.variant.name, self.tables(changes), self.variant.factors, where)
+
+    def _own(self, changes: Sequence[_Change]) -> Tables:
+        return dotted_tables([*self.variant.differences, *changes], TABLES, self.where)
+
+    def _bundle_under(self, own: Tables) -> Tables:
+        """The bundle; without its settings of attention if another method is chosen than the bundle's."""
+        default, of_own = (tables.get("attention", {}) for tables in (self.defaults, own))
+        # a default that only names a method yields to fitted weights
+        is_chosen = "method" in of_own if default.keys() == {"method"} else bool({**default, **of_own})
+        method = {**default, **of_own}.get("method", DEFAULT_METHOD)
+        if not is_chosen or method == self.bundle.get("attention", {}).get("method", method):
+            return self.bundle
+        return {table: settings for table, settings in self.bundle.items() if table != "attention"}
 
 
-def _preset_name(given: str | None, own: str | None) -> str | None:
-    """Return the preset that counts: the given one, unless it is a file of fitted settings, else the experiment's."""
-    return own if given is not None and given.endswith(".toml") else given or own
-
-
-def _bundle(given: str | None, own: str | None, where: str) -> Tables:
-    """Return the settings of presets: a given preset replaces the experiment's own; fitted settings override it."""
-    tables = preset_tables(_preset_name(given, own), where)
-    is_fitted = given is not None and given.endswith(".toml")
-    return merged(tables, preset_tables(given, where)) if is_fitted else tables
+def _configurations(
+    file: _File, changes: Sequence[_Change], preset: str | None, where: str
+) -> tuple[tuple[Configuration, ...], list[str]]:
+    """Return every configuration of the file with the changes that it has, and notes on changes that some lack."""
+    layers = [_Layers.of(variant, file, preset, where) for variant in variants(file.grid, file.configuration, where)]
+    changed = {each.variant.name: each.tables(changes) for each in layers}
+    lacking = {key: [name for name, tables in changed.items() if not takes(tables, key)] for key, _ in changes}
+    partly = {key: names for key, names in lacking.items() if 0 < len(names) < len(layers)}  # all: an error
+    made, used = [], set[tuple[str, str]]()
+    for each in layers:
+        taken = [(key, value) for key, value in changes if each.variant.name not in partly.get(key, ())]
+        used.update(each.used_defaults(), each.used_defaults(taken))  # a stage that a change exchanges has used its own
+        made.append(each.configuration(taken))
+    check_all_used(file.defaults, used, where)
+    return tuple(made), [
+        f"{key} is not set in {', '.join(names)}: no such setting there." for key, names in partly.items()
+    ]
 
 
 def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[Note]:

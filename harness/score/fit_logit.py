@@ -19,7 +19,8 @@ from harness.labels.labels import Labels
 from harness.pipeline.configuration import Configuration
 from harness.run.attend import attend_scenes
 from harness.run.directory import Pair
-from harness.run.experiment import Experiment, FitRecord, FittedWeights, MethodScore
+from harness.run.experiment import Experiment
+from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad

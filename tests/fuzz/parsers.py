@@ -19,7 +19,8 @@ from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.pipeline.outputs.answer_tables import read_answers
 from harness.pipeline.outputs.heads import read_heads, read_table
-from harness.run.experiment import load_experiment, read_fitted
+from harness.run.experiment import load_experiment
+from harness.run.fitted import read_fitted
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from harness.report.figures.style import INK, LINE, PANEL, SOFT, canvas, colour, is_wide, shape
 from harness.report.page.data import ERROR_COLOURS, LETTERS
-from harness.run.experiment import FitRecord
+from harness.run.fitted import FitRecord
 from harness.score.calibration import Reliability
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from harness.score.score import ScoreRow

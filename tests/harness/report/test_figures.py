@@ -12,7 +12,7 @@ from harness.report.figures import charts
 from harness.report.figures.files import NAMES, WIDTHS_INCH, Figures, figures_of, write_figures
 from harness.report.figures.style import canvas, saved, styled
 from harness.run.directory import RunDirectory
-from harness.run.experiment import FitRecord, MethodScore
+from harness.run.fitted import FitRecord, MethodScore
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from harness.score.verdicts import judge
 from tests.command import vfoa

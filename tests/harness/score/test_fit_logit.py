@@ -18,7 +18,8 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
-from harness.run.experiment import load_experiment, read_fitted
+from harness.run.experiment import load_experiment
+from harness.run.fitted import read_fitted
 from harness.run.notes import Note, NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.score.fit_logit import folds_of
@@ -84,6 +85,14 @@ def test_the_file_is_a_preset_of_logits_alone(fitted: Path) -> None:
     assert isinstance(forward.attend.attention, LogitSettings)
     assert forward.attend.attention.weights == read_fitted(fitted).attention.weights != shipped_weights()
     assert cones.attend.attention.method == "cones"
+
+
+def test_a_change_of_fitted_weights_leaves_other_methods_alone_and_a_note_names_them(fitted: Path) -> None:
+    experiment = load_experiment("talk.toml", preset=str(fitted), overrides=("attention.smoothing=both",))
+    _, forward = experiment.configurations
+    assert isinstance(forward.attend.attention, LogitSettings)
+    assert forward.attend.attention.smoothing == "both"
+    assert "attention.smoothing is not set in cones: no such setting there." in map(str, experiment.notes)
 
 
 def test_fitted_weights_come_before_the_method_of_the_default_run(fitted: Path) -> None:
