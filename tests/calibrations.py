@@ -11,7 +11,7 @@ import yaml
 from numpy.typing import NDArray
 
 from harness.sources.calibrate.solve import StereoCalibration
-from harness.sources.calibrate.views import View
+from harness.sources.calibrate.views import BoardView
 from tests.disk import write_text
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ def write_zed(path: Path, rig: Rig) -> Path:
     return write_text(path, "\n".join(lines) + "\n")
 
 
-def rectified_rows_px(calibration: StereoCalibration, view: View) -> Array:
+def rectified_rows_px(calibration: StereoCalibration, view: BoardView) -> Array:
     """Row differences (N,), pixels, of a view's corners after rectification: right minus left."""
     pair = calibration.rectification
     left, right = (

@@ -17,10 +17,10 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from harness.annotate.actions import Action
+from harness.annotate.clip_pictures import PictureKind, RegionPx
 from harness.annotate.journal import OutsideClipError, StaleRevisionError
 from harness.annotate.last_address import Address, read_address, write_address
 from harness.annotate.session import Session
-from harness.annotate.views import RegionPx, View
 from harness.clips.naming import NameRule
 from harness.files.parsing import parse_json
 from harness.server.local_server import LocalServer
@@ -40,7 +40,7 @@ class Changes(Settings):
     changes: list[Action] = Field(max_length=1000)
 
 
-class Shown(Settings):
+class PictureQuery(Settings):
     """Query of a picture: the subject of a head, or a part of a view (``u0,v0,u1,v1``), and the greatest width."""
 
     subject: str | None = None
@@ -107,9 +107,9 @@ def create_app(session: Session) -> Starlette:
 
     def picture(request: Request) -> Response:
         view = request.path_params["view"]
-        if view not in get_args(View):
+        if view not in get_args(PictureKind):
             raise HTTPException(404)
-        shown = parse(Shown, {**request.query_params}, "picture")
+        shown = parse(PictureQuery, {**request.query_params}, "picture")
         at = request.path_params["at"]
         coded = session.picture(view, at, shown.subject, region=shown.region, width=shown.width)
         if coded is None:

@@ -69,7 +69,7 @@ class Posted(Correction):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class LabelledLook:
     """The frames ``first`` to ``last`` around one with its label, ``target``; None if the frame has no label."""
 
     target: str | None
@@ -77,7 +77,7 @@ class Look:
     last: int
 
 
-def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | None) -> Look:
+def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | None) -> LabelledLook:
     """The look of a subject around a frame of the run, which is the first one by default.
 
     Raises
@@ -92,7 +92,7 @@ def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | N
     place = 0 if frame is None else frames.index(frame)
     labels = run.reference().labels.get(clip)
     if labels is None or (label := labels.at(frames[place], subject)) is None:
-        return Look(target=None, first=frames[place], last=frames[place])
+        return LabelledLook(target=None, first=frames[place], last=frames[place])
 
     def ends(others: Iterable[int]) -> int:
         last = frames[place]
@@ -102,7 +102,7 @@ def look_around(directory: RunDirectory, clip: str, subject: str, frame: int | N
             last = other
         return last
 
-    return Look(target=label.target, first=ends(reversed(frames[:place])), last=ends(frames[place + 1 :]))
+    return LabelledLook(target=label.target, first=ends(reversed(frames[:place])), last=ends(frames[place + 1 :]))
 
 
 def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
     return [Route(PATH, answer, methods=["GET", "POST"]), Route(JSON_PATH, answer)]
 
 
-def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: Look) -> str:
+def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: LabelledLook) -> str:
     options = "".join(f"<option>{escape(name)}</option>" for name in targets)
     clip, subject, back = escape(query.clip), escape(subject), escape(query.back)
     now = "not labelled" if look.target is None else f"labelled {look.target} from frame {look.first} to {look.last}"

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.annotate.journal import Entry, JournaledStore, StepBack, TimedStep
-from harness.labels.drawn import (
+from harness.labels.drawn_shapes import (
     Drawn,
+    KeyedShape,
     KeyFrame,
     Kind,
     Place,
-    Track,
     check_kind,
     check_place,
     drawn_of,
@@ -165,7 +165,7 @@ def _changed(before: Keys, frame: int, draw: Draw) -> Keys:
         case "outside":
             if not before:
                 raise VfoaError(f"{draw.name!r} is not drawn; expected a {draw.kind} before it can leave the image")
-            track = Track(name=draw.name, kind=draw.kind, keys=before)
+            track = KeyedShape(name=draw.name, kind=draw.kind, keys=before)
             key = KeyFrame(frame=frame, place=track.place_at(frame), outside=track.at(frame) is not None)
         case "delete":
             return tuple(other for other in before if other.frame != frame)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, get_args
 
 from harness.annotate.actions import Action, edited
+from harness.annotate.clip_pictures import ClipPictures, PictureKind, RegionPx
 from harness.annotate.history import History
 from harness.annotate.journal import StaleRevisionError, StepBack
-from harness.annotate.suggestions import Block, Predictions, advice
-from harness.annotate.views import RegionPx, View, Views
+from harness.annotate.suggestions import Predictions, Stretch, advice
 from harness.clips.manifest import ClipManifest, known_categories, load_manifest
-from harness.clips.naming import COLOURS, KEYS, NameRule, looks
+from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.labels.labels import timeline_of
@@ -76,7 +76,7 @@ class Session:
         except BaseException:
             self.close()
             raise
-        self._views = Views(self._clip, self.manifest, self._predictions)
+        self._views = ClipPictures(self._clip, self.manifest, self._predictions)
 
     @property
     def manifest(self) -> ClipManifest:
@@ -122,7 +122,7 @@ class Session:
             "times_s": self._times_s,
             "subjects": self._store.subjects,
             "names": self._store.names(),
-            "looks": {name: asdict(look) for name, look in looks({**rules, **left}).items()},
+            "looks": {name: asdict(look) for name, look in keys_and_colours({**rules, **left}).items()},
             "keys": KEYS,
             "colours": COLOURS,
             "categories": self._categories,
@@ -237,7 +237,7 @@ class Session:
 
     def picture(
         self,
-        view: View,
+        view: PictureKind,
         at: int,
         subject: str | None = None,
         *,
@@ -269,7 +269,7 @@ class Session:
         records = self._predictions.records.values() if self._predictions else ()
         return sorted(known_categories(self._clip) | {target.label for record in records for target in record.targets})
 
-    def _label_first(self) -> list[Block]:
+    def _label_first(self) -> list[Stretch]:
         if self._predictions is None or self._blind:
             return []
         return self._predictions.label_first(self._store.subjects, self._frames, self._times_s)

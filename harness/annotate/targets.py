@@ -21,7 +21,7 @@ from harness.annotate.clip_stores import open_drawing, open_stores
 from harness.annotate.journal import Entry
 from harness.annotate.label_store import Change, LabelStore
 from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
-from harness.clips.naming import NameRule, looks
+from harness.clips.naming import NameRule, keys_and_colours
 from harness.files.folders import came_with_program
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json, parse_toml
@@ -184,7 +184,7 @@ def with_target(path: Path, name: str, rule: NameRule) -> str:
     targets: Any = document["targets"]
     targets[name] = _table(rule)
     _parse(path, document)  # before its look is found among the others'
-    look = looks({**manifest.targets, **manifest.subjects, name: rule})[name]
+    look = keys_and_colours({**manifest.targets, **manifest.subjects, name: rule})[name]
     for key, value in (("key", look.key), ("colour", look.colour)):
         if value is not None:
             targets[name].setdefault(key, value)
@@ -242,7 +242,7 @@ def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
         document = tomlkit.parse(text)
     except TOMLKitError as error:
         raise VfoaError(f"{path}: not TOML: {error}") from None
-    for name, look in looks({**manifest.targets, **manifest.subjects}).items():
+    for name, look in keys_and_colours({**manifest.targets, **manifest.subjects}).items():
         tables: Any = document["targets" if name in manifest.targets else "subjects"]
         if look.key is not None and "key" not in tables[name]:
             tables[name]["key"] = look.key

@@ -47,7 +47,7 @@ def calibrate(
     )
     from harness.sources.calibrate.views import charuco_board, chessboard, find_views
     from harness.sources.rectification import Rectifier
-    from harness.sources.stereo_views import ViewFiles
+    from harness.sources.stereo_pairs import PairFiles
     from vfoa.errors import VfoaError
     from vfoa.validation import parse
 
@@ -64,7 +64,7 @@ def calibrate(
     if left is right is both is None:
         left, right = _sides(folder)
     files = {"layout": layout, "left": left, "right": right, "both": both}
-    views = parse(ViewFiles, files, "calibrate").views(folder)
+    views = parse(PairFiles, files, "calibrate").views(folder)
     for note in views.notes:
         say(note)
     seen, unseen, size_px = find_views(views.frames[::every], views.read, board)

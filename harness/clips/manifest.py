@@ -30,7 +30,7 @@ from harness.files.folders import came_with_program, folders, names
 from harness.files.io import is_file, read_text
 from harness.files.parsing import parse_toml, read_toml
 from harness.files.safe_names import check_name
-from harness.labels.drawn import Drawn, read_drawn
+from harness.labels.drawn_shapes import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.remote import VARIABLE, expand

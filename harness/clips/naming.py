@@ -70,7 +70,7 @@ class SubjectNames:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Names:
+class FrameNames:
     """The names in one frame: of the named tracks by track id, and of every target by instance id."""
 
     subjects: Mapping[int, str]
@@ -93,7 +93,7 @@ class Namer:
     def __init__(self, subjects: Rules, targets: Rules) -> None:
         self._subjects, self._targets, self._memory = subjects, targets, SubjectNames()
 
-    def step(self, scene: Scene, tracked: Tracked) -> Names:
+    def step(self, scene: Scene, tracked: Tracked) -> FrameNames:
         """Name the next frame."""
         names, self._memory = name_frame(scene, tracked, self._subjects, self._targets, self._memory)
         return names
@@ -101,14 +101,14 @@ class Namer:
 
 def name_frame(
     scene: Scene, tracked: Tracked, subjects: Rules, targets: Rules, memory: SubjectNames
-) -> tuple[Names, SubjectNames]:
+) -> tuple[FrameNames, SubjectNames]:
     """Name the people and the targets of one frame."""
     memory = name_subjects(scene, tracked, subjects, memory)
     present = {track: person.instance_id for track, person in tracked.people(scene.people)}
     named = {track: memory.by_track[track] for track in present if track in memory.by_track}
     of_people = {present[track]: name for track, name in named.items()}
     seen = [(target.instance, target.box_px) for target in scene.targets]
-    return Names(subjects=named, targets=name_instances(seen, of_people, subjects, targets, memory)), memory
+    return FrameNames(subjects=named, targets=name_instances(seen, of_people, subjects, targets, memory)), memory
 
 
 def name_subjects(scene: Scene, tracked: Tracked, rules: Rules, memory: SubjectNames) -> SubjectNames:
@@ -281,14 +281,14 @@ COLOURS = tuple(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class KeyAndColour:
     """A key of :data:`KEYS`, None if all are taken, and a colour of :data:`COLOURS`."""
 
     key: str | None
     colour: str
 
 
-def looks(rules: Mapping[str, NameRule]) -> dict[str, Look]:
+def keys_and_colours(rules: Mapping[str, NameRule]) -> dict[str, KeyAndColour]:
     """Return the key and colour of every name.
 
     Names without a key or colour in the manifest get those of their place, or the next free ones.
@@ -301,7 +301,7 @@ def looks(rules: Mapping[str, NameRule]) -> dict[str, Look]:
     keys = _fill([rule.key for rule in rules.values()], KEYS)
     colours = _fill([rule.colour for rule in rules.values()], COLOURS)
     return {
-        name: Look(key=keys[place], colour=colours[place] or COLOURS[place % len(COLOURS)])
+        name: KeyAndColour(key=keys[place], colour=colours[place] or COLOURS[place % len(COLOURS)])
         for place, name in enumerate(rules)
     }
 

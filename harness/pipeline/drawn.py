@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.clips.manifest import ClipManifest
-from harness.labels.drawn import Drawn, Kind, format_drawn
+from harness.labels.drawn_shapes import Drawn, Kind, format_drawn
 from harness.pipeline.configuration import DRAWN, Configuration
 from harness.sources import Clip
 from vfoa.coco import THINGS

@@ -20,7 +20,7 @@ from threading import Lock
 from typing import Any, NamedTuple, TypeVar, cast
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import Namer, Names
+from harness.clips.naming import FrameNames, Namer
 from harness.files.unchanged import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
@@ -47,7 +47,7 @@ class Followed(NamedTuple):
     percepts: Percepts | None
     scene: Scene
     tracked: Tracked
-    names: Names
+    names: FrameNames
     timings: Timings
 
 
@@ -204,7 +204,7 @@ class Perception:
     ) -> SharedFrame:
         """Place the objects and people in space and name them, for every configuration that has not failed."""
         results: dict[str, Followed | VfoaError] = {}
-        named: dict[Namer, tuple[Names, float]] = {}
+        named: dict[Namer, tuple[FrameNames, float]] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
         for configuration in self._configurations:
@@ -312,7 +312,7 @@ def _follow(percepts: Percepts, tracker: Tracker) -> tuple[Tracked, float]:
     return tracked, seconds["tracking"]
 
 
-def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[Names, float]:
+def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[FrameNames, float]:
     """The names in the scene, and the seconds that it took."""
     seconds: Timings = {}
     with timed(seconds, "tracking"):

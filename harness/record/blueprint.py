@@ -26,7 +26,7 @@ EVERYONE = "Everyone"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class ClipContent:
     """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
 
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
@@ -42,7 +42,7 @@ class Shown:
 
 
 def clip_layout(
-    layers: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
+    layers: Sequence[LayerNames], shown: ClipContent, subjects: Sequence[str], first: str | None
 ) -> rrb.Blueprint:
     """One configuration of a clip, or several as tabs; the tab of the subject ``first`` is in front (None: any)."""
     parts = [_by_subject(subjects, first, partial(_wide, layer, shown)) for layer in layers]
@@ -52,7 +52,7 @@ def clip_layout(
     return _blueprint(rrb.Tabs(*named, active_tab=0), shown)
 
 
-def file_layout(layers: LayerNames, shown: Shown) -> rrb.Blueprint:
+def file_layout(layers: LayerNames, shown: ClipContent) -> rrb.Blueprint:
     """One configuration in few views, without tabs by person: in each file for those who open it without vfoa.
 
     The layout of three people's tabs would take 300 kB, this one takes 60.
@@ -61,7 +61,7 @@ def file_layout(layers: LayerNames, shown: Shown) -> rrb.Blueprint:
 
 
 def comparison_layout(
-    pair: Sequence[LayerNames], shown: Shown, subjects: Sequence[str], first: str | None
+    pair: Sequence[LayerNames], shown: ClipContent, subjects: Sequence[str], first: str | None
 ) -> rrb.Blueprint:
     """Two configurations of a clip side by side, in columns of the same layout, so that rows can be compared."""
     columns = _by_subject(
@@ -70,7 +70,7 @@ def comparison_layout(
     return _blueprint(columns, shown)
 
 
-def _blueprint(content: rrb.Container, shown: Shown) -> rrb.Blueprint:
+def _blueprint(content: rrb.Container, shown: ClipContent) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
         rrb.TimePanel(timeline="frame", play_state="paused", fps=shown.rate_hz, state="collapsed"),
@@ -94,7 +94,7 @@ def _by_subject(names: Sequence[str], first: str | None, build: Callable[[str | 
     return rrb.Tabs(*tabs, rrb.Vertical(build(None), name=EVERYONE), active_tab=active)
 
 
-def _wide(layers: LayerNames, shown: Shown, subject: str | None, *, most: int | None = None) -> rrb.Horizontal:
+def _wide(layers: LayerNames, shown: ClipContent, subject: str | None, *, most: int | None = None) -> rrb.Horizontal:
     """The 3D scene on the left, images and plots on the right; at most so many images and documents."""
     images = _images(layers, shown, subject)[:most]
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
@@ -107,7 +107,7 @@ def _wide(layers: LayerNames, shown: Shown, subject: str | None, *, most: int | 
     return rrb.Horizontal(scene if images else _world(layers, shown, subject), meaning, column_shares=[3, 2])
 
 
-def _column(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Vertical:
+def _column(layers: LayerNames, shown: ClipContent, subject: str | None) -> rrb.Vertical:
     """One configuration from top to bottom."""
     images = _images(layers, shown, subject)[:1]
     below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, subject, "total"), active_tab=0)
@@ -120,7 +120,7 @@ def _column(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Vertic
     return rrb.Vertical(*parts, row_shares=[5, 5, 3.4, 3.8][-len(parts) :], name=layers.configuration)
 
 
-def _images(layers: LayerNames, shown: Shown, subject: str | None) -> list[rrb.Spatial2DView]:
+def _images(layers: LayerNames, shown: ClipContent, subject: str | None) -> list[rrb.Spatial2DView]:
     if not shown.has_images:
         return []
     views = [_left_image(layers, subject)]
@@ -154,7 +154,7 @@ def _camera_view(contents: Sequence[str], name: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin=entities.CAMERA, contents=[entities.CAMERA, *contents], name=name)
 
 
-def _world(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Spatial3DView:
+def _world(layers: LayerNames, shown: ClipContent, subject: str | None) -> rrb.Spatial3DView:
     contents = [
         entities.WORLD,
         entities.CAMERA,

@@ -14,7 +14,7 @@ from vfoa.errors import VfoaError, did_you_mean
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-    from harness.record.blueprint import Shown
+    from harness.record.blueprint import ClipContent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +129,7 @@ class RecordedClip:
             make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
         )
 
-    def _shown(self) -> Shown:
+    def _shown(self) -> ClipContent:
         return _content([self])
 
 
@@ -148,16 +148,16 @@ def common_layout(clips: Sequence[RecordedClip]) -> rrb.Blueprint:
     return clip_layout(layers, _content(clips), people.pop() if len(people) == 1 else (), None)
 
 
-def _content(clips: Sequence[RecordedClip]) -> Shown:
+def _content(clips: Sequence[RecordedClip]) -> ClipContent:
     """What the files of clips hold together; the rate is the first one's."""
     from harness.record import entities
-    from harness.record.blueprint import Shown, eye_for
+    from harness.record.blueprint import ClipContent, eye_for
     from harness.record.reading import entity_paths, first_points
 
     paths = {path for clip in clips if clip.files.images.is_file() for path in entity_paths(clip.files.images)}
     files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
     frames = [frame for clip in clips for frame in clip.frames]
-    return Shown(
+    return ClipContent(
         has_images=entities.IMAGE in paths,
         has_right=entities.RIGHT in paths,
         has_measured_depth=entities.MEASURED_DEPTH in paths,

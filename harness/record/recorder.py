@@ -11,7 +11,7 @@ from harness.files.folders import read_value, write_value
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.record import entities
 from harness.record.appearance import Colours
-from harness.record.blueprint import Shown, eye_controls, file_layout, guide
+from harness.record.blueprint import ClipContent, eye_controls, file_layout, guide
 from harness.record.entities import load_entities
 from harness.record.frame_content import log_attention, log_disparity, log_targets
 from harness.record.images import ImageLog, log_masks
@@ -164,7 +164,7 @@ class Recorder:
         if self._layer.is_open:
             return
         camera = first.camera
-        shown = Shown(
+        shown = ClipContent(
             has_images=camera is not None,
             has_right=camera is not None and camera.has_right,
             has_measured_depth=camera is not None and camera.has_depth,

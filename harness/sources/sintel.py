@@ -18,7 +18,7 @@ from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_disparity, relabel, small_ids
-from harness.sources.stereo_views import check_sizes
+from harness.sources.stereo_pairs import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Instance, Instances, StereoFrame

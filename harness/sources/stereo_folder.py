@@ -14,12 +14,12 @@ from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note
-from harness.sources.stereo_views import ViewFiles
+from harness.sources.stereo_pairs import PairFiles
 from vfoa.errors import VfoaError, located
 from vfoa.types import Image, StereoFrame
 
 
-class StereoFolderSettings(ViewFiles, Options):
+class StereoFolderSettings(PairFiles, Options):
     """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
     ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Without

@@ -19,7 +19,7 @@ from harness.sources.calibration_files.read import Options, find_calibrations
 from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names, walk_files
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
-from harness.sources.stereo_views import PACKINGS, StampUnit, ViewFiles, Views, find_sides
+from harness.sources.stereo_pairs import PACKINGS, PairFiles, StampUnit, StereoPairs, find_sides
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 from vfoa.validation import parse
@@ -48,7 +48,7 @@ class FoundLayout:
 
     root: Path
     source: dict[str, str]
-    views: Views
+    views: StereoPairs
     size_px: tuple[int, int]
 
     def __str__(self) -> str:
@@ -84,7 +84,7 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
     pairs = list(_image_pairs(path, images))
     try:
         for left, right in pair_names(lone_videos, numbered=False):
-            pairs.append(_open(path, ViewFiles(layout="videos", left=left, right=right)))
+            pairs.append(_open(path, PairFiles(layout="videos", left=left, right=right)))
     except VfoaError:
         if not pairs:
             raise
@@ -126,7 +126,7 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
         return
     times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
     has_times = stamps is None and (root / left).is_dir() and (root / times).is_file()
-    files = ViewFiles(left=left, right=right, stamps=stamps, times=times.as_posix() if has_times else None)
+    files = PairFiles(left=left, right=right, stamps=stamps, times=times.as_posix() if has_times else None)
     try:
         yield _open(root, files)
     except VfoaError as error:
@@ -136,8 +136,8 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
         raise VfoaError(f"{root}: {error} ({options})") from None
 
 
-def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
-    """Return the layout of files that the user names; raises the errors of their :meth:`ViewFiles.views`."""
+def read_layout(root: Path, files: PairFiles) -> FoundLayout:
+    """Return the layout of files that the user names; raises the errors of their :meth:`PairFiles.views`."""
     if files.layout == "images" and files.stamps is None:
         files = files.model_copy(update={"stamps": _stamps(find_frames(root, str(files.left), "source.left"))})
     return _open(root, files)
@@ -159,7 +159,7 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
     likeness: dict[FoundLayout, float] = {}
     for packing in PACKINGS:
         with suppress(VfoaError):  # an odd width, or names without a number
-            layout = _open(root, ViewFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
+            layout = _open(root, PairFiles.model_validate({"layout": f"{kind}_{packing}", "both": name}))
             likeness[layout] = _likeness_of(layout.views)
     alike = [layout for layout in likeness if likeness[layout] >= ALIKE]
     yield from sorted(alike, key=lambda layout: -likeness[layout])
@@ -171,7 +171,7 @@ def _is_map(image: Path) -> bool:
     return pixels.ndim == 2 and pixels.dtype != np.uint8
 
 
-def _open(root: Path, files: ViewFiles) -> FoundLayout:
+def _open(root: Path, files: PairFiles) -> FoundLayout:
     views = files.views(root)
     left, _ = views.read(views.frames[0])
     source = {"layout": files.layout, **files.model_dump(mode="json", exclude_defaults=True, exclude={"swap"})}
@@ -181,7 +181,7 @@ def _open(root: Path, files: ViewFiles) -> FoundLayout:
 _SAMPLES = 5
 
 
-def _likeness_of(views: Views) -> float:
+def _likeness_of(views: StereoPairs) -> float:
     """Likeness of the first of some frames that has contrast: many films begin black."""
     frames = views.frames
     for place in dict.fromkeys(len(frames) * sample // _SAMPLES for sample in range(_SAMPLES)):
@@ -237,7 +237,7 @@ def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, 
     return tuple(reading for layout in layouts for reading in _calibrated(layout, path, given))
 
 
-def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
+def _named_files(given: Mapping[str, Any]) -> PairFiles | None:
     """The user's settings of the views, if they are sufficient to read them."""
     if not ({"left", "right"} <= given.keys() or {"layout", "both"} <= given.keys()):
         return None
@@ -245,9 +245,9 @@ def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
     return _view_files({**given, "layout": "videos"} if is_video else given)
 
 
-def _view_files(given: Mapping[str, Any]) -> ViewFiles:
+def _view_files(given: Mapping[str, Any]) -> PairFiles:
     keys = ("layout", "left", "right", "both", "stamps", "tolerance_ms")
-    return parse(ViewFiles, {key: given[key] for key in keys if key in given}, "--set")
+    return parse(PairFiles, {key: given[key] for key in keys if key in given}, "--set")
 
 
 def _packed_files(path: Path, is_video: bool) -> list[str]:

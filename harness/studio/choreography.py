@@ -19,7 +19,7 @@ from harness.studio.people import (
     NECK_BODY,
     room_from_look,
 )
-from harness.studio.scenario import MEAN_FIXATION_S, Actor, Look, Point, Scenario, Thing
+from harness.studio.scenario import MEAN_FIXATION_S, Actor, Point, Scenario, ScriptedLook, Thing
 from harness.studio.surface import Surface
 from harness.studio.things import BALL_RADIUS_M
 from vfoa.geometry import angle_between, unit
@@ -69,7 +69,7 @@ class Fixation:
     """
 
     first: int
-    look: Look
+    look: ScriptedLook
     place: Float
 
 

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from harness.studio.scenario import CAMERA, SCENARIOS, Actor, Look, Scenario, Thing
+from harness.studio.scenario import CAMERA, SCENARIOS, Actor, Scenario, ScriptedLook, Thing
 from harness.studio.things import THINGS
 
 LEAST_THINGS = 4
@@ -82,12 +82,12 @@ def _radius_m(label: str) -> float:
 
 def _seat(actor: Actor, x: float, others: list[str], rng: np.random.Generator) -> Actor:
     """A person who turns slightly to the middle of the table, and looks at another target each time."""
-    script: list[Look] = []
+    script: list[ScriptedLook] = []
     while len(script) < LOOKS:
         at = CAMERA if rng.random() < RARE else others[rng.integers(len(others))]
         aside = others[rng.integers(len(others))] if rng.random() < RARE else None
         if not script or script[-1].at != at:
-            script.append(Look(at=at, head_at=aside))
+            script.append(ScriptedLook(at=at, head_at=aside))
     return replace(
         actor,
         at=(x + rng.uniform(-0.05, 0.05), 1.88 + rng.uniform(-0.04, 0.06), 0.0),

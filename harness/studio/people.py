@@ -42,7 +42,7 @@ _EYE_RADIUS_M = 0.0145
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Looks:
+class Appearance:
     """Colours of a person, and whether the hair is long."""
 
     skin: Colour
@@ -52,7 +52,7 @@ class Looks:
     long_hair: bool = False
 
 
-def body(looks: Looks) -> Parts:
+def body(appearance: Appearance) -> Parts:
     """Torso, arms and neck in the body frame; the hands lie on a table 0.74 m high."""
     torso = loft(
         [
@@ -69,8 +69,8 @@ def body(looks: Looks) -> Parts:
         ],
         segments=36,
     )
-    skin = Material(colours=(looks.skin,), grain=0.05)
-    parts = [Part(mesh=torso, material=looks.shirt)]
+    skin = Material(colours=(appearance.skin,), grain=0.05)
+    parts = [Part(mesh=torso, material=appearance.shirt)]
     for side in (-1.0, 1.0):
         sleeve = [
             (side * 0.178, 0, 1.02),
@@ -78,7 +78,7 @@ def body(looks: Looks) -> Parts:
             (side * 0.25, 0.06, 0.795),
             (side * 0.16, 0.25, 0.785),
         ]
-        parts.append(Part(mesh=tube(sleeve, (0.062, 0.054, 0.047, 0.036), segments=18), material=looks.shirt))
+        parts.append(Part(mesh=tube(sleeve, (0.062, 0.054, 0.047, 0.036), segments=18), material=appearance.shirt))
         wrist = [(side * 0.165, 0.24, 0.785), (side * 0.125, 0.31, 0.775)]
         parts.append(Part(mesh=tube(wrist, (0.028, 0.027)), material=skin))
         parts.append(Part(mesh=ellipsoid((side * 0.098, 0.352, 0.768), (0.043, 0.06, 0.022)), material=skin))
@@ -86,15 +86,17 @@ def body(looks: Looks) -> Parts:
     return (*parts, Part(mesh=neck, material=skin))
 
 
-def head(looks: Looks) -> Parts:
+def head(appearance: Appearance) -> Parts:
     """Skull, nose, ears and hair in the head frame. The face's marks are painted on."""
-    shade = shaded(looks.skin, 0.86)
+    shade = shaded(appearance.skin, 0.86)
     lips: Colour = (0.68, 0.3, 0.28)
-    brow: Colour = shaded(looks.hair, 0.7)
-    blush: Colour = (looks.skin[0], looks.skin[1] * 0.94, looks.skin[2] * 0.93)
-    face = Material(colours=(looks.skin, lips, brow, blush), pattern="face", grain=0.05)
+    brow: Colour = shaded(appearance.hair, 0.7)
+    blush: Colour = (appearance.skin[0], appearance.skin[1] * 0.94, appearance.skin[2] * 0.93)
+    face = Material(colours=(appearance.skin, lips, brow, blush), pattern="face", grain=0.05)
     skin = Material(colours=(shade,), grain=0.05)
-    hair = Material(colours=(looks.hair, shaded(looks.hair, 0.75)), pattern="blotches", scale_m=0.014, grain=0.4)
+    hair = Material(
+        colours=(appearance.hair, shaded(appearance.hair, 0.75)), pattern="blotches", scale_m=0.014, grain=0.4
+    )
     parts = [
         Part(mesh=ellipsoid(*_CRANIUM, segments=40), material=face),
         Part(mesh=ellipsoid((0, 0.028, 0.054), (0.0655, 0.0795, 0.094), segments=36), material=face),
@@ -106,7 +108,7 @@ def head(looks: Looks) -> Parts:
         Part(mesh=ellipsoid((0, -0.014, 0.112), (0.083, 0.098, 0.095), segments=36), material=hair),
         Part(mesh=ellipsoid((0.012, 0.03, 0.158), (0.066, 0.072, 0.042), segments=28), material=hair),
     ]
-    if looks.long_hair:
+    if appearance.long_hair:
         parts.append(Part(mesh=ellipsoid((0, -0.05, 0.03), (0.084, 0.062, 0.115), segments=32), material=hair))
         for s in (-1.0, 1.0):
             lock = [
@@ -119,10 +121,10 @@ def head(looks: Looks) -> Parts:
     return tuple(parts)
 
 
-def eye(looks: Looks) -> Parts:
+def eye(appearance: Appearance) -> Parts:
     """An eyeball in the eye frame."""
     paint = Material(
-        colours=((0.95, 0.94, 0.92), looks.iris, (0.03, 0.03, 0.03)), pattern="eye", scale_m=_EYE_RADIUS_M, grain=0
+        colours=((0.95, 0.94, 0.92), appearance.iris, (0.03, 0.03, 0.03)), pattern="eye", scale_m=_EYE_RADIUS_M, grain=0
     )
     return (Part(mesh=ellipsoid((0, 0, 0), np.full(3, _EYE_RADIUS_M), segments=24), material=paint),)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from harness.studio.material import Colour, Material
-from harness.studio.people import Looks
+from harness.studio.people import Appearance
 
 Point = tuple[float, float, float]
 TABLE_HEIGHT_M = 0.74
@@ -39,7 +39,7 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class ScriptedLook:
     """One fixation of a script.
 
     ``at`` names a thing or a person, or is a point in the room where nothing stands. ``head_at`` is the target of the
@@ -58,8 +58,8 @@ class Actor:
     id: int
     at: Point
     heading_deg: float
-    looks: Looks
-    script: tuple[Look, ...]
+    appearance: Appearance
+    script: tuple[ScriptedLook, ...]
     head_share: float = 0.65
 
 
@@ -95,19 +95,19 @@ _SLATE = Material(
     colours=((0.36, 0.4, 0.42), (0.32, 0.36, 0.38), (0.4, 0.44, 0.46)), pattern="wood", scale_m=0.2, grain=0.1
 )
 
-_ANNA = Looks(
+_ANNA = Appearance(
     skin=(0.9, 0.72, 0.6),
     hair=(0.36, 0.2, 0.1),
     shirt=Material(colours=((0.13, 0.38, 0.45), (0.18, 0.46, 0.53)), pattern="blotches", scale_m=0.02, grain=0.12),
     iris=(0.25, 0.4, 0.3),
     long_hair=True,
 )
-_BEN = Looks(
+_BEN = Appearance(
     skin=(0.55, 0.37, 0.26),
     hair=(0.08, 0.06, 0.06),
     shirt=Material(colours=((0.85, 0.62, 0.25), (0.78, 0.52, 0.18)), pattern="stripes", scale_m=0.03, grain=0.1),
 )
-_CARA = Looks(
+_CARA = Appearance(
     skin=(0.94, 0.78, 0.67),
     hair=(0.72, 0.5, 0.24),
     shirt=Material(colours=((0.62, 0.22, 0.28), (0.55, 0.17, 0.23)), pattern="blotches", scale_m=0.03, grain=0.12),
@@ -141,8 +141,8 @@ SCENARIOS: dict[ScenarioName, Scenario] = {
                 id=1,
                 at=(0.0, 1.86, 0.0),
                 heading_deg=180,
-                looks=_ANNA,
-                script=tuple(Look(at=at) for at in ("mug", "vase", CAMERA, "laptop", "book", "bottle")),
+                appearance=_ANNA,
+                script=tuple(ScriptedLook(at=at) for at in ("mug", "vase", CAMERA, "laptop", "book", "bottle")),
             ),
         ),
     ),
@@ -163,16 +163,16 @@ SCENARIOS: dict[ScenarioName, Scenario] = {
                 id=1,
                 at=(-0.5, 1.84, 0.0),
                 heading_deg=208,
-                looks=_ANNA,
-                script=tuple(Look(at=at) for at in ("ben", "mug", "bear", CAMERA, "ben", "bear")),
+                appearance=_ANNA,
+                script=tuple(ScriptedLook(at=at) for at in ("ben", "mug", "bear", CAMERA, "ben", "bear")),
             ),
             Actor(
                 name="ben",
                 id=2,
                 at=(0.52, 1.84, 0.0),
                 heading_deg=152,
-                looks=_BEN,
-                script=tuple(Look(at=at) for at in ("bear", "anna", CAMERA, "bowl", "anna", "bear", "bowl")),
+                appearance=_BEN,
+                script=tuple(ScriptedLook(at=at) for at in ("bear", "anna", CAMERA, "bowl", "anna", "bear", "bowl")),
             ),
         ),
     ),
@@ -194,14 +194,14 @@ SCENARIOS: dict[ScenarioName, Scenario] = {
                 id=1,
                 at=(0.0, 1.86, 0.0),
                 heading_deg=180,
-                looks=_BEN,
+                appearance=_BEN,
                 script=(
-                    Look(at="mug", head_at="banana"),
-                    Look(at="bottle", head_at="mug"),
-                    Look(at="banana", head_at="mug"),
-                    Look(at=CAMERA, head_at=(-0.9, 0.3, 1.15)),
-                    Look(at="clock", head_at="banana"),
-                    Look(at="plant", head_at="bottle"),
+                    ScriptedLook(at="mug", head_at="banana"),
+                    ScriptedLook(at="bottle", head_at="mug"),
+                    ScriptedLook(at="banana", head_at="mug"),
+                    ScriptedLook(at=CAMERA, head_at=(-0.9, 0.3, 1.15)),
+                    ScriptedLook(at="clock", head_at="banana"),
+                    ScriptedLook(at="plant", head_at="bottle"),
                 ),
             ),
         ),
@@ -234,24 +234,24 @@ SCENARIOS: dict[ScenarioName, Scenario] = {
                 id=1,
                 at=(-0.74, 1.88, 0.0),
                 heading_deg=195,
-                looks=_ANNA,
-                script=tuple(Look(at=at) for at in ("bottle", "mug", CAMERA, "ben", "bowl")),
+                appearance=_ANNA,
+                script=tuple(ScriptedLook(at=at) for at in ("bottle", "mug", CAMERA, "ben", "bowl")),
             ),
             Actor(
                 name="ben",
                 id=2,
                 at=(0.02, 1.94, 0.0),
                 heading_deg=180,
-                looks=_BEN,
-                script=tuple(Look(at=at) for at in ("ball", "banana", "cara", "bowl", CAMERA, "book")),
+                appearance=_BEN,
+                script=tuple(ScriptedLook(at=at) for at in ("ball", "banana", "cara", "bowl", CAMERA, "book")),
             ),
             Actor(
                 name="cara",
                 id=3,
                 at=(0.84, 1.88, 0.0),
                 heading_deg=160,
-                looks=_CARA,
-                script=tuple(Look(at=at) for at in ("book", "ball", "clock", "ben", CAMERA, "banana")),
+                appearance=_CARA,
+                script=tuple(ScriptedLook(at=at) for at in ("book", "ball", "clock", "ben", CAMERA, "banana")),
             ),
         ),
     ),

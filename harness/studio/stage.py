@@ -85,7 +85,7 @@ class Stage:
                 for thing in scenario.things
             ),
             *(
-                Body(name=f"{actor.name}/{part}", instance_id=actor.id, parts=build(actor.looks), moves=True)
+                Body(name=f"{actor.name}/{part}", instance_id=actor.id, parts=build(actor.appearance), moves=True)
                 for actor in scenario.actors
                 for part, build in (
                     ("body", people.body),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from harness.clips.manifest import load_manifest
-from harness.labels.drawn import read_drawn
+from harness.labels.drawn_shapes import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.pipeline.outputs.answer_tables import read_answers

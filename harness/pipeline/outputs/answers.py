@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import NameRule, Names, is_automatic
+from harness.clips.naming import FrameNames, NameRule, is_automatic
 from harness.files.digests import file_digest
 from harness.labels.labels import NOWHERE
 from harness.pipeline.configuration import CLIP_VARIABLE
@@ -102,8 +102,8 @@ class FileAnswers:
         return tuple(_attention(subject, answers.get(subject.name or ""), scene) for subject in subjects), states
 
     def complete(
-        self, scene: Scene, tracked: Tracked, names: Names, masks: NDArray[np.uint16] | None = None
-    ) -> tuple[Scene, Tracked, Names]:
+        self, scene: Scene, tracked: Tracked, names: FrameNames, masks: NDArray[np.uint16] | None = None
+    ) -> tuple[Scene, Tracked, FrameNames]:
         """Add the people and targets that the table names in this frame and that were not found, without a box.
 
         And what is at the points of the image that it says: ``masks`` (H, W) has the instance of each pixel.
@@ -131,7 +131,9 @@ class FileAnswers:
                 looked_at={} if masks is None else _looked_at(answers, masks, scene.index),
             ),
             Tracked(ids=(*tracked.ids, *tracks.values()), open=tracked.open | {*tracks.values()}),
-            Names(subjects={**names.subjects, **{track: name for name, track in tracks.items()}}, targets=of_targets),
+            FrameNames(
+                subjects={**names.subjects, **{track: name for name, track in tracks.items()}}, targets=of_targets
+            ),
         )
 
     def _target(self, number: int, name: str) -> Target:

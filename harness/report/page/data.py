@@ -84,7 +84,7 @@ class Served:
     recordings: Mapping[Pair, str]
 
 
-class Names(dict[str, int]):
+class NameCodes(dict[str, int]):
     """Numbers for names, in the order in which they are first used."""
 
     def code(self, name: str | None) -> int:
@@ -122,7 +122,7 @@ def page_data(
     of gaze and head; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame, and the objects that
     each configuration saw.
     """
-    names, numbers = Names(), {name: i for i, name in enumerate(scores.configurations)}
+    names, numbers = NameCodes(), {name: i for i, name in enumerate(scores.configurations)}
     scored = {name: i for i, name in enumerate(scores.scored_configurations)}
     plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
     by_clip = _by_clip(scores.outcomes)
@@ -184,7 +184,7 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: Names, attention: Attention
+    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: NameCodes, attention: Attention
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
@@ -221,7 +221,7 @@ def _clip_data(
     return {"tracks": tracks, "colours": _colours(target_colours(attention, clip), tracks, names)}
 
 
-def _numbered(verdicts: Judged, names: Names) -> Codes:
+def _numbered(verdicts: Judged, names: NameCodes) -> Codes:
     """The numbers (3, n) of truths, predictions and answers; they are given in the order in which words are shown."""
     words = verdicts.words
     no_hit = words.code(NO_HIT)
@@ -242,7 +242,7 @@ def _states(verdicts: Judged) -> Codes:
     return np.where(verdicts.is_scored, states[places], _STATE_CODES["unscored"])
 
 
-def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:
+def _colours(colours: Colours, tracks: list[dict[str, Any]], names: NameCodes) -> dict[int, str]:
     shown = {code for track in tracks for code in track["truth"][::2] if code >= 0}
     shown |= {code for track in tracks for made in track["configurations"] for code in made["attended"]}
     words = list(names)

@@ -9,7 +9,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from harness.sources.calibrate.views import View
+from harness.sources.calibrate.views import BoardView
 from harness.sources.calibration import ProjectionError
 from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from vfoa.errors import VfoaError
@@ -66,7 +66,7 @@ class StereoCalibration:
         return float(np.mean([error.epipolar_px for error in self.errors.values()]))
 
 
-def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
+def solve(views: Sequence[BoardView], size_px: tuple[int, int]) -> StereoCalibration:
     """Calibrate; while a view stands out by its errors, drop the worst and solve again.
 
     Raises
@@ -102,7 +102,7 @@ def _worst(errors: dict[int, ViewErrors]) -> dict[int, str]:
     return worst
 
 
-def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: dict[int, str]) -> StereoCalibration:
+def _solve(views: Sequence[BoardView], size_px: tuple[int, int], dropped: dict[int, str]) -> StereoCalibration:
     points = [view.points_m.astype(np.float32) for view in views]
     left = [view.left_px.astype(np.float32)[:, None] for view in views]
     right = [view.right_px.astype(np.float32)[:, None] for view in views]
@@ -136,7 +136,7 @@ def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: dict[int, s
     )
 
 
-def _epipolar_px(view: View, K1: Float, D1: Float, K2: Float, D2: Float, F: Float) -> float:
+def _epipolar_px(view: BoardView, K1: Float, D1: Float, K2: Float, D2: Float, F: Float) -> float:
     """Mean distance of undistorted corners from their partners' lines, over both pictures."""
     left = cv2.undistortPoints(view.left_px[:, None], K1, D1, P=K1)[:, 0]
     right = cv2.undistortPoints(view.right_px[:, None], K2, D2, P=K2)[:, 0]

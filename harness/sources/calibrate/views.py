@@ -92,7 +92,7 @@ def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class BoardView:
     """Corners that both pictures of a frame show: the board's points (N, 3), metres, and pixels (N, 2)."""
 
     number: int
@@ -103,7 +103,7 @@ class View:
 
 def find_views(
     numbers: Iterable[int], read: Callable[[int], tuple[Image, Image]], board: Board
-) -> tuple[list[View], dict[int, str], tuple[int, int]]:
+) -> tuple[list[BoardView], dict[int, str], tuple[int, int]]:
     """Find the board in pairs of pictures of one size, that of the first one that can be read.
 
     Parameters
@@ -120,7 +120,7 @@ def find_views(
     tuple
         The views, the reason of each frame without one, and (width, height) of the pictures.
     """
-    views, dropped, size_px = list[View](), dict[int, str](), (0, 0)
+    views, dropped, size_px = list[BoardView](), dict[int, str](), (0, 0)
     for number in numbers:
         try:
             left, right = read(number)
@@ -134,7 +134,7 @@ def find_views(
     return views, dropped, size_px
 
 
-def _view(number: int, left: Image, right: Image, board: Board) -> View:
+def _view(number: int, left: Image, right: Image, board: Board) -> BoardView:
     corners = {"left": board.find(left), "right": board.find(right)}
     if missing := [side for side, pixels in corners.items() if not pixels]:
         raise VfoaError(f"no board in the {' and the '.join(missing)} image")
@@ -147,4 +147,4 @@ def _view(number: int, left: Image, right: Image, board: Board) -> View:
     if np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2:
         raise VfoaError("the corners in both images lie in one line; expected two rows and two columns of the board")
     left_px, right_px = (np.array([pixels[corner] for corner in shared]) for pixels in corners.values())
-    return View(number=number, points_m=points_m, left_px=left_px, right_px=right_px)
+    return BoardView(number=number, points_m=points_m, left_px=left_px, right_px=right_px)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from harness.labels.drawn import Drawn, Place, read_drawn
+from harness.labels.drawn_shapes import Drawn, Place, read_drawn
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, set_width
 

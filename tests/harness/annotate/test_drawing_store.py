@@ -15,7 +15,7 @@ from harness.annotate.actions import Action
 from harness.annotate.drawing_store import Draw, DrawingStore
 from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
-from harness.labels.drawn import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
+from harness.labels.drawn_shapes import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
 from harness.labels.labels import Timeline
 from tests.disk import write_text
 from vfoa.errors import VfoaError

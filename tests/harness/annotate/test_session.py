@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from harness.annotate.actions import Action
 from harness.annotate.app import PageServer
+from harness.annotate.clip_pictures import colour, head, outline
 from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
 from harness.annotate.targets import with_target
-from harness.annotate.views import colour, head, outline
 from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
@@ -74,7 +74,7 @@ def test_a_clip_of_which_nothing_is_known_has_an_empty_scene(opened: Any) -> Non
 def test_the_right_image_is_not_read_for_the_left_one(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Playing reads every frame: a 4K video plays four times as fast without its right images."""
     session = opened()
-    monkeypatch.setattr("harness.sources.stereo_views.Views.read", None)
+    monkeypatch.setattr("harness.sources.stereo_pairs.StereoPairs.read", None)
     assert session.picture("left", 3) is not None
     assert session.scene(3)["size_px"] == (WIDTH, HEIGHT)
 

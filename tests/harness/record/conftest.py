@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.clips.naming import Names
+from harness.clips.naming import FrameNames
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.record.composed import find_clips
@@ -74,7 +74,7 @@ class Shown:
         scene, attentions = self.result.scene, self.result.attentions
         tracks = frozenset(attention.subject.track_id for attention in attentions)
         tracked = Tracked(ids=tuple(tracks), open=tracks)
-        return Followed(self.percepts, scene, tracked, Names(subjects={}, targets=scene.names), {})
+        return Followed(self.percepts, scene, tracked, FrameNames(subjects={}, targets=scene.names), {})
 
 
 def shared(frames: Mapping[str, Shown]) -> SharedFrame:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_drawn
+from harness.labels.drawn_shapes import KeyFrame, Kind, drawn_of, read_drawn, write_drawn
 from harness.pipeline.cache_store import Store
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.clips.naming import Names, Rules, SubjectNames, name_frame
+from harness.clips.naming import FrameNames, Rules, SubjectNames, name_frame
 from harness.pipeline.perception import Followed, Perception
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -38,7 +38,7 @@ def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest
 
     def watched(
         scene: Scene, tracked: Tracked, subjects: Rules, targets: Rules, memory: SubjectNames
-    ) -> tuple[Names, SubjectNames]:
+    ) -> tuple[FrameNames, SubjectNames]:
         given.append(memory)
         names, after = name_frame(scene, tracked, subjects, targets, memory)
         left.append(after)

@@ -11,7 +11,7 @@ import pytest
 
 from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
-from harness.labels.drawn import KeyFrame, drawn_of, write_drawn
+from harness.labels.drawn_shapes import KeyFrame, drawn_of, write_drawn
 from harness.pipeline import perception
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from harness.cli import app, main
 from harness.sources.calibrate.solve import format_calibration, solve
-from harness.sources.calibrate.views import View, chessboard, find_views
+from harness.sources.calibrate.views import BoardView, chessboard, find_views
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.media.images import read_rgb
 from harness.sources.rectification import RawCalibration
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.sources.stereo_views import ViewFiles
+from harness.sources.stereo_pairs import PairFiles
 from tests.calibrations import rectified_rows_px, write_opencv
 from tests.command import vfoa
 from tests.disk import write_bytes, write_image, write_text
@@ -28,7 +28,7 @@ K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
 RIGHT_FROM_LEFT, T = np.array([0.01, 0.02, -0.01]), np.array([-0.12, 0.002, 0.001])
 
 
-def _views(count: int = 8) -> list[View]:
+def _views(count: int = 8) -> list[BoardView]:
     """A board in known poses before two known cameras, seen without noise."""
     random = np.random.default_rng(3)
     rotation = cv2.Rodrigues(RIGHT_FROM_LEFT)[0]
@@ -37,16 +37,16 @@ def _views(count: int = 8) -> list[View]:
         tilt = cv2.Rodrigues(random.uniform(-0.5, 0.5, 3))[0]
         left = (BOARD.points_m - [0.1, 0.06, 0]) @ tilt.T + [0.05, 0, random.uniform(0.5, 0.9)]
         pixels = [points[:, :2] / points[:, 2:] * 600 + K[:2, 2] for points in (left, left @ rotation.T + T)]
-        views.append(View(number=number, points_m=BOARD.points_m, left_px=pixels[0], right_px=pixels[1]))
+        views.append(BoardView(number=number, points_m=BOARD.points_m, left_px=pixels[0], right_px=pixels[1]))
     return views
 
 
-def _found(folder: Path) -> tuple[list[View], dict[int, str], tuple[int, int]]:
-    pictures = ViewFiles(left="left*.jpg", right="right*.jpg").views(folder)
+def _found(folder: Path) -> tuple[list[BoardView], dict[int, str], tuple[int, int]]:
+    pictures = PairFiles(left="left*.jpg", right="right*.jpg").views(folder)
     return find_views(pictures.frames, pictures.read, BOARD)
 
 
-def _found_in(clip: StereoFolderClip) -> list[View]:
+def _found_in(clip: StereoFolderClip) -> list[BoardView]:
     frames = {number: clip.frame(number) for number in clip.frames}
     return find_views(frames, lambda number: (frames[number].left, _right(frames[number])), BOARD)[0]
 
@@ -125,7 +125,7 @@ def test_opencv_s_two_files_rectify_real_pairs_in_one_picture(shared_data: Path,
     found = solve(views, size_px)
     write_opencv(tmp_path / "intrinsics.yml", {"M1": found.K1, "D1": found.D1, "M2": found.K2, "D2": found.D2})
     write_opencv(tmp_path / "extrinsics.yml", {"R": found.R, "T": found.T})
-    pictures = ViewFiles(left="left*.jpg", right="right*.jpg").views(shared_data / "chessboard")
+    pictures = PairFiles(left="left*.jpg", right="right*.jpg").views(shared_data / "chessboard")
     for number in pictures.frames:
         write_image(tmp_path / f"{number}.png", np.hstack(pictures.read(number)))
     settings = {"layout": "images_side_by_side", "both": "*.png", "calibration": ["intrinsics.yml", "extrinsics.yml"]}

@@ -16,7 +16,7 @@ from harness.sources.calibrate.solve import solve
 from harness.sources.calibrate.views import charuco_board, find_views
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.rectification import RawCalibration
-from harness.sources.stereo_views import ViewFiles
+from harness.sources.stereo_pairs import PairFiles
 from tests.calibrations import rectified_rows_px
 from tests.disk import write_image, write_text
 from vfoa.errors import VfoaError
@@ -141,7 +141,7 @@ def test_pictures_that_cannot_be_used_are_said_and_the_rest_is_calibrated(tmp_pa
 def test_both_views_in_one_picture_serve_as_well(tmp_path: Path) -> None:
     for number, pair in enumerate(PAIRS):
         write_image(tmp_path / f"{number}.png", np.hstack(pair))
-    files = ViewFiles(layout="images_side_by_side", both="*.png")
+    files = PairFiles(layout="images_side_by_side", both="*.png")
     pictures = files.views(tmp_path)
     views, _, size_px = find_views(pictures.frames[::3], pictures.read, BOARD)
     assert size_px == SIZE

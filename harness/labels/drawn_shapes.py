@@ -49,7 +49,7 @@ class KeyFrame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Track:
+class KeyedShape:
     """The key frames of one name and kind: at least one, their frames ascend."""
 
     name: str
@@ -82,14 +82,14 @@ class Track:
 class Drawn:
     """All shapes drawn on a clip: at most one track of each name and kind, in the order of the file."""
 
-    tracks: tuple[Track, ...] = ()
+    tracks: tuple[KeyedShape, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all drawn shapes, each once."""
         return tuple(dict.fromkeys(track.name for track in self.tracks))
 
-    def at(self, frame: int) -> list[tuple[Track, Place]]:
+    def at(self, frame: int) -> list[tuple[KeyedShape, Place]]:
         """The tracks that are visible in a frame, each with its place there."""
         return [(track, place) for track in self.tracks if (place := track.at(frame)) is not None]
 
@@ -102,7 +102,7 @@ def size_of(kind: Kind) -> int:
 def drawn_of(rows: Mapping[tuple[str, Kind], Iterable[KeyFrame]]) -> Drawn:
     """Make tracks by name, then kind, each sorted by frame; those without key frames are left out."""
     tracks = (
-        Track(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda key: key.frame)))
+        KeyedShape(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda key: key.frame)))
         for (name, kind), keys in sorted((key, list(key_frames)) for key, key_frames in rows.items())
         if keys
     )

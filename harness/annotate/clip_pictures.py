@@ -21,7 +21,7 @@ from harness.sources import Clip, LeftClip
 from vfoa.stereo import MATCHERS
 from vfoa.types import Disparity, Image, Instance, Instances, Mask, StereoFrame
 
-View = Literal["left", "right", "disparity", "head"]
+PictureKind = Literal["left", "right", "disparity", "head"]
 RegionPx = tuple[NonNegativeInt, NonNegativeInt, NonNegativeInt, NonNegativeInt]
 """u0, v0, u1, v1."""
 Outline = list[list[list[int]]]
@@ -40,7 +40,7 @@ _SMOOTHING_PX = 0.8
 """Greatest distance of an outline from the mask's own edge."""
 
 
-class Views:
+class ClipPictures:
     """The images of a clip, its disparity, and the scene of each frame. Not for several threads at once."""
 
     def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None) -> None:
@@ -57,7 +57,7 @@ class Views:
         self.scene.cache_clear()
 
     def _picture(
-        self, view: View, number: int, subject: str | None, region: RegionPx | None, width: int | None
+        self, view: PictureKind, number: int, subject: str | None, region: RegionPx | None, width: int | None
     ) -> bytes | None:
         """A region of a view, or all of it, as JPEG; None if the clip or the subject does not have it."""
         if view == "head":

@@ -65,7 +65,7 @@ Pictures = ImageFiles | Video
 """Images by number, with their times and rate if they are known."""
 
 
-class Views:
+class StereoPairs:
     """Pairs of images by number. Can be pickled; reads on demand and in any order.
 
     ``frames`` are the numbers of frames with both views, ascending; times and rate are those of the left side.
@@ -140,7 +140,7 @@ class Views:
         return hashlib.sha256(f"{digest_files(parts)} {times} {self._swapped}".encode()).hexdigest()
 
 
-class ViewFiles(Settings):
+class PairFiles(Settings):
     """``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``), or two videos.
 
     ``both`` is the same for files that hold both views. ``stamps``: the numbers in the images' names are times, in this
@@ -177,7 +177,7 @@ class ViewFiles(Settings):
             raise ValueError('tolerance_ms: expected stamps = "ns" (or us, ms, s) beside it, and the layout images')
         return self
 
-    def views(self, folder: Path) -> Views:
+    def views(self, folder: Path) -> StereoPairs:
         """Open the views' files under a folder.
 
         Raises
@@ -197,7 +197,7 @@ class ViewFiles(Settings):
                 rights = _joined_by_time(lefts, rights, self.tolerance_ms, TICKS_NS[self.stamps])
             left, right = self._images(lefts, folder), ImageFiles(rights)
         packing = next((packing for packing in PACKINGS if self.layout.endswith(packing)), PACKINGS[0])
-        return Views(left, right, packing, swapped=self.swap)
+        return StereoPairs(left, right, packing, swapped=self.swap)
 
     def _images(self, files: Mapping[int, Path], folder: Path) -> ImageFiles:
         """Images with the times of their names, or of a file."""

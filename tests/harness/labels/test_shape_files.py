@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.labels.drawn import (
+from harness.labels.drawn_shapes import (
     Drawn,
+    KeyedShape,
     KeyFrame,
     Kind,
     Place,
-    Track,
     drawn_of,
     format_drawn,
     read_drawn,
@@ -38,14 +38,14 @@ def places(draw: st.DrawFn, kind: Kind) -> Place:
 
 
 @st.composite
-def tracks(draw: st.DrawFn, name: str = "bird", kind: Kind = "box") -> Track:
+def tracks(draw: st.DrawFn, name: str = "bird", kind: Kind = "box") -> KeyedShape:
     frames = sorted(draw(st.sets(st.integers(1, 50), min_size=1, max_size=6)))
     keys = [KeyFrame(frame=frame, place=draw(places(kind)), outside=draw(st.booleans())) for frame in frames]
-    return Track(name=name, kind=kind, keys=tuple(keys))
+    return KeyedShape(name=name, kind=kind, keys=tuple(keys))
 
 
 @given(track=tracks())
-def test_a_track_is_exact_at_key_frames_linear_between_and_absent_outside(track: Track) -> None:
+def test_a_track_is_exact_at_key_frames_linear_between_and_absent_outside(track: KeyedShape) -> None:
     firsts = [key.frame for key in track.keys]
     for frame in range(53):
         before = [key for key in track.keys if key.frame <= frame]
@@ -63,7 +63,7 @@ def test_a_track_is_exact_at_key_frames_linear_between_and_absent_outside(track:
 
 @given(box=tracks(), head=tracks("girl", "head"), body=tracks("girl", "box"), point=tracks("cup", "point"))
 def test_what_was_written_is_read(
-    box: Track, head: Track, body: Track, point: Track, tmp_path_factory: pytest.TempPathFactory
+    box: KeyedShape, head: KeyedShape, body: KeyedShape, point: KeyedShape, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     drawn = drawn_of({(each.name, each.kind): each.keys for each in (head, box, point, body)})
     path = write_text(tmp_path_factory.getbasetemp() / "a.drawn.csv", format_drawn(drawn))
