@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from harness.annotate import targets
 from harness.annotate.clip_stores import not_in_manifest, open_drawing, open_store, with_others
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.journal import Entry, StepBack
 from harness.annotate.label_store import LabelStore
-from harness.annotate.targets import TargetChange, finish_change
+from harness.annotate.target_change import TargetChange, finish_change, unfinished
+from harness.clips import manifest_text
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
 from harness.files.io import read_bytes
@@ -87,12 +87,12 @@ class History:
 
     def add_target(self, name: str, rule: NameRule) -> None:
         """Write a new target into the manifest, and allow its name."""
-        self._change(targets.with_target(self.manifest.path, name, rule))
+        self._change(manifest_text.with_target(self.manifest.path, name, rule))
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, also in the labels of all annotators, or another key or colour."""
         self.refresh()
-        to = targets.with_change(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
+        to = manifest_text.with_change(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
         if new_name == name:
             self._change(to)
             return
@@ -114,7 +114,7 @@ class History:
             else:
                 labels = {}
         drawn = [track for track in self.drawing.tracks() if track[0] != name]
-        self._change(targets.without_target(self.manifest.path, name), labels, drawn)
+        self._change(manifest_text.without_target(self.manifest.path, name), labels, drawn)
 
     def close(self) -> None:
         """Close the files."""
@@ -154,7 +154,7 @@ class History:
                     make()
                     self.drawing.set_tracks(drawn)
             finally:
-                if (reason := targets.unfinished(self.manifest)) is not None:
+                if (reason := unfinished(self.manifest)) is not None:
                     self.labels.read_only = self.drawing.read_only = reason
         self._read_manifest()
 

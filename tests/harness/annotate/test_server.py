@@ -142,7 +142,7 @@ def test_a_change_that_a_full_disk_does_not_take_is_answered_and_not_made(
         assert (status, "the change was not made" in answer["error"]) == (400, True), answer
         status, answer = _post(page, "/api/target", {"name": "pen", "rule": {"category": "pen"}})
         assert status == 200, answer
-        patch.setattr("harness.annotate.targets.atomic_write", full)
+        patch.setattr("harness.annotate.target_change.atomic_write", full)
         status, answer = _post(page, "/api/target", {"name": "ruler", "rule": {"category": "ruler"}})
         assert (status, "No space left on device" in answer["error"]) == (507, True), answer
     assert (page.file.read_bytes(), page.session.state()["tracks"]) == before

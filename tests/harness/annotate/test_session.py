@@ -18,9 +18,9 @@ from harness.annotate.app import PageServer
 from harness.annotate.clip_pictures import colour, head, outline
 from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
-from harness.annotate.targets import with_target
 from harness.cli import app
 from harness.clips.manifest import load_manifest
+from harness.clips.manifest_text import with_target
 from harness.clips.naming import NameRule
 from harness.run.directory import RunDirectory
 from tests.annotating import MANIFEST

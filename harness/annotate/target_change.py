@@ -1,7 +1,6 @@
 """Changes of a clip's targets: a target added, renamed, changed or deleted in all files that name it.
 
-These are the manifest (comments and order are kept; the first change writes every name's key and colour, so that they
-stay the same from then on), every annotator's labels, and the drawing. A change is stored in a file of its own before
+These are the manifest, every annotator's labels, and the drawing. A change is stored in a file of its own before
 the first of them is written, and that file is removed after the last. After a kill in between, the change is completed
 when the clip is opened next.
 """
@@ -13,20 +12,16 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-import tomlkit
 from pydantic import Field
-from tomlkit.exceptions import TOMLKitError
 
 from harness.annotate.clip_stores import open_drawing, open_stores
 from harness.annotate.journal import Entry
 from harness.annotate.label_store import Change, LabelStore
 from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
-from harness.clips.naming import NameRule, keys_and_colours
-from harness.files.folders import came_with_program
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json, parse_toml
 from harness.labels.labels import Timeline
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -166,119 +161,3 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
 def _place(manifest: ClipManifest) -> Path:
     place = manifest.annotations.place()
     return place.parent / ".journal" / f"{place.stem}.change.json"
-
-
-def with_target(path: Path, name: str, rule: NameRule) -> str:
-    """Return the text with a target's rule at the end of the manifest's targets; it gets the next free key and colour.
-
-    Raises
-    ------
-    VfoaError
-        If the name is taken or not a word, the rule contradicts another, or the manifest came with the program.
-    """
-    document, manifest = _open(path)
-    if name in manifest.targets:
-        raise VfoaError(f"{path}: targets.{name}: exists already; expected a new name")
-    if "targets" not in document:
-        document["targets"] = tomlkit.table(is_super_table=True)
-    targets: Any = document["targets"]
-    targets[name] = _table(rule)
-    _parse(path, document)  # before its look is found among the others'
-    look = keys_and_colours({**manifest.targets, **manifest.subjects, name: rule})[name]
-    for key, value in (("key", look.key), ("colour", look.colour)):
-        if value is not None:
-            targets[name].setdefault(key, value)
-    return _text(path, document)
-
-
-def with_change(path: Path, name: str, *, new_name: str, key: str | None, colour: str) -> str:
-    """Return the text that gives a target another name, key or colour; a subject, another key or colour. None: no key.
-
-    Earlier names stay in the manifest (``formerly``): results of runs have them.
-
-    Raises
-    ------
-    VfoaError
-        If there is no such target, the name or the key is taken, or the manifest came with the program.
-    """
-    document, manifest = _open(path)
-    is_subject = name in manifest.subjects
-    table: Any = document["subjects"] if is_subject else _targets(path, document, name)
-    if key is None:
-        table[name].pop("key", None)
-    else:
-        table[name]["key"] = key
-    table[name]["colour"] = colour
-    if new_name != name:
-        if is_subject:
-            raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
-        if new_name in {*manifest.targets, *manifest.subjects}:
-            raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
-        table[name]["formerly"] = [former for former in (*table[name].get("formerly", ()), name) if former != new_name]
-        _rename(table, name, new_name)
-    return _text(path, document)
-
-
-def without_target(path: Path, name: str) -> str:
-    """Return the text without a target.
-
-    Raises
-    ------
-    VfoaError
-        If there is no such target, or the manifest came with the program.
-    """
-    document, _ = _open(path)
-    del _targets(path, document, name)[name]
-    return _text(path, document)
-
-
-def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
-    """The manifest, and its text with every key and colour written down."""
-    if came_with_program(path):
-        raise VfoaError(f"{path} came with vfoa and is read-only; copy it to your own datasets/ to change its targets")
-    text = read_bytes(path).decode()
-    manifest = make_manifest(parse_toml(text, path), path)
-    try:
-        document = tomlkit.parse(text)
-    except TOMLKitError as error:
-        raise VfoaError(f"{path}: not TOML: {error}") from None
-    for name, look in keys_and_colours({**manifest.targets, **manifest.subjects}).items():
-        tables: Any = document["targets" if name in manifest.targets else "subjects"]
-        if look.key is not None and "key" not in tables[name]:
-            tables[name]["key"] = look.key
-        tables[name].setdefault("colour", look.colour)
-    return document, manifest
-
-
-def _text(path: Path, document: tomlkit.TOMLDocument) -> str:
-    _parse(path, document)
-    return tomlkit.dumps(document)
-
-
-def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
-    """Reject a text that is not a manifest, or that does not express the intended change."""
-    plain = parse_toml(tomlkit.dumps(document), path)
-    parse(ClipManifest, plain, str(path))
-    if plain != document.unwrap():
-        raise VfoaError(f"{path}: the targets cannot be changed automatically; edit the file by hand")
-
-
-def _targets(path: Path, document: tomlkit.TOMLDocument, name: str) -> Any:
-    targets: Any = document.get("targets", {})
-    check_known(name, targets, f"{path}: no target")
-    return targets
-
-
-def _table(rule: NameRule) -> Any:
-    table = tomlkit.table()
-    table.update(rule.model_dump(mode="json", exclude_defaults=True))
-    return table
-
-
-def _rename(targets: Any, name: str, new_name: str) -> None:
-    """Rename a key in place. Tables that are separated by others are several containers."""
-    for part in getattr(targets, "_tables", [targets]):
-        if name in part:
-            item = part.value.item(name)
-            item.display_name = None  # keep the header as it was written
-            part.value._replace(name, new_name, item)
