@@ -1,8 +1,8 @@
 """Scenes of :mod:`scripts.measure.simulated_scenes` as clips of measurements, and an experiment of every method.
 
-python -m scripts.drawn_clips FOLDER, then ``vfoa run drawn`` in that folder. Clips are drawn by the generator "table",
-which no setting was chosen on: one for each gaze error, constant bias and seed. The gaze claims an error of 11.1
-degrees whatever the true one is, as in ``python -m scripts.measure posterior``.
+python -m scripts.drawn_clips FOLDER [GENERATOR], then ``vfoa run drawn`` in that folder. Clips are drawn by the
+generator "table", which no setting was chosen on, or by "room": one for each gaze error, constant bias and seed. The
+gaze claims an error of 11.1 degrees whatever the true one is, as in ``python -m scripts.measure posterior``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from harness.labels.files import write_annotations
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject, MeasuredPerson
 from harness.sources.measured.tables import write_measured
-from scripts.measure.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
+from scripts.measure.simulated_scenes import NOWHERE, Errors, Generator, Sequence, draw_sequence
 from vfoa.geometry import sigma_rad
 from vfoa.types import Box3D, Gaze, HeadPose
 
@@ -31,14 +31,14 @@ CLAIMED_DEG, HEAD_DEG = 11.1, 5.0
 PERSON = "ann"
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, generator: Generator = "table") -> None:
     """Write the clips, their manifests and the experiment."""
     clips = []
     for error_deg, bias_deg, seed in itertools.product(ERRORS_DEG, BIASES_DEG, SEEDS):
         rng = np.random.default_rng([int(error_deg), int(bias_deg), seed])
         errors = Errors(gaze_deg=error_deg, bias_deg=bias_deg, gain=float(rng.uniform(0.6, 1.0)))
         clips.append(f"drawn_{error_deg:g}_{bias_deg:g}_{seed}")
-        _write_clip(folder, clips[-1], draw_sequence("table", errors, rng))
+        _write_clip(folder, clips[-1], draw_sequence(generator, errors, rng))
     atomic_write(folder / "experiments" / "drawn.toml", _experiment(clips))
 
 
@@ -113,4 +113,4 @@ def _toml(values: Mapping[str, object]) -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:])

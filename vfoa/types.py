@@ -356,11 +356,6 @@ class Box3D:
                 f"Box3D: expected a finite centre and positive half sizes, found {self.center_m} and {self.half_size_m}"
             )
 
-    @property
-    def d_max_m(self) -> float:
-        """Greatest distance of the surface from the centroid: half the diagonal."""
-        return float(np.linalg.norm(self.half_size_m))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:

@@ -181,7 +181,8 @@ def test_directions_are_unit_vectors_whatever_is_given():
 
 def test_plain_numbers_make_arrays():
     box = Box3D(center_m=[0, 0, 1], half_size_m=[1, 2, 3], left_from_box=np.eye(3))
-    assert box.d_max_m == pytest.approx(np.sqrt(14))
+    assert box.half_size_m.dtype == np.float64
+    np.testing.assert_array_equal(box.half_size_m, [1.0, 2.0, 3.0])
 
 
 def test_what_was_measured_and_what_was_not():

@@ -108,8 +108,8 @@ _AVERAGES = {"gaze": ("gk,gkt->gt", 1), "head": ("gk,gkt->kt", 0)}
 
 
 @dataclass(frozen=True, slots=True)
-class Flow:
-    """The flow of probability from the previous targets to those of the frame, for every pair of hypotheses.
+class Transition:
+    """The way of the probabilities from the previous targets to those of the frame, for every pair of hypotheses.
 
     ``weights`` (G, K) are those of the pairs, ``looked`` (G, K, T') the probabilities of the previous targets, and
     ``columns`` (T,) gives each target's index among the previous ones. ``predicted`` (G, K, T) are the probabilities
@@ -131,7 +131,7 @@ class Flow:
 
 
 def weighed_gaze(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, flow: Flow, dt_s: float
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, transition: Transition, dt_s: float
 ) -> tuple[GazeError | None, Evidence]:
     """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
@@ -146,9 +146,9 @@ def weighed_gaze(
     if prior.error is None:
         predicted = first_error(hypotheses.cell_rad**2, drift)
     else:
-        looked, stay = flow.of("gaze")
+        looked, stay = transition.of("gaze")
         keep = float(np.exp(-dt_s / BIAS_S))
-        predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
+        predicted = next_error(prior.error, looked, transition.columns, stay, slow, drift, keep)
     if offsets.gaze is None:
         return predicted, nothing
     offset = offsets.gaze.take(hypotheses.gain, axis=1) - hypotheses.bias_rad[..., None]
@@ -156,7 +156,7 @@ def weighed_gaze(
 
 
 def weighed_head(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, flow: Flow, dt_s: float
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, transition: Transition, dt_s: float
 ) -> tuple[HeadMotion | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
@@ -171,8 +171,10 @@ def weighed_head(
         rest = ((1 - share[:, None]) * sigma_rad(REST_DEG)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
-        looked, stay = flow.of("head")
-        predicted = next_motion(prior.motion, looked, flow.columns, stay, offsets.last_head, noise, aside, dt_s, _LAG_S)
+        looked, stay = transition.of("head")
+        predicted = next_motion(
+            prior.motion, looked, transition.columns, stay, offsets.last_head, noise, aside, dt_s, _LAG_S
+        )
     if offsets.head is None:
         return predicted, nothing
     return weigh_head(predicted, offsets.head, noise)

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
-from vfoa.posterior.cues import Flow, facing_after, offsets_of, weighed_gaze, weighed_head
+from vfoa.posterior.cues import Transition, facing_after, offsets_of, weighed_gaze, weighed_head
 from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
 from vfoa.posterior.looks import Keys, columns_of, counted, leaving, new_look, predicted_looks
 from vfoa.types import Float
 
-_EVIDENCE = 0.7
+_ERROR_POWER = 0.7
 """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry less
 information about the error than independent ones, because errors last."""
-_HEAD_EVIDENCE = 0.33
+_HEAD_POWER = 0.33
 """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
 error of one frame lasts into the next."""
 _TEMPERATURE, _SMOOTHED_TEMPERATURE = 1.4, 2.0
@@ -47,12 +47,12 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         leave = leaving(prior.looks, dt_s)
         predicted, stayed = predicted_looks(prior.looked, columns, known, leave, new)
 
-    flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
+    transition = Transition(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
-    power, head_power = (1.0, 1.0) if before is None else (_EVIDENCE, _HEAD_EVIDENCE)
+    power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
     offsets = offsets_of(prior, scenery, cues)
-    gaze_error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, flow, dt_s)
-    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, flow, dt_s)
+    gaze_error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, transition, dt_s)
+    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, transition, dt_s)
 
     gaze_part, gaze_top = _scaled(gaze_evidence.likelihood)
     head_part, head_top = _scaled(head_power * head_evidence.likelihood)
@@ -77,7 +77,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
         facing=facing_after(prior, scenery, cues, dt_s),
-        tail=_tail(predicted, flow.weights, gaze_evidence.tail, head_evidence.tail),
+        tail=_tail(predicted, transition.weights, gaze_evidence.tail, head_evidence.tail),
     )
     return pruned(belief)
 
