@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
-from functools import cache
+from dataclasses import replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import rerun as rr
 from rerun.chunk import RrdReader
 
@@ -22,12 +24,15 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import ids_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
+from harness.run.columns import ColumnReader
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import renamed
 from harness.run.results import AnswerTraits, answer_traits
 from harness.run.table_records import Block, TableReader
+from harness.score import judged, picks
 from harness.score import verdicts as scored
-from harness.score.verdicts import ERROR_TYPES, judge
+from harness.score.judged import JudgedPart, judge_columns
+from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
@@ -73,7 +78,7 @@ def write_verdict_layers(
     """
     manifest = directory.read_manifest()
     clips = {clip.name: (clip.subjects, clip.targets) for clip in manifest.clips}
-    reader, of_pair = TableReader(directory), dict[Pair, list[Block]]()
+    reader, columns, of_pair = TableReader(directory), ColumnReader(directory), dict[Pair, list[Block]]()
     for block in reader.blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():
@@ -82,7 +87,7 @@ def write_verdict_layers(
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
             names = (names_now or {}).get(clip, {})
             traits = answer_traits(manifest, configuration, directory.manifest)
-            layer = _Layer(reader, files, configuration, clips[clip], labels.get(clip), names, traits)
+            layer = _Layer(reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits)
             layer.write(its_blocks)
 
 
@@ -99,7 +104,7 @@ def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
 @cache
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
-    modules = (verdicts, entities, frame_log, layer_file, appearance, scored)
+    modules = (verdicts, entities, frame_log, layer_file, appearance, scored, judged, picks)
     files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 
@@ -110,6 +115,7 @@ class _Layer:
     def __init__(
         self,
         reader: TableReader,
+        columns: ColumnReader,
         files: ClipFiles,
         configuration: str,
         names: tuple[tuple[str, ...], tuple[str, ...]],
@@ -117,7 +123,7 @@ class _Layer:
         names_now: Mapping[str, str],
         traits: AnswerTraits,
     ) -> None:
-        self._reader, self._configuration, self._labels = reader, configuration, labels
+        self._reader, self._columns, self._configuration, self._labels = reader, columns, configuration, labels
         self._subjects, self._names_now, self._traits = names[0], names_now, traits
         self._targets = tuple(names_now.get(name, name) for name in names[1])
         self._files, self._path = files, files.verdicts(configuration)
@@ -162,12 +168,9 @@ class _Layer:
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
         log = FrameLog(layer.stream, before=shown)
         outcomes, errors, targets = Counter[str](), Counter[str](), dict[str, None]()
+        of_block = self._verdicts(block)
         for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
-            labels = self._labels
-            verdicts = [
-                judge(record, name, labels.at(record.frame, name) if labels else None, self._traits)
-                for name in self._subjects
-            ]
+            verdicts = of_block[record.frame]
             outcomes.update(verdict.outcome for verdict in verdicts)
             errors.update(verdict.error_type for verdict in verdicts if verdict.error_type)
             targets.update(dict.fromkeys(target.name for target in record.targets))
@@ -185,6 +188,33 @@ class _Layer:
             shown=log.shown,
             paths=paths,
         )
+
+    @cached_property
+    def _judged(self) -> JudgedPart:
+        columns = self._columns.read((self._files.clip, self._configuration), self._names_now)
+        return judge_columns(columns, self._labels, (), self._traits, {})
+
+    def _verdicts(self, block: Block) -> dict[int, list[Verdict]]:
+        """The verdicts of all subjects by frame; unscored of who is neither labelled nor found."""
+        nothing = Verdict(
+            clip=self._files.clip,
+            configuration=self._configuration,
+            frame=0,
+            subject="",
+            truth=None,
+            predicted=None,
+            outcome="unscored",
+            error_type=None,
+        )
+        verdicts: dict[int, list[Verdict]] = {frame: [] for frame in block.frames}
+        for subject in self._subjects:
+            known = dict[int, Verdict]()
+            if (of_subject := self._judged.by_subject.get(subject)) is not None:
+                chosen = of_subject.where(np.isin(of_subject.frames, block.frames))
+                known = {verdict.frame: verdict for verdict in chosen.verdicts()}
+            for frame, of_frame in verdicts.items():
+                of_frame.append(known.get(frame) or replace(nothing, frame=frame, subject=subject))
+        return verdicts
 
     def _end(self, layer: LayerFile, stretches: Sequence[_Stretch]) -> None:
         outcomes, errors, colours = Counter[str](), Counter[str](), Colours((*self._targets, *self._subjects))

@@ -34,7 +34,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, NOWHERE, Label
+from harness.labels.labels import NOWHERE, Label
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import AnswerTraits
 
@@ -97,32 +97,6 @@ PLAIN = AnswerTraits()
 """Of cones: no probabilities, and no answer where no ray hit anything."""
 
 
-def judge(record: FrameRecord, subject: str, label: Label | None, traits: AnswerTraits = PLAIN) -> Verdict:
-    """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
-    person = find_subject(record, subject)
-    predicted = _predicted(record, person)
-    outcome: Outcome = "unscored"
-    error_type = None
-    if label is not None and label.target != IGNORED:
-        error_type = _error_type(record, subject, person, label, predicted)
-        outcome = "wrong" if error_type else "correct"
-    if traits.says_nowhere and predicted == NO_HIT:
-        predicted, error_type = NOWHERE, "missed" if error_type == "no_hit" else error_type
-    if traits.from_file and error_type is not None:
-        error_type = OF_SCENE.get(error_type, error_type)
-    return Verdict(
-        clip=record.clip,
-        configuration=record.configuration,
-        frame=record.frame,
-        subject=subject,
-        truth=label.target if label else None,
-        predicted=predicted,
-        outcome=outcome,
-        error_type=error_type,
-        confidence=_confidence(person) if traits.probabilistic and predicted is not None and person else None,
-    )
-
-
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
     """Return the person of this name; the first in the record if tracks share it."""
     return next((person for person in record.subjects if person.name == subject), None)
@@ -142,48 +116,6 @@ def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
     if label.target == NOWHERE:
         return (None,)
     return tuple(target.instance_id for target in true_targets(record, label))
-
-
-def _predicted(record: FrameRecord, person: SubjectRecord | None) -> str | None:
-    if person is None or person.missing not in (None, NO_OBJECT):
-        return None
-    if person.focus is not None:
-        return record.target(person.focus).name
-    return NOWHERE if any(value.total > 0.0 for value in person.attention) else NO_HIT
-
-
-def _error_type(
-    record: FrameRecord, subject: str, person: SubjectRecord | None, label: Label, predicted: str | None
-) -> str | None:
-    """Why the frame is wrong: the first error type that applies; None if it is correct."""
-    if person is None:
-        return "no_subject"
-    if person.missing == "no_direction" and person.no_gaze is not None:
-        return person.no_gaze
-    if person.missing == NO_OBJECT:
-        return None if label.target == NOWHERE else NO_OBJECT
-    if person.missing is not None:
-        return person.missing
-    if person.focus in right_answers(record, label):
-        return None
-    if label.target == NOWHERE:
-        return "false_attention"
-    targets = true_targets(record, label)
-    if not targets:
-        return "target_not_segmented"
-    if all(target.box is None for target in targets):
-        return "target_without_box"
-    if _is_somebody_else(record, subject, person) or predicted == subject:
-        return "wrong_subject"
-    attended = {value.instance_id for value in person.attention if value.total > 0.0}
-    if not attended:
-        return "no_hit"
-    return "outscored" if any(target.instance_id in attended for target in targets) else "missed"
-
-
-def _is_somebody_else(record: FrameRecord, subject: str, person: SubjectRecord) -> bool:
-    bodies = {target.instance_id for target in record.targets if target.name == subject}
-    return person.instance_id is not None and bool(bodies) and person.instance_id not in bodies
 
 
 def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[float, float]:
@@ -241,11 +173,6 @@ class Worth(NamedTuple):
 UNKNOWN_WORTH = Worth()
 NO_PROBABILITIES = Worth(on_truth=0.0, brier=1.0)
 """A frame without an answer of a method that gives probabilities: it has none anywhere."""
-
-
-def _confidence(subject: SubjectRecord) -> float | None:
-    chance = probabilities(subject).get(subject.focus)
-    return None if chance is None else min(chance, 1.0)
 
 
 def probabilities(subject: SubjectRecord) -> dict[int | None, float]:

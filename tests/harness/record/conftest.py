@@ -21,7 +21,8 @@ from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import Camera, FinishedFrame
 from harness.run.records import FrameRecord, to_record
-from harness.score.verdicts import Verdict, judge
+from harness.score.verdicts import Verdict
+from tests.frame_by_frame import judge
 from tests.record_tables import write_tables
 from tests.records import write_manifest
 from vfoa.cones import ConesSettings, pay_attention

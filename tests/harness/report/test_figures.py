@@ -14,8 +14,8 @@ from harness.report.figures.style import canvas, saved, styled
 from harness.run.directory import RunDirectory
 from harness.run.fitted import FitRecord, MethodScore
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
-from harness.score.verdicts import judge
 from tests.command import vfoa
+from tests.frame_by_frame import judge
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
 from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_manifest, write_run

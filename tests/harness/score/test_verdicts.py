@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from harness.labels.labels import Label
+from harness.labels.labels import Label, LabelRange, Labels
+from harness.run.columns import Words
 from harness.run.records import FrameRecord
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, judge
-from tests.frame_by_frame import judge_absent
+from harness.score.judged import judge_columns
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, PLAIN, Verdict
+from tests.record_tables import columns_of
 from tests.records import frame_record, subject_record, target_record
 
 CUP, CAN = target_record(1, "cup"), target_record(2, "can")
@@ -15,8 +17,16 @@ FLAT_CUP = target_record(1, "cup", center=None)
 GIRL, BOY = target_record(8, "girl"), target_record(9, "boy")
 
 
+def _verdict(record: FrameRecord, label: Label | None, frame: int = 1) -> Verdict:
+    """The verdict of a frame of the girl's, of which this record is all that is known."""
+    of_girl = [LabelRange(first_frame=frame, last_frame=frame, subject="girl", label=label)] if label else []
+    part = judge_columns(columns_of([record], Words()), Labels(of_girl), (record.frame, frame), PLAIN, {})
+    (verdict,) = part.by_subject["girl"].verdicts()
+    return verdict
+
+
 def _judge(record: FrameRecord, target: str, point_px: tuple[float, float] | None = None) -> Verdict:
-    return judge(record, "girl", Label(target=target, point_px=point_px))
+    return _verdict(record, Label(target=target, point_px=point_px))
 
 
 def _outcome(verdict: Verdict) -> tuple[str | None, str, str | None]:
@@ -49,10 +59,10 @@ def test_nothing_hit_is_right_where_nothing_is_looked_at_and_yet_no_answer() -> 
 
 @pytest.mark.parametrize("label", [None, Label(target="ignore")])
 def test_without_a_label_nothing_is_scored(label: Label | None) -> None:
-    seen = judge(frame_record([CUP], [subject_record("girl", totals={1: 0.5}, focus=1)]), "girl", label)
-    absent = judge(frame_record([CUP]), "girl", label)
+    seen = _verdict(frame_record([CUP], [subject_record("girl", totals={1: 0.5}, focus=1)]), label)
     assert _outcome(seen) == ("cup", "unscored", None)
-    assert _outcome(absent) == (None, "unscored", None)
+    if label:
+        assert _outcome(_verdict(frame_record([CUP]), label)) == (None, "unscored", None)
 
 
 TURNED_AWAY = replace(subject_record("girl", missing="no_direction"), no_gaze="face_turned_away")
@@ -137,7 +147,7 @@ def test_of_several_error_types_the_first_in_the_order_counts(record: FrameRecor
 
 
 def test_a_frame_without_a_record_is_wrong() -> None:
-    verdict = judge_absent("clip", "one", 7, "girl", Label(target="none"))
+    verdict = _verdict(frame_record([CUP]), Label(target="none"), frame=7)
     assert (verdict.frame, *_outcome(verdict)) == (7, None, "wrong", "no_subject")
 
 
@@ -183,11 +193,7 @@ def _answered(boxes: list[tuple[float, float, float, float]], point_px: tuple[fl
     return [
         cup.instance_id
         for cup in cups
-        if judge(
-            frame_record(cups, [subject_record("girl", focus=cup.instance_id)]),
-            "girl",
-            Label(target="cup", point_px=point_px),
-        ).outcome
+        if _judge(frame_record(cups, [subject_record("girl", focus=cup.instance_id)]), "cup", point_px).outcome
         == "correct"
     ]
 
