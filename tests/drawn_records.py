@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from vfoa.types import DirectionFit
 
@@ -18,34 +17,6 @@ fits = st.builds(
     claimed_error_rad=st.none() | numbers,
     implied_error_rad=st.none() | numbers,
     implied_share=st.none() | numbers,
-)
-measures = st.builds(
-    FrameMeasures,
-    disparity=st.none()
-    | st.builds(DisparityMeasure, error_px=st.none() | numbers, over_2_px=st.none() | numbers, known=numbers),
-    targets=st.lists(
-        st.builds(
-            TargetMeasure,
-            truth_id=ids,
-            label=st.text(),
-            instance_id=st.none() | ids,
-            mask_iou=numbers,
-            box_iou=st.none() | numbers,
-            center_error_m=st.none() | numbers,
-        ),
-        max_size=2,
-    ).map(tuple),
-    people=st.lists(
-        st.builds(
-            PersonMeasure,
-            name=st.text(),
-            head_box_iou=numbers,
-            eye_error_m=st.none() | numbers,
-            head_error_deg=st.none() | numbers,
-            gaze_error_deg=st.none() | numbers,
-        ),
-        max_size=2,
-    ).map(tuple),
 )
 
 
@@ -101,7 +72,6 @@ def records(draw: st.DrawFn) -> FrameRecord:
         time_ns=draw(st.integers(0, 2**62)),
         targets=tuple(targets),
         subjects=tuple(draw(st.lists(subjects, max_size=2))),
-        measures=draw(st.none() | measures),
         masks_from=draw(st.none() | st.integers(0, 2**62)),
         masks_age_s=draw(st.none() | numbers),
     )

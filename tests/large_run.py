@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.pipeline.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from tests import records
+from tests.record_tables import MeasuredRecord
 from tests.records import write_manifest
 from vfoa.types import Float
 
@@ -74,7 +75,7 @@ def _records(configuration: str, frames: int, subjects: int, rng: np.random.Gene
         numbers = rng.uniform(0, 1, (subjects, len(_THINGS), 2))
         for k in range(subjects):
             numbers[k, (frame // 20 + k) % len(_THINGS)] += rng.uniform(0, 2)
-        yield FrameRecord(
+        yield MeasuredRecord(
             clip=_CLIP,
             configuration=configuration,
             frame=frame,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from harness.pipeline.measures import FrameMeasures
 from harness.run.answers import answer_rows, filtered_cues
 from harness.run.columns import (
     PairColumns,
@@ -22,6 +23,22 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scenes import FolderWriter, key_of, remove_unused
 from harness.run.tables import TABLES, Row, TableWriter, make_table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredRecord(FrameRecord):
+    """A record with measures of its frame, which the tables hold as well."""
+
+    measures: FrameMeasures
+
+
+def measured(record: FrameRecord, measures: FrameMeasures) -> MeasuredRecord:
+    """The record with measures."""
+    return MeasuredRecord(**{each.name: getattr(record, each.name) for each in fields(FrameRecord)}, measures=measures)
+
+
+def _measures(record: FrameRecord) -> FrameMeasures | None:
+    return record.measures if isinstance(record, MeasuredRecord) else None
 
 
 class MemoryTables(Tables):
@@ -82,7 +99,7 @@ def write_tables(directory: RunDirectory, by_pair: Mapping[Pair, Sequence[FrameR
 
 
 def _scene_rows(record: FrameRecord) -> dict[str, Iterable[Row]]:
-    measures, frame = record.measures, record.frame
+    measures, frame = _measures(record), record.frame
     disparity = measures.disparity if measures else None
     about = (frame, record.time_ns, record.masks_from, record.masks_age_s, measures is not None)
     return {
@@ -103,6 +120,7 @@ def _directions_rows(record: FrameRecord, filtered: Sequence[str]) -> dict[str, 
     def raw(cue: str, direction: object) -> object:
         return None if cue in filtered else direction
 
+    measures = _measures(record)
     return {
         "directions": [
             (
@@ -111,5 +129,5 @@ def _directions_rows(record: FrameRecord, filtered: Sequence[str]) -> dict[str, 
             )
             for each in record.subjects
         ],
-        "true_people": [(record.frame, *astuple(each)) for each in (record.measures.people if record.measures else ())],
+        "true_people": [(record.frame, *astuple(each)) for each in (measures.people if measures else ())],
     }

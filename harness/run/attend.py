@@ -185,6 +185,37 @@ def _array(numbers: tuple[float, ...] | None) -> Float | None:
     return None if numbers is None else np.array(numbers)
 
 
+class Attended(NamedTuple):
+    """A frame, the seconds that it took, and its result."""
+
+    frame: SceneFrame
+    timings: Timings
+    result: FrameResult
+
+
+class Attender:
+    """Attends to the frames of a clip in their order. A smoothed method finishes a frame when later ones are known."""
+
+    def __init__(self, attending: Attending) -> None:
+        self._attending = attending
+        self._waiting: deque[tuple[SceneFrame, Timings]] = deque()
+
+    def step(self, frame: SceneFrame) -> list[Attended]:
+        """Attend to the next frame; return the frames that are finished now. Raises the errors of the method."""
+        timings: Timings = {}
+        with timed(timings, "attention"):
+            ready = guarded("attention", self._attending.step, frame.scene, frame.tracked, frame.names)
+        self._waiting.append((frame, timings))
+        return self._finished(ready)
+
+    def finish(self) -> list[Attended]:
+        """Return the frames that wait for later ones. Raises the errors of the method."""
+        return self._finished(guarded("attention", self._attending.finish))
+
+    def _finished(self, ready: Iterable[FrameResult]) -> list[Attended]:
+        return [Attended(*self._waiting.popleft(), result) for result in ready]
+
+
 def attend_scenes(
     paths: Mapping[str, Path], settings: Mapping[str, AttendSettings]
 ) -> Iterator[tuple[str, SceneFrame, FrameResult]]:
@@ -197,19 +228,15 @@ def attend_scenes(
     VfoaError
         As :func:`read_scenes`, or if a method fails.
     """
-    attending = {name: guarded("attention", Attending, each) for name, each in settings.items()}
+    attenders = {name: Attender(guarded("attention", Attending, each)) for name, each in settings.items()}
     clouds = {each.attention.cloud_points for each in settings.values()}
     if len(clouds) > 1:
         raise ValueError(f"found settings with {sorted(clouds)} points of a cloud; expected the same number")
-    waiting = {name: deque[SceneFrame]() for name in settings}
     for frame in read_scenes(paths, *clouds):
-        for name, each in attending.items():
-            waiting[name].append(frame)
-            for result in guarded("attention", each.step, frame.scene, frame.tracked, frame.names):
-                yield name, waiting[name].popleft(), result
-    for name, each in attending.items():
-        for result in guarded("attention", each.finish):
-            yield name, waiting[name].popleft(), result
+        for name, each in attenders.items():
+            yield from ((name, attended.frame, attended.result) for attended in each.step(frame))
+    for name, each in attenders.items():
+        yield from ((name, attended.frame, attended.result) for attended in each.finish())
 
 
 class Answering:
@@ -233,8 +260,7 @@ class Answering:
         self._context = SinkContext(**of_clip, configuration=configuration.name)
         self._pair = context.manifest.name, configuration.name
         self._answers = AnswerWriter(context.directory, self._pair, keys, filtered_cues(configuration.plain()))
-        self._waiting: deque[tuple[SceneFrame, Timings]] = deque()
-        self._attending: Attending
+        self._attender: Attender
         self._sinks: list[FrameSink] = []
         self._open_sinks = ExitStack()
 
@@ -242,7 +268,7 @@ class Answering:
         settings, manifest = self._configuration.attend, self._context.manifest
         try:
             method = guarded("attention", open_method, settings.attention, manifest, self._clip)
-            self._attending = Attending(settings, method)
+            self._attender = Attender(Attending(settings, method))
             for factory in self._factories:
                 if (sink := factory.open(self._context)) is not None:
                     self._sinks.append(self._open_sinks.enter_context(sink))
@@ -256,7 +282,7 @@ class Answering:
     ) -> None:
         if kind is None and self.error is None:
             try:
-                self._hand_over(guarded("attention", self._attending.finish))
+                self._hand_over(self._attender.finish())
             except VfoaError as late:
                 self.fail(late)
         try:
@@ -277,21 +303,16 @@ class Answering:
         """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
         if self.error is not None:
             return
-        timings: Timings = {}
         try:
-            with timed(timings, "attention"):
-                ready = guarded("attention", self._attending.step, frame.scene, frame.tracked, frame.names)
-            self._waiting.append((frame, timings))
-            self._hand_over(ready)
+            self._hand_over(self._attender.step(frame))
         except VfoaError as error:
             if isinstance(error, StageError):
                 error.frame = frame.scene.index
             self.fail(error)
 
-    def _hand_over(self, ready: Iterable[FrameResult]) -> None:
+    def _hand_over(self, attended: Iterable[Attended]) -> None:
         """Hand frames to every sink, with their records. The time of the sinks, but the last one, counts as writing."""
-        for result in ready:
-            frame, timings = self._waiting.popleft()
+        for frame, timings, result in attended:
             fx_px = frame.camera.rig.fx_px if frame.camera else None
             record = to_record(*self._pair, result, fx_px, frame.targets)
             finished = FinishedFrame(camera=frame.camera, result=result, record=record, timings=timings)

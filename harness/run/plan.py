@@ -243,7 +243,7 @@ def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]
         If a method cannot be opened, or the answers of clips differ in this.
     """
     described: dict[str, dict[str, bool]] = {}
-    for prepared in clips:
+    for prepared in clips if reads_clip(configuration.attend.attention) else [*clips][:1]:
         settings = configuration.attend.attention.for_clip(prepared.manifest.name)
         where = f"{configuration.name}: attention"
         method = guarded(where, open_method, settings, prepared.manifest, prepared.clip)

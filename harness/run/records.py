@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from harness.pipeline.frame_measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Person, Target
 
 Vector = tuple[float, float, float]
@@ -81,7 +80,7 @@ class SubjectRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRecord:
-    """One frame of one clip under one configuration. ``measures`` is None if the clip has no ground truth.
+    """One frame of one clip under one configuration.
 
     ``masks_from`` is the key frame whose masks were carried to this one, ``masks_age_s`` the seconds between; None if
     they were found in this one.
@@ -93,7 +92,6 @@ class FrameRecord:
     time_ns: int
     targets: tuple[TargetRecord, ...]
     subjects: tuple[SubjectRecord, ...]
-    measures: FrameMeasures | None = None
     masks_from: int | None = None
     masks_age_s: float | None = None
 
@@ -131,7 +129,7 @@ def to_record(
     fx_px: float | None = None,
     targets: tuple[TargetRecord, ...] | None = None,
 ) -> FrameRecord:
-    """The record of one frame without its measures, every number exactly as computed.
+    """The record of one frame, every number exactly as computed.
 
     The scene has the names of targets, and each subject its own. ``fx_px`` is the focal length; None without images.
     ``targets`` are the records of the scene's targets, if they are known.

@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any
 
 from harness.files.digests import file_digest
-from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
@@ -22,8 +20,6 @@ from vfoa.types import Cue
 
 _KEPT_GROUPS = 40
 """Row groups of scenes, and of directions, that a reader keeps decoded for the next configurations."""
-
-_OF_OBJECT, _OF_PERSON = ([each.name for each in fields(kind)] for kind in (TargetMeasure, PersonMeasure))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +56,7 @@ class TableReader:
         configurations = directory.read_manifest().configurations
         self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
         kept = lru_cache(maxsize=_KEPT_GROUPS)
-        self._scene, self._directions = kept(_read_scene), kept(_read_directions)
+        self._scene, self._directions = kept(_read_scene), kept(rows_by_frame)
 
     @cached_property
     def blocks(self) -> list[Block]:
@@ -79,7 +75,7 @@ class TableReader:
         pair, group = (block.clip, block.configuration), block.group
         paths = self._paths[pair]
         seen = self._scene(paths["frames"].parent, group)
-        looks = self._directions(paths["directions"].parent, group, block.frames)
+        looks = self._directions(paths["directions"], "directions", group, block.frames)
         answers = rows_by_frame(paths["answers"], "answers", group, block.frames)
         for parts in zip(seen, looks, answers, strict=True):
             try:
@@ -121,7 +117,7 @@ def frames_of(path: Path) -> list[tuple[int, ...]]:
 
 @dataclass(frozen=True, slots=True)
 class _SeenFrame:
-    """What the tables of a scene say about one frame. ``measures`` has no people yet; they are of the directions."""
+    """What the tables of a scene say about one frame."""
 
     number: int
     time_ns: int
@@ -129,19 +125,14 @@ class _SeenFrame:
     masks_age_s: float | None
     targets: tuple[TargetRecord, ...]
     people: list[Row]
-    measures: FrameMeasures | None
-
-
-_Looks = tuple[list[Row], tuple[PersonMeasure, ...]]
-"""The rows of directions of one frame, and the measures of its people."""
 
 
 def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
     path = folder / "frames.parquet"
     rows = list(zip(*read_columns(path, "frames", group), strict=True))
     frames = tuple(row[0] for row in rows)
-    instances, objects, people = (
-        rows_by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "objects", "people")
+    instances, people = (
+        rows_by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("instances", "people")
     )
     return [
         _SeenFrame(
@@ -151,21 +142,10 @@ def _read_scene(folder: Path, group: int) -> list[_SeenFrame]:
             masks_age_s=masks_age_s,
             targets=tuple(map(target_record, targets)),
             people=persons,
-            measures=_scene_measures(more[:3], things) if has_truth else None,
         )
-        for (number, time_ns, masks_from, masks_age_s, has_truth, *more), targets, things, persons in zip(
-            rows, instances, objects, people, strict=True
+        for (number, time_ns, masks_from, masks_age_s, *_), targets, persons in zip(
+            rows, instances, people, strict=True
         )
-    ]
-
-
-def _read_directions(folder: Path, group: int, frames: tuple[int, ...]) -> list[_Looks]:
-    looks, people = (
-        rows_by_frame(folder / f"{table}.parquet", table, group, frames) for table in ("directions", "true_people")
-    )
-    return [
-        (directions, tuple(PersonMeasure(**dict(zip(_OF_PERSON, row, strict=True))) for row in measured))
-        for directions, measured in zip(looks, people, strict=True)
     ]
 
 
@@ -192,17 +172,9 @@ def target_record(row: Row) -> TargetRecord:
     )
 
 
-def _scene_measures(disparity: Sequence[Any], objects: list[Row]) -> FrameMeasures:
-    error_px, over_2_px, known = disparity
-    return FrameMeasures(
-        disparity=None if known is None else DisparityMeasure(error_px=error_px, over_2_px=over_2_px, known=known),
-        targets=tuple(TargetMeasure(**dict(zip(_OF_OBJECT, row, strict=True))) for row in objects),
-        people=(),
-    )
-
-
-def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row], filtered: tuple[Cue, ...]) -> FrameRecord:
-    directions, people = looks
+def _record(
+    pair: Pair, seen: _SeenFrame, directions: list[Row], answers: list[Row], filtered: tuple[Cue, ...]
+) -> FrameRecord:
     return FrameRecord(
         clip=pair[0],
         configuration=pair[1],
@@ -213,7 +185,6 @@ def _record(pair: Pair, seen: _SeenFrame, looks: _Looks, answers: list[Row], fil
             _subject(seen.number, *rows, filtered)
             for rows in zip_longest(seen.people, directions, answers, fillvalue=(None,))
         ),
-        measures=replace(seen.measures, people=people) if seen.measures is not None else None,
         masks_from=seen.masks_from,
         masks_age_s=seen.masks_age_s,
     )

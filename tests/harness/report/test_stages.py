@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.pipeline.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.pipeline.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
 from harness.report.write import run_tables
 from harness.run.records import FrameRecord
 from harness.score.outcomes import Reference
 from harness.score.score import Scores
+from tests.record_tables import measured as with_measures
 from tests.records import answers, labels, run_manifest, score
 from vfoa.errors import VfoaError
 
@@ -25,7 +25,7 @@ def measured(record: FrameRecord, *, error_px: float, eyes_m: float | None, box_
     )
     person = PersonMeasure(name="girl", head_box_iou=0.8, eye_error_m=eyes_m, head_error_deg=None, gaze_error_deg=12.0)
     disparity = DisparityMeasure(error_px=error_px, over_2_px=0.1, known=0.75)
-    return replace(record, measures=FrameMeasures(disparity=disparity, targets=(thing,), people=(person,)))
+    return with_measures(record, FrameMeasures(disparity=disparity, targets=(thing,), people=(person,)))
 
 
 @pytest.fixture

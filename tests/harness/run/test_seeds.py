@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.pipeline.frame_measures import FrameMeasures
+from harness.pipeline.measures import FrameMeasures
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
@@ -19,6 +19,7 @@ from harness.score.calibration import coverages, reliabilities, reliabilities_by
 from harness.score.comparison import compare
 from harness.score.outcomes import Reference
 from tests.disk import write_text
+from tests.record_tables import measured
 from tests.records import answers, labels, score
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
@@ -107,7 +108,7 @@ def fitted_and_measured(record: FrameRecord) -> FrameRecord:
     """The record with a fit of every subject and with empty measures."""
     fit = DirectionFit(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
     subjects = tuple(replace(subject, fit=fit) for subject in record.subjects)
-    return replace(record, subjects=subjects, measures=FrameMeasures(disparity=None, targets=(), people=()))
+    return measured(replace(record, subjects=subjects), FrameMeasures(disparity=None, targets=(), people=()))
 
 
 def test_runs_under_other_numbers_of_seeds_are_not_compared() -> None:
