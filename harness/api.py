@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from harness.files.parsing import toml_value
-from harness.remote import local_folder
+from harness.files.remote import local_folder
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.frames_csv import run_frames

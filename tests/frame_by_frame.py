@@ -12,7 +12,7 @@ from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import AnswerTraits
 from harness.score.baselines import choose
 from harness.score.judged import COMPARED_EVERY
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from harness.score.verdicts import (
     NO_HIT,
     NO_OBJECT,

@@ -14,7 +14,7 @@ from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.score.outcomes import Outcomes, Reference
+from harness.score.judging import JudgedSubject, Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
 from tests.disk import write_text
@@ -197,6 +197,6 @@ def texts_of(scores: Scores) -> dict[str, str]:
     return render_tables(scores, run_tables(scores))
 
 
-def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
+def collect_judged(records: Iterable[FrameRecord], reference: Reference) -> list[JudgedSubject]:
     """The outcomes of records."""
-    return [*score(records, reference).outcomes]
+    return [*score(records, reference).judged_subjects]

@@ -60,7 +60,7 @@ DOORS = {
     "onnx": ("harness/pipeline/export/",),
     "filterpy": ("vfoa/gaze_filter.py",),
     "open3d": ("harness/studio/raycast.py",),
-    "fsspec": ("harness/remote.py",),
+    "fsspec": ("harness/files/remote.py",),
     "httpx": ("harness/files/download.py", "harness/record/web_viewer.py"),
     "starlette": (
         "harness/annotate/",
@@ -74,7 +74,7 @@ DOORS = {
     "msgspec": (
         "harness/files/folders.py",
         "harness/files/parsing.py",
-        "harness/pipeline/outputs/maps.py",
+        "harness/pipeline/stage_files/maps.py",
         "harness/record/verdict_layer.py",
         "harness/report/",
         "harness/pipeline/cache_store.py",

@@ -13,7 +13,7 @@ import numpy as np
 from harness.bench.plain import plain_attention
 from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import Configuration
-from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.drawn_stage import DrawnClip
 from harness.pipeline.perception import Perception, SharedFrame, pose_frames
 from harness.report.formats import Table
 from harness.sources import MeasuredClip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import Configuration, clouds_of
-from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.drawn_stage import DrawnClip
 from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.directory import RunDirectory

@@ -18,7 +18,7 @@ from harness.cli.terminal import bytes_bar, print_json, print_table, say
 if TYPE_CHECKING:
     from harness.clips.add import Added
     from harness.clips.check import ClipCheck, ClipRow
-    from harness.pipeline.outputs.other_programs import Part, Program
+    from harness.pipeline.stage_files.other_programs import Part, Program
     from harness.sources import Clip, MeasuredClip
 
 
@@ -73,7 +73,7 @@ def add_clip(
     """Recognise the source at a path; write a manifest and an empty annotation file."""
     from harness.clips.add import add_clip as add
     from harness.files.parsing import parse_assignment
-    from harness.remote import is_address
+    from harness.files.remote import is_address
     from vfoa.errors import VfoaError
 
     if is_address(path):
@@ -119,7 +119,7 @@ def _faces_experiment(
     """Makes the experiment of a clip whose heads and gazes are those of another program; None without one."""
     from harness.files.io import read_text
     from harness.files.parsing import toml_value
-    from harness.pipeline.outputs.other_programs import check_program, parts_in, read_part
+    from harness.pipeline.stage_files.other_programs import check_program, parts_in, read_part
     from vfoa.errors import VfoaError
 
     if openface is None and gaze3d is None:
@@ -322,7 +322,7 @@ def fetch_clips(
     calibration board, samples of OpenCV.
     """
     from harness.clips import fetch
-    from harness.remote import expand
+    from harness.files.remote import expand
     from vfoa.errors import check_known
 
     repositories: dict[str, tuple[str, str, str, Callable[[Path], None]]] = {

@@ -74,7 +74,7 @@ def _matching(names: Iterable[str], incomplete: str) -> list[str]:
 
 def run_folder(run: str) -> Path:
     """The folder of a run. Raises a :class:`vfoa.errors.VfoaError` if it is given as an address."""
-    from harness.remote import local_folder
+    from harness.files.remote import local_folder
 
     return local_folder(run, "RUN")
 

@@ -228,7 +228,7 @@ def _wrong_frames(
 
 def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
-    judged = (outcome.judged for outcome in scores.outcomes if clip in (None, outcome.clip))
+    judged = (of_subject.judged for of_subject in scores.judged_subjects if clip in (None, of_subject.clip))
     of_clip = [each.where(each.is_wrong) for each in judged if configuration in (None, each.configuration)]
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(

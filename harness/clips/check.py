@@ -16,8 +16,8 @@ from harness.clips.manifest import ClipManifest, clip_files, load_manifest, mani
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.clips.picture_bits import picture_bits_notes
 from harness.files.folders import folders
+from harness.files.remote import unset_variables
 from harness.labels.labels import IGNORED, RESERVED, Label, Labels, timeline_of
-from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError, did_you_mean

@@ -29,11 +29,11 @@ from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program, folders, names
 from harness.files.io import is_file, read_text
 from harness.files.parsing import parse_toml, read_toml
+from harness.files.remote import VARIABLE, expand
 from harness.files.safe_names import check_name
 from harness.labels.drawn_shapes import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
-from harness.remote import VARIABLE, expand
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError, did_you_mean, located

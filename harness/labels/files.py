@@ -18,6 +18,7 @@ from pathlib import Path
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program, folders
 from harness.files.io import atomic_write, is_file_or_link
+from harness.files.remote import expand
 from harness.files.tables import csv_rows, format_rows
 from harness.labels.labels import Labels, Timeline, format_seconds
 from harness.labels.rows import (
@@ -32,7 +33,6 @@ from harness.labels.rows import (
     check_sequence,
     check_text,
 )
-from harness.remote import expand
 from vfoa.errors import VfoaError, did_you_mean
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")

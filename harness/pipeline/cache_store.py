@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from harness.files.folders import cache_root, sealed, unsealed
 from harness.files.io import atomic_write, opened, read_bytes, replacing
 from harness.files.parsing import parse_json
-from harness.remote import local_folder
+from harness.files.remote import local_folder
 from vfoa.errors import VfoaError
 from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances, NoGaze, StereoRig

@@ -165,25 +165,25 @@ class StageChoice:
 
 
 _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
-    (vfoa.stereo.MATCHERS, {"truth": "ground_truth:TruthMatcher", "files": "outputs.maps:FileMatcher"}),
+    (vfoa.stereo.MATCHERS, {"truth": "ground_truth:TruthMatcher", "files": "stage_files.maps:FileMatcher"}),
     (
         vfoa.segmentation.SEGMENTERS,
         {
             "truth": "ground_truth:TruthSegmenter",
-            "coco_panoptic": "outputs.maps:CocoPanoptic",
-            DRAWN: "drawn:DrawnMasks",
+            "coco_panoptic": "stage_files.maps:CocoPanoptic",
+            DRAWN: "drawn_stage:DrawnMasks",
         },
     ),
     (
         vfoa.heads.DETECTORS,
-        {"truth": "ground_truth:TruthHeads", "files": "outputs.heads:FileHeads", DRAWN: "drawn:DrawnHeads"},
+        {"truth": "ground_truth:TruthHeads", "files": "stage_files.heads:FileHeads", DRAWN: "drawn_stage:DrawnHeads"},
     ),
     (
         vfoa.head_pose.MODELS,
         {
             "truth": "ground_truth:TruthHeadPose",
             "simulated": "ground_truth:SimulatedHeadPose",
-            "files": "outputs.directions:FileHeadPose",
+            "files": "stage_files.directions:FileHeadPose",
         },
     ),
     (
@@ -191,7 +191,7 @@ _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
         {
             "truth": "ground_truth:TruthGaze",
             "simulated": "ground_truth:SimulatedGaze",
-            "files": "outputs.directions:FileGaze",
+            "files": "stage_files.directions:FileGaze",
         },
     ),
 )
@@ -208,7 +208,7 @@ STAGES: dict[str, StageKind] = {
 }
 
 
-METHODS_OF_CLIP = {"answers": "harness.pipeline.outputs.answers:FileAnswers"}
+METHODS_OF_CLIP = {"answers": "harness.pipeline.stage_files.answers:FileAnswers"}
 """Methods of attention that read something of the clip: built as ``Class(settings, manifest, clip)``."""
 METHODS = Registry(
     kind=vfoa.methods.METHODS.kind,

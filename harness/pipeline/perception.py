@@ -24,8 +24,8 @@ from harness.clips.naming import FrameNames, Namer
 from harness.files.unchanged import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
-from harness.pipeline.drawn import DrawnClip
-from harness.pipeline.outputs.answers import FileAnswers
+from harness.pipeline.drawn_stage import DrawnClip
+from harness.pipeline.stage_files.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
 from vfoa.drawn import DrawnSettings

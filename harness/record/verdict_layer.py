@@ -17,13 +17,13 @@ from rerun.chunk import RrdReader
 
 from harness.files.digests import digest_files
 from harness.labels.labels import Labels
-from harness.record import appearance, entities, frame_log, layer_file, verdicts
+from harness.record import appearance, entities, frame_log, layer_file, verdict_content
 from harness.record.appearance import Colours
 from harness.record.frame_log import FrameLog, Shown
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import ids_of, properties, reading
-from harness.record.verdicts import log_palettes, log_styles, log_verdicts
+from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
 from harness.run.columns import ColumnReader
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import renamed
@@ -104,7 +104,7 @@ def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
 @cache
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
-    modules = (verdicts, entities, frame_log, layer_file, appearance, scored, judged, picks)
+    modules = (verdict_content, entities, frame_log, layer_file, appearance, scored, judged, picks)
     files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 

@@ -13,9 +13,9 @@ from typing import Any
 
 from harness.clips.manifest import load_manifest
 from harness.files.parsing import parse_assignment
+from harness.files.remote import expand
 from harness.pipeline.configuration import METHODS as KNOWN
 from harness.pipeline.configuration import Configuration, merged, reads_clip
-from harness.remote import expand
 from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
 from harness.run.notes import NoteKind
 from vfoa.config import read_steps

@@ -119,7 +119,7 @@ def _of_fit(name: str) -> Rates:
 
 def _of_run(scores: Scores) -> dict[str, Rates]:
     """The rates of each method of a run."""
-    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.outcomes)}
+    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.judged_subjects)}
     return {
         row.configuration: Rates(
             row.metrics["log_loss"], errors.get(row.configuration, math.nan), row.metrics["balanced_frr"]
@@ -161,7 +161,7 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
 
 def _rows(title: str, scores: Scores) -> Iterator[tuple[object, ...]]:
     """The rows of a material: the best simple rule, then the methods."""
-    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.outcomes)}
+    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.judged_subjects)}
     rows = scores.overall()
     for row in rows[:1]:
         rule = row.best_baseline

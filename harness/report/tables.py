@@ -219,7 +219,8 @@ def phases_table(scores: Scores) -> Table:
     rows = []
     for phase, of_phase in scores.phases.items():
         errors = {
-            of_method.configuration: of_method.calibration_error for of_method in reliabilities(of_phase.outcomes)
+            of_method.configuration: of_method.calibration_error
+            for of_method in reliabilities(of_phase.judged_subjects)
         }
         rows += [
             (

@@ -244,9 +244,9 @@ def _next_lines(scores: Scores, room: int) -> list[str]:
 def _error_types(scores: Scores, configurations: Collection[str]) -> Counter[str]:
     """The number of wrong frames by error type; among equal numbers, in the order of :data:`ERROR_TYPES`."""
     counts = Counter[str]()
-    for outcome in scores.outcomes:
-        if outcome.configuration in configurations:
-            counts.update(outcome.error_types)
+    for of_subject in scores.judged_subjects:
+        if of_subject.configuration in configurations:
+            counts.update(of_subject.error_types)
     return Counter({name: counts[name] for name in ERROR_TYPES if counts[name]})
 
 

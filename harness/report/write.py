@@ -52,7 +52,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import conditions_of
 
@@ -194,9 +194,9 @@ def run_tables(scores: Scores) -> RunTables:
         "published": published_table(scores),
         "ablation": ablation_table(scores),
         "stages": stage_measures_table(scores),
-        "calibration": reliability_table(reliabilities(scores.outcomes)),
-        "calibration by subject": subject_reliability_table(reliabilities_by_subject(scores.outcomes)),
-        "sets": prediction_set_table(coverages(scores.outcomes)),
+        "calibration": reliability_table(reliabilities(scores.judged_subjects)),
+        "calibration by subject": subject_reliability_table(reliabilities_by_subject(scores.judged_subjects)),
+        "sets": prediction_set_table(coverages(scores.judged_subjects)),
         "directions": direction_check_table(scores.directions),
         "factors": factors_table(scores),
         "comparisons": comparison_table(comparisons),

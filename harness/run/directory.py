@@ -22,7 +22,7 @@ from typing import IO
 from harness.clips.manifest import manifest_of_run
 from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
 from harness.files.parsing import parse_json
-from harness.remote import local_folder
+from harness.files.remote import local_folder
 from harness.run.manifest import Failure, RunManifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
 from vfoa.validation import parse

@@ -1,6 +1,6 @@
 """Answers of a run as tables that another run, or another program, can read.
 
-The format is that of :mod:`harness.pipeline.outputs.answer_tables`, so that ``attention.method = "answers"`` reads
+The format is that of :mod:`harness.pipeline.stage_files.answer_tables`, so that ``attention.method = "answers"`` reads
 them back.
 """
 
@@ -13,7 +13,7 @@ from harness.clips.manifest import manifest_of_run
 from harness.files.io import check_new
 from harness.files.tables import write_rows
 from harness.labels.labels import NOWHERE
-from harness.pipeline.outputs.answer_tables import CHANCE
+from harness.pipeline.stage_files.answer_tables import CHANCE
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, choose, read_clip_records

@@ -19,7 +19,7 @@ from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import Executor, InProcess, Progress, compute_with
 from harness.run.frame_sink import lacks_files
-from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
+from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.scenes import Keys, paths_of
 from harness.run.tables import answer_tables
@@ -54,7 +54,7 @@ class Results:
     keys: dict[Pair, Keys] = field(default_factory=dict)
     fitted: dict[str, MethodSettings] = field(default_factory=dict)
 
-    def add(self, job: ClipJob, outcome: ClipOutcome) -> None:
+    def add(self, job: ClipJob, outcome: ClipResult) -> None:
         """Add the outcome of a job."""
         self.failures.update(outcome.failures)
         self.account.add(outcome.tallies)
@@ -171,8 +171,8 @@ def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
     return [each for each in dealt if each.configurations]
 
 
-def _lost(job: ClipJob, why: str) -> ClipOutcome:
-    return ClipOutcome(failures=dict.fromkeys(job.pairs, VfoaError(why)))
+def _lost(job: ClipJob, why: str) -> ClipResult:
+    return ClipResult(failures=dict.fromkeys(job.pairs, VfoaError(why)))
 
 
 def _silent(clip: str) -> None:
@@ -230,7 +230,7 @@ _opened: tuple[object, Perception, Unchanged] | None = None
 """The last job of this process, its perception and the check of its files: the next stretch is usually of that clip."""
 
 
-def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+def warm_clip(job: ClipJob, progress: Progress) -> ClipResult:
     """Perceive the job's frames, in any order, so that the cache holds the outputs that :func:`run_clip` needs.
 
     Clip, models and matchers stay open for the next job if it differs only in its frames.
@@ -238,12 +238,12 @@ def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     try:
         perception, unchanged = _open(job)
     except VfoaError:  # run_clip will report it
-        return ClipOutcome(failures={})
+        return ClipResult(failures={})
     with unchanged():
         for number in job.frames:
             perception.warm(number)
             progress(job.manifest.name)
-    return ClipOutcome(failures={}, tallies=perception.take_tallies())
+    return ClipResult(failures={}, tallies=perception.take_tallies())
 
 
 def _open(job: ClipJob) -> tuple[Perception, Unchanged]:
@@ -296,7 +296,7 @@ class WarmUp:
         for part, outcome in self._arriving:
             self._take(part, outcome)
 
-    def _take(self, part: ClipJob, outcome: ClipOutcome) -> None:
+    def _take(self, part: ClipJob, outcome: ClipResult) -> None:
         self._account.add(outcome.tallies)
         frames = {(part.manifest.name, frame) for frame in part.frames}
         self._waiting -= frames

@@ -19,7 +19,7 @@ from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.cache import Identity as StageIdentity
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration
-from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.drawn_stage import DrawnClip
 from harness.pipeline.measures import Measurer
 from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
 from harness.pipeline.stage_runner import timed
@@ -154,7 +154,7 @@ class ClipJob:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClipOutcome:
+class ClipResult:
     """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache.
 
     ``keys`` are those of the scene and directions of each configuration that is perceived, by name.
@@ -165,7 +165,7 @@ class ClipOutcome:
     tallies: tuple[Tally, ...] = ()
 
 
-def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+def run_clip(job: ClipJob, progress: Progress) -> ClipResult:
     """Perceive one clip under all configurations of a job, unless its scenes are whole, and attend to it.
 
     Under configurations whose weights are still to be fitted it is only perceived.
@@ -182,7 +182,7 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
 
 
-def perceive_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
+def perceive_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipResult:
     """Perceive one clip as :func:`run_clip` does, without attending to it.
 
     ``numbers`` yields the frames of the job, each as soon as it may be read; default: the job's own frames.
@@ -192,14 +192,14 @@ def perceive_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | Non
 
 def _perceived(
     job: ClipJob, progress: Progress, numbers: Iterable[int] | None
-) -> tuple[Clip | MeasuredClip | None, ClipOutcome]:
+) -> tuple[Clip | MeasuredClip | None, ClipResult]:
     """Perceive a clip, and return it, if it can be opened."""
     try:
         clip = job.manifest.open()
         unchanged = job.unchanged(clip)
         decided = job.identities(clip)
     except VfoaError as error:
-        return None, ClipOutcome(failures=dict.fromkeys(job.pairs, error))
+        return None, ClipResult(failures=dict.fromkeys(job.pairs, error))
     context, tallies = job.context(clip), tuple[Tally, ...]()
     perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
     if lacking := job.lacking(decided, context):
@@ -217,7 +217,7 @@ def _perceived(
         for _ in job.frames:
             progress(job.manifest.name)
     errors = {name: each for name, each in perceived.items() if isinstance(each, VfoaError)}
-    return clip, ClipOutcome(failures=job.failures(errors), keys=_without_errors(perceived), tallies=tallies)
+    return clip, ClipResult(failures=job.failures(errors), keys=_without_errors(perceived), tallies=tallies)
 
 
 def _without_errors(perceived: Mapping[str, Keys | VfoaError]) -> dict[str, Keys]:

@@ -19,7 +19,7 @@ from harness.clips.matching import first_middle_last, near_notes
 from harness.files.digests import code_digest, file_digest
 from harness.labels.labels import Labels, timeline_of
 from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
-from harness.pipeline.drawn import DrawnClip, check_drawn
+from harness.pipeline.drawn_stage import DrawnClip, check_drawn
 from harness.pipeline.stage_runner import guarded
 from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair

@@ -27,7 +27,7 @@ from harness.clips.manifest import ClipManifest
 from harness.files.digests import code_of, own_code_digest
 from harness.pipeline.cache import identify, parts_of_clip
 from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
-from harness.pipeline.drawn import DrawnClip
+from harness.pipeline.drawn_stage import DrawnClip
 from harness.pipeline.measures import FrameMeasures, Measurer, PersonMeasure, TargetMeasure
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.pipeline.stage_runner import timed
@@ -100,7 +100,7 @@ def identities(
 _PLACED_BY = ("vfoa.reconstruction", "vfoa.tracking", "vfoa.drawn", "vfoa.visible", "harness.clips.naming")
 """Code that decides the values of a scene, with all that it imports."""
 _WRITTEN_BY = (
-    *("vfoa.pipeline", "harness.pipeline.perception", "harness.pipeline.drawn", "harness.pipeline.measures"),
+    *("vfoa.pipeline", "harness.pipeline.perception", "harness.pipeline.drawn_stage", "harness.pipeline.measures"),
     *("harness.run.scenes", "harness.run.tables"),
 )
 """Code that decides them alone: among what it imports are the methods of attention, which do not."""

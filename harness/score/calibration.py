@@ -26,7 +26,7 @@ from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.judged import JudgedPart
-from harness.score.outcomes import Outcomes
+from harness.score.judging import JudgedSubject
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.scoring import BINS, bins
@@ -115,41 +115,43 @@ class DirectionCheck:
         return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
 
-def _with_values(outcomes: Iterable[Outcomes], column: str) -> dict[str, list[Outcomes]]:
-    """By configuration, all seeds together: the outcomes that have a value in a column."""
-    groups: dict[str, list[Outcomes]] = {}
-    for outcome in outcomes:
-        if not np.isnan(getattr(outcome, column)).all():
-            groups.setdefault(base_of(outcome.configuration), []).append(outcome)
+def _with_values(subjects: Iterable[JudgedSubject], column: str) -> dict[str, list[JudgedSubject]]:
+    """By configuration, all seeds together: the subjects that have a value in a column."""
+    groups: dict[str, list[JudgedSubject]] = {}
+    for of_subject in subjects:
+        if not np.isnan(getattr(of_subject, column)).all():
+            groups.setdefault(base_of(of_subject.configuration), []).append(of_subject)
     return groups
 
 
-def reliabilities(outcomes: Iterable[Outcomes]) -> list[Reliability]:
-    """One for each configuration with probabilities, in the order of the outcomes."""
+def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
+    """One for each configuration with probabilities, in the order of the subjects."""
     found = []
-    for name, group in _with_values(outcomes, "confidence").items():
+    for name, group in _with_values(subjects, "confidence").items():
         frames = np.concatenate([np.stack([of.confidence, of.correct, of.brier], axis=1) for of in group])
-        clips = list(dict.fromkeys(outcome.clip for outcome in group))
-        codes = np.repeat([clips.index(outcome.clip) for outcome in group], [len(outcome.frames) for outcome in group])
+        clips = list(dict.fromkeys(of_subject.clip for of_subject in group))
+        codes = np.repeat(
+            [clips.index(of_subject.clip) for of_subject in group], [len(of_subject.frames) for of_subject in group]
+        )
         known = ~np.isnan(frames[:, 0])
         found.append(reliability(name, frames[known], codes[known]))
     return found
 
 
-def reliabilities_by_subject(outcomes: Iterable[Outcomes]) -> list[tuple[str, str, Reliability]]:
+def reliabilities_by_subject(subjects: Iterable[JudgedSubject]) -> list[tuple[str, str, Reliability]]:
     """Clip, subject and calibration: one for each configuration with probabilities, sorted by clip and subject."""
-    groups: dict[tuple[str, str], list[Outcomes]] = {}
-    for outcome in outcomes:
-        groups.setdefault((outcome.clip, outcome.subject), []).append(outcome)
+    groups: dict[tuple[str, str], list[JudgedSubject]] = {}
+    for of_subject in subjects:
+        groups.setdefault((of_subject.clip, of_subject.subject), []).append(of_subject)
     return [(*place, row) for place, group in sorted(groups.items()) for row in reliabilities(group)]
 
 
-def coverages(outcomes: Iterable[Outcomes]) -> list[SetCoverage]:
+def coverages(subjects: Iterable[JudgedSubject]) -> list[SetCoverage]:
     """One coverage for each configuration that gives probabilities."""
     found = []
-    for name, group in _with_values(outcomes, "set_size").items():
-        sizes = np.concatenate([outcome.set_size for outcome in group])
-        covered, n = sum(int(outcome.is_covered.sum()) for outcome in group), int((~np.isnan(sizes)).sum())
+    for name, group in _with_values(subjects, "set_size").items():
+        sizes = np.concatenate([of_subject.set_size for of_subject in group])
+        covered, n = sum(int(of_subject.is_covered.sum()) for of_subject in group), int((~np.isnan(sizes)).sum())
         found.append(SetCoverage(configuration=name, n=n, covered=covered, mean_size=float(np.nanmean(sizes))))
     return found
 

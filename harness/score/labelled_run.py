@@ -16,7 +16,7 @@ from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRec
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
 from harness.score.judged import Judged
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from harness.score.score import judged_part
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
@@ -31,7 +31,7 @@ from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Ta
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
 
-Outcome = tuple[bool, float, float]
+ScoredAnswer = tuple[bool, float, float]
 """Whether an answer is right; its probability, and that of the truth. NaN without probabilities."""
 
 
@@ -118,7 +118,7 @@ def read_features(
     return labelled_runs(run.manifest.experiment, run.records(), run.reference().labels, configurations, cases)
 
 
-Answers = Mapping[tuple[str, str, int], Mapping[str, Outcome]]
+Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
 """The outcome of each configuration by clip, subject and labelled frame."""
 
 
@@ -187,7 +187,7 @@ def labelled_people(
             label = labels.at(record.frame, name)
             right = () if label is None or label.target == IGNORED else right_answers(record, label)
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
-            nearest, answers = (math.nan, False), dict[str, Outcome]()
+            nearest, answers = (math.nan, False), dict[str, ScoredAnswer]()
             if others is not None:
                 pick = choose(record, person)
                 nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
@@ -225,11 +225,11 @@ class _Row(NamedTuple):
     alone: Mapping[Case, Seen | None]
     target: int | None
     nearest: tuple[float, bool]
-    answers: Mapping[str, Outcome]
+    answers: Mapping[str, ScoredAnswer]
 
 
 def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
-    missing: Outcome = (False, math.nan, math.nan)
+    missing: ScoredAnswer = (False, math.nan, math.nan)
     names = dict.fromkeys(name for row in rows for name in row.answers)
     return Person(
         sequence=LabelledSequence(
@@ -247,17 +247,17 @@ def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
 
 def _answers(run: FinishedRun, reference: Reference) -> Answers:
     """The answers of all configurations, of the first seed of each."""
-    answers: dict[tuple[str, str, int], dict[str, Outcome]] = {}
+    answers: dict[tuple[str, str, int], dict[str, ScoredAnswer]] = {}
     for columns in run.columns():
         name, base = columns.configuration, base_of(columns.configuration)
         if columns.clip in reference.labels and (base == name or name.endswith(".seed1")):
             for subject, judged in judged_part(columns, reference).by_subject.items():
-                for frame, outcome in _outcomes(judged):
+                for frame, outcome in _scored_answers(judged):
                     answers.setdefault((columns.clip, subject, frame), {})[base] = outcome
     return answers
 
 
-def _outcomes(judged: Judged) -> Iterator[tuple[int, Outcome]]:
+def _scored_answers(judged: Judged) -> Iterator[tuple[int, ScoredAnswer]]:
     """Yield the scored frames of a subject."""
     scored = judged.where(judged.is_scored)
     columns = scored.frames, ~scored.is_wrong, *scored.worth[:, :2].T

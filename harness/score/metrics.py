@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.score.outcomes import Outcomes
+from harness.score.judging import JudgedSubject
 from harness.score.statistics import Counts
 from vfoa.registry import Registry
 from vfoa.scoring import LEAST_PROBABILITY, balanced, cohen_kappa, confusion, log_loss, macro_f1, share
@@ -33,7 +33,7 @@ class Metric(Protocol):
     title: str
     meaning: str
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The value of one row; NaN if it has none (an empty cell in the table)."""
         ...
 
@@ -44,7 +44,7 @@ class BalancedFRR:
     title = "Balanced FRR"
     meaning = "Balanced FRR: mean of the next two; always answering one thing gets at most a half."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The mean of the two recalls, in [0, 1]."""
         return balanced(RecallTargets()(group), RecallNowhere()(group))
 
@@ -55,9 +55,9 @@ class RecallTargets:
     title = "Recall, targets"
     meaning = "Recall, targets: share of right pairs among those with a true target."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The recall, in [0, 1]; NaN if there are no such frames."""
-        return _mean([outcomes.correct[~outcomes.nowhere] for outcomes in group])
+        return _mean([of_subject.correct[~of_subject.nowhere] for of_subject in group])
 
 
 class RecallNowhere:
@@ -66,9 +66,9 @@ class RecallNowhere:
     title = "Recall, nowhere"
     meaning = "Recall, nowhere: among those whose label is none (no hit is right there)."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The recall, in [0, 1]; NaN if there are no such frames."""
-        return _mean([outcomes.correct[outcomes.nowhere] for outcomes in group])
+        return _mean([of_subject.correct[of_subject.nowhere] for of_subject in group])
 
 
 class LogLoss:
@@ -80,9 +80,9 @@ class LogLoss:
         "Lower is better."
     )
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The log loss, nats; NaN for a method without probabilities."""
-        return log_loss(np.concatenate([outcomes.on_truth for outcomes in group]))
+        return log_loss(np.concatenate([of_subject.on_truth for of_subject in group]))
 
 
 class Brier:
@@ -91,9 +91,9 @@ class Brier:
     title = "Brier"
     meaning = "Brier: squared distance of all probabilities from the truth, 0 to 2. Lower is better."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """The score, 0 to 2; NaN for a method without probabilities."""
-        return _mean([outcomes.brier for outcomes in group])
+        return _mean([of_subject.brier for of_subject in group])
 
 
 class MacroF1:
@@ -102,7 +102,7 @@ class MacroF1:
     title = "Macro F1"
     meaning = "Macro F1: mean over the labels that occur in the truth."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """Macro F1 of a row, in [0, 1]."""
         return macro_f1(confusion_of(group))
 
@@ -113,7 +113,7 @@ class Kappa:
     title = "Kappa"
     meaning = "Kappa: Cohen's, with no prediction as an answer of its own."
 
-    def __call__(self, group: Sequence[Outcomes]) -> float:
+    def __call__(self, group: Sequence[JudgedSubject]) -> float:
         """Kappa of a row, at most 1; NaN if chance alone would always agree."""
         return cohen_kappa(confusion_of(group))
 
@@ -122,10 +122,10 @@ def _mean(values: Sequence[NDArray[Any]]) -> float:
     return share(np.concatenate(values))
 
 
-def confusion_of(group: Sequence[Outcomes]) -> Counts:
+def confusion_of(group: Sequence[JudgedSubject]) -> Counts:
     """Counts of truth (rows) by answer, as :func:`vfoa.scoring.confusion`."""
-    truth = np.concatenate([outcomes.truth for outcomes in group])
-    return confusion(truth, np.concatenate([outcomes.predicted for outcomes in group]))
+    truth = np.concatenate([of_subject.truth for of_subject in group])
+    return confusion(truth, np.concatenate([of_subject.predicted for of_subject in group]))
 
 
 METRICS = Registry(

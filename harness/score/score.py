@@ -25,9 +25,9 @@ from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.judged import JudgedPart, judge_columns
+from harness.score.judging import JudgedSubject, Reference, axis_notes, judged_subjects, unit_notes, wanted_frames
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import Outcomes, Reference, axis_notes, to_outcomes, unit_notes, wanted_frames
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Float
@@ -104,11 +104,11 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """All scores of a run. ``rows`` hold only groups with annotated frames; ``outcomes`` include the unscored frames.
+    """All scores of a run. ``rows`` hold only groups with annotated frames, ``judged_subjects`` the unscored ones, too.
 
-    Clips and configurations are in the order of the results; outcomes by clip, configuration, subject. ``notes``
+    Clips and configurations are in the order of the results; subjects by clip, configuration, subject. ``notes``
     are shown with every table. ``published`` are published figures. ``measures`` compare the stages with the ground
-    truth, ``directions`` the measured directions with the posterior. ``outcomes`` are the input of the rows.
+    truth, ``directions`` the measured directions with the posterior. ``judged_subjects`` are the input of the rows.
     ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`. ``phases`` are the scores of each
     phase of the clips that have some, on these clips together; without notes and measures. ``has_answers_of_file``
     says whether another system gave the answers of a configuration.
@@ -122,7 +122,7 @@ class Scores:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     measures: Mapping[Pair, Measured] = field(default_factory=dict, compare=False, repr=False)
     directions: tuple[DirectionCheck, ...] = ()
-    outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
+    judged_subjects: tuple[JudgedSubject, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     phases: Mapping[str, Scores] = field(default_factory=dict)
@@ -130,16 +130,16 @@ class Scores:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdicts, one object for each frame of a subject, made anew; the outcomes have them as columns."""
-        return tuple(verdict for outcome in self.outcomes for verdict in outcome.judged.verdicts())
+        """The verdicts, one object for each frame of a subject, made anew; the judged subjects have them as columns."""
+        return tuple(verdict for of_subject in self.judged_subjects for verdict in of_subject.judged.verdicts())
 
     @property
     def wrong_frames(self) -> dict[Pair, set[int]]:
         """The frames in which somebody was judged wrong, of those that have some."""
         wrong: dict[Pair, set[int]] = {}
-        for outcome in self.outcomes:
-            if frames := {*outcome.frames[~outcome.correct].tolist()}:
-                wrong.setdefault((outcome.clip, outcome.configuration), set()).update(frames)
+        for of_subject in self.judged_subjects:
+            if frames := {*of_subject.frames[~of_subject.correct].tolist()}:
+                wrong.setdefault((of_subject.clip, of_subject.configuration), set()).update(frames)
         return wrong
 
     def by_clip(self) -> list[ScoreRow]:
@@ -162,10 +162,10 @@ class Scores:
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
-        seeds_of: dict[tuple[str, str], list[Outcomes]] = {}
-        for outcome in self.outcomes:
-            if base_of(outcome.configuration) == configuration and len(outcome.frames):
-                seeds_of.setdefault((outcome.clip, outcome.subject), []).append(outcome)
+        seeds_of: dict[tuple[str, str], list[JudgedSubject]] = {}
+        for of_subject in self.judged_subjects:
+            if base_of(of_subject.configuration) == configuration and len(of_subject.frames):
+                seeds_of.setdefault((of_subject.clip, of_subject.subject), []).append(of_subject)
         return [
             ScoredFrames(
                 clip=clip,
@@ -211,16 +211,16 @@ def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
 
 def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measured], reference: Reference) -> Scores:
     """Score judged records; ``measured`` are the measures of the same ones."""
-    outcomes, directions = to_outcomes(judged, reference), direction_checks(judged)
-    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes))
-    configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
+    subjects, directions = judged_subjects(judged, reference), direction_checks(judged)
+    clips = tuple(dict.fromkeys(of_subject.clip for of_subject in subjects))
+    configurations = tuple(dict.fromkeys(of_subject.configuration for of_subject in subjects))
     metrics = load_metrics()
     says_nowhere = {
         *(base_of(name) for name, traits in reference.traits.items() if traits.says_nowhere),
-        *(base_of(outcome.configuration) for outcome in outcomes if outcome.says_nowhere.any()),
+        *(base_of(of_subject.configuration) for of_subject in subjects if of_subject.says_nowhere.any()),
     }
     phases = dict.fromkeys(phase for of_clip in reference.phases.values() for phase in of_clip.values())
-    rows = [_row(*group, metrics, says_nowhere) for group in _groups(outcomes, clips, configurations)]
+    rows = [_row(*group, metrics, says_nowhere) for group in _groups(subjects, clips, configurations)]
     return Scores(
         clips=clips,
         configurations=configurations,
@@ -230,49 +230,49 @@ def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measu
         factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measured,
         directions=tuple(directions),
-        outcomes=tuple(outcomes),
+        judged_subjects=tuple(subjects),
         unknown_names=reference.unknown_names,
         settings=reference.settings,
         has_answers_of_file=any(traits.from_file for traits in reference.traits.values()),
-        phases={phase: _phase_scores(to_outcomes(judged, reference, phase), metrics) for phase in phases},
+        phases={phase: _phase_scores(judged_subjects(judged, reference, phase), metrics) for phase in phases},
     )
 
 
-def _phase_scores(outcomes: Sequence[Outcomes], metrics: Mapping[str, Metric]) -> Scores:
-    clips = tuple(dict.fromkeys(outcome.clip for outcome in outcomes if len(outcome.frames)))
-    configurations = tuple(dict.fromkeys(outcome.configuration for outcome in outcomes))
-    by_clip = [group for group in _groups(outcomes, clips, configurations) if group[1] is None]
+def _phase_scores(subjects: Sequence[JudgedSubject], metrics: Mapping[str, Metric]) -> Scores:
+    clips = tuple(dict.fromkeys(of_subject.clip for of_subject in subjects if len(of_subject.frames)))
+    configurations = tuple(dict.fromkeys(of_subject.configuration for of_subject in subjects))
+    by_clip = [group for group in _groups(subjects, clips, configurations) if group[1] is None]
     overall = [group for group in by_clip if group[0] is None] or by_clip
     return Scores(
         clips=clips,
         configurations=configurations,
         rows=tuple(_row(*group, metrics, ()) for group in overall),
-        outcomes=tuple(outcomes),
+        judged_subjects=tuple(subjects),
     )
 
 
-_Group = tuple[str | None, str | None, str, list[Outcomes]]
+_Group = tuple[str | None, str | None, str, list[JudgedSubject]]
 
 
-def _groups(outcomes: Sequence[Outcomes], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
-    """Groups scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
-    scored = [outcome for outcome in outcomes if len(outcome.correct)]
-    by_name: dict[str, list[Outcomes]] = {base_of(name): [] for name in configurations}
-    for outcome in scored:
-        by_name[base_of(outcome.configuration)].append(outcome)
+def _groups(subjects: Sequence[JudgedSubject], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
+    """Groups scored together, as (clip, subject, configuration, subjects), in the order of the tables."""
+    scored = [of_subject for of_subject in subjects if len(of_subject.correct)]
+    by_name: dict[str, list[JudgedSubject]] = {base_of(name): [] for name in configurations}
+    for of_subject in scored:
+        by_name[base_of(of_subject.configuration)].append(of_subject)
 
     def rows(clip: str | None, subject: str | None) -> Iterator[_Group]:
         for name, of_name in by_name.items():
-            chosen = [outcome for outcome in of_name if clip in (None, outcome.clip)]
-            if group := [outcome for outcome in chosen if subject in (None, outcome.subject)]:
+            chosen = [of_subject for of_subject in of_name if clip in (None, of_subject.clip)]
+            if group := [of_subject for of_subject in chosen if subject in (None, of_subject.subject)]:
                 yield clip, subject, name, group
 
     for clip in clips:
         yield from rows(clip, None)
-    if len({outcome.clip for outcome in scored}) > 1:
+    if len({of_subject.clip for of_subject in scored}) > 1:
         yield from rows(None, None)
     for clip in clips:
-        for subject in dict.fromkeys(outcome.subject for outcome in scored if outcome.clip == clip):
+        for subject in dict.fromkeys(of_subject.subject for of_subject in scored if of_subject.clip == clip):
             yield from rows(clip, subject)
 
 
@@ -280,19 +280,19 @@ def _row(
     clip: str | None,
     subject: str | None,
     configuration: str,
-    group: list[Outcomes],
+    group: list[JudgedSubject],
     metrics: Mapping[str, Metric],
     says_nowhere: Collection[str],
 ) -> ScoreRow:
     def column(name: str) -> Flags:
-        return np.concatenate([getattr(outcome, name) for outcome in group])
+        return np.concatenate([getattr(of_subject, name) for of_subject in group])
 
     correct, no_hit, visible, baselines = column("correct"), column("no_hit"), ~column("blocked"), column("baselines")
     nowhere = column("nowhere")
     recalls = [baselines[frames].mean(axis=0) for frames in (~nowhere, nowhere) if frames.any()]
     answered = (column("predicted") >= 0) & ~no_hit
-    error_types = sum((Counter(outcome.error_types) for outcome in group), Counter[str]())
-    units = _units_of(group, [outcome.correct for outcome in group])
+    error_types = sum((Counter(of_subject.error_types) for of_subject in group), Counter[str]())
+    units = _units_of(group, [of_subject.correct for of_subject in group])
     return ScoreRow(
         clip=clip,
         subject=subject,
@@ -307,7 +307,7 @@ def _row(
         interval=rate_interval(units),
         wilson=wilson_interval(_count(correct), len(correct)),
         metrics={name: float(metric(group)) for name, metric in metrics.items()},
-        events=count_events((outcome.truth, outcome.predicted, outcome.positions) for outcome in group),
+        events=count_events((of_subject.truth, of_subject.predicted, of_subject.positions) for of_subject in group),
         nowhere=_matches(nowhere, column("says_nowhere")) if configuration in says_nowhere else None,
         visible=_count(visible),
         visible_correct=_count(correct & visible),
@@ -319,10 +319,10 @@ def _row(
     )
 
 
-def _seed_rates(group: list[Outcomes]) -> tuple[float, ...]:
+def _seed_rates(group: list[JudgedSubject]) -> tuple[float, ...]:
     by_seed: dict[str, list[Flags]] = {}
-    for outcome in group:
-        by_seed.setdefault(outcome.configuration, []).append(outcome.correct)
+    for of_subject in group:
+        by_seed.setdefault(of_subject.configuration, []).append(of_subject.correct)
     return tuple(float(np.concatenate(flags).mean()) for flags in by_seed.values()) if len(by_seed) > 1 else ()
 
 
@@ -330,9 +330,9 @@ def _matches(true: Flags, said: Flags) -> MatchCounts:
     return MatchCounts(true=_count(true), predicted=_count(said), matched=_count(true & said))
 
 
-def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
+def _beats(group: list[JudgedSubject], baselines: Flags) -> Beats:
     best = list(BASELINES).index(_best_baseline(dict(zip(BASELINES, baselines.sum(axis=0), strict=True))))
-    gains = _units_of(group, [outcome.correct.astype(int) - outcome.baselines[:, best] for outcome in group])
+    gains = _units_of(group, [of_subject.correct.astype(int) - of_subject.baselines[:, best] for of_subject in group])
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
@@ -347,13 +347,15 @@ def _count(flags: Flags) -> int:
     return int(np.count_nonzero(flags))
 
 
-def _units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
-    """The looks of some outcomes, with the sums over their frames of a value (n,) per frame."""
+def _units_of(group: Sequence[JudgedSubject], values: Sequence[NDArray[Any]]) -> Units:
+    """The looks of some subjects, with the sums over their frames of a value (n,) per frame."""
     clips: dict[str, int] = {}
     sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
-    for outcome, value in zip(group, values, strict=True):
-        of_looks = np.stack([np.bincount(outcome.looks), np.bincount(outcome.looks, value)], axis=1).astype(np.float64)
-        key = outcome.clip, outcome.subject
+    for of_subject, value in zip(group, values, strict=True):
+        of_looks = np.stack([np.bincount(of_subject.looks), np.bincount(of_subject.looks, value)], axis=1).astype(
+            np.float64
+        )
+        key = of_subject.clip, of_subject.subject
         sums[key] = sums[key] + of_looks if key in sums else of_looks
     codes, looks = [clips.setdefault(clip, len(clips)) for clip, _ in sums], [*map(len, sums.values())]
     frames, totals = np.concatenate(list(sums.values())).T

@@ -31,8 +31,10 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
     """A row for each factor of the grid: its effect under each seed alone."""
     comparisons: dict[str, list[Comparison]] = {}
     for seed in range(1, seeds + 1):
-        of_seed = tuple(outcome for outcome in scores.outcomes if outcome.configuration.endswith(f".seed{seed}"))
-        alone = replace(scores, outcomes=of_seed)
+        of_seed = tuple(
+            of_subject for of_subject in scores.judged_subjects if of_subject.configuration.endswith(f".seed{seed}")
+        )
+        alone = replace(scores, judged_subjects=of_seed)
         frames = {name: alone.frames_of(name) for name in scores.scored_configurations}
         for comparison in chain.from_iterable(compare_factors(frames, scores.factors).values()):
             comparisons.setdefault(f"{comparison.configuration} against {comparison.reference}", []).append(comparison)

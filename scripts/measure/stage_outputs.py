@@ -14,8 +14,8 @@ import numpy as np
 from harness.files.io import atomic_write
 from harness.files.tables import write_rows
 from harness.pipeline.configuration import STAGES, Configuration
-from harness.pipeline.outputs.directions import DIRECTION, HEAD_ANGLES
-from harness.pipeline.outputs.heads import BOX, COLUMNS, FACE, KEYS, LANDMARKS
+from harness.pipeline.stage_files.directions import DIRECTION, HEAD_ANGLES
+from harness.pipeline.stage_files.heads import BOX, COLUMNS, FACE, KEYS, LANDMARKS
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 from vfoa.pipeline import Stages, perceive

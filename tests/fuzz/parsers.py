@@ -17,8 +17,8 @@ from harness.clips.manifest import load_manifest
 from harness.labels.drawn_shapes import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
-from harness.pipeline.outputs.answer_tables import read_answers
-from harness.pipeline.outputs.heads import read_heads, read_table
+from harness.pipeline.stage_files.answer_tables import read_answers
+from harness.pipeline.stage_files.heads import read_heads, read_table
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
 from harness.sources.calibration_files.one_camera import read_one_camera

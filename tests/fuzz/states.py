@@ -19,9 +19,9 @@ from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import Identity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.openvino_ir import convert
-from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings
-from harness.pipeline.outputs.heads import read_heads
-from harness.pipeline.outputs.maps import CocoPanoptic, CocoPanopticSettings
+from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings
+from harness.pipeline.stage_files.heads import read_heads
+from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
 from harness.run.columns import ColumnReader
@@ -30,8 +30,8 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.finished_run import FinishedRun
+from harness.score.judging import Reference
 from harness.score.labelled_run import read_labelled
-from harness.score.outcomes import Reference
 from harness.score.score import score as score_columns
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages

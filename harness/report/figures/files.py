@@ -94,7 +94,9 @@ def figures_of(runs: Sequence[Path], wanted: Wanted | None = None) -> Figures:
     verdicts = {name: found for each in shown for name, found in each.verdicts().items()}
     figures.drawn["confusion"] = lambda width: charts.confusion(verdicts, width)
     calibrations = [
-        (each.named(found.configuration), found) for each in shown for found in reliabilities(each.scores.outcomes)
+        (each.named(found.configuration), found)
+        for each in shown
+        for found in reliabilities(each.scores.judged_subjects)
     ]
     if calibrations:
         figures.drawn["calibration"] = lambda width: charts.calibration(calibrations, width)

@@ -28,8 +28,8 @@ from harness.report.thumbnails import Thumbnails
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.directory import Pair
 from harness.score.judged import Judged
+from harness.score.judging import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
-from harness.score.outcomes import Outcomes
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import Codes
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
@@ -125,7 +125,7 @@ def page_data(
     names, numbers = NameCodes(), {name: i for i, name in enumerate(scores.configurations)}
     scored = {name: i for i, name in enumerate(scores.scored_configurations)}
     plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
-    by_clip = _by_clip(scores.outcomes)
+    by_clip = _by_clip(scores.judged_subjects)
     clips, packs = [], {}
     stride, values = pack_attention(scores.clips, by_clip, attention)
     for number, clip in enumerate(scores.clips):
@@ -160,11 +160,11 @@ def page_data(
     return data, packs
 
 
-def _by_clip(outcomes: Iterable[Outcomes]) -> dict[str, dict[str, BySubject]]:
+def _by_clip(subjects: Iterable[JudgedSubject]) -> dict[str, dict[str, BySubject]]:
     by_clip: dict[str, dict[str, BySubject]] = {}
-    for outcome in outcomes:
-        judged = by_clip.setdefault(outcome.clip, {}).setdefault(outcome.subject, {})
-        judged[outcome.configuration] = outcome.judged
+    for of_subject in subjects:
+        judged = by_clip.setdefault(of_subject.clip, {}).setdefault(of_subject.subject, {})
+        judged[of_subject.configuration] = of_subject.judged
     return by_clip
 
 

@@ -123,7 +123,7 @@ def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, 
                     if count
                 ],
             }
-            for reliability in reliabilities(scores.outcomes)
+            for reliability in reliabilities(scores.judged_subjects)
         ],
         "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
         if times.ms
@@ -154,7 +154,9 @@ def render_tables(
 def _facts(scores: Scores, manifest: RunManifest) -> list[str]:
     """Date, commit, clips, frames and n, as words."""
     labelled = sum(
-        len(outcome.frames) for outcome in scores.outcomes if outcome.configuration == scores.configurations[0]
+        len(of_subject.frames)
+        for of_subject in scores.judged_subjects
+        if of_subject.configuration == scores.configurations[0]
     )
     finished, commit = manifest.finished or "", manifest.commit
     facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, TypeVar
 
 Job = TypeVar("Job")
-Outcome = TypeVar("Outcome")
+Result = TypeVar("Result")
 Progress = Callable[[str], None]
 """Called with the name of what has advanced (the clip's name, once per frame)."""
 
-Work = Callable[[Job, Progress], Outcome]
-Lost = Callable[[Job, str], Outcome]
+Work = Callable[[Job, Progress], Result]
+Lost = Callable[[Job, str], Result]
 """Makes the outcome of a job that was given up, from the job and the reason."""
 
 
@@ -46,8 +46,8 @@ class Executor(Protocol):
     """Number of threads that a job may use."""
 
     def run(
-        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
-    ) -> Iterator[Outcome]:
+        self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
+    ) -> Iterator[Result]:
         """Yield ``work(job, progress)`` for each job, in the order of the jobs, each as soon as it is finished.
 
         ``work`` is a function of a module. Workers continue while the caller handles an outcome.
@@ -64,8 +64,8 @@ class InProcess:
         self.threads = min(threads, MOST_THREADS)
 
     def run(
-        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
-    ) -> Iterator[Outcome]:
+        self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
+    ) -> Iterator[Result]:
         """As :class:`Executor`."""
         compute_with(self.threads)
         for job in jobs:

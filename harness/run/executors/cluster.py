@@ -16,8 +16,8 @@ from uuid import uuid4
 
 from harness.files.digests import code_digest
 from harness.files.folders import VARIABLE as CACHE_VARIABLE
-from harness.remote import forget_copies
-from harness.run.executors import GIVEN_UP, GOES_ON, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
+from harness.files.remote import forget_copies
+from harness.run.executors import GIVEN_UP, GOES_ON, Job, Lost, Progress, Result, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -88,8 +88,8 @@ class Cluster:
         self.workers = len(client.nthreads())
 
     def run(
-        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
-    ) -> Iterator[Outcome]:
+        self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
+    ) -> Iterator[Result]:
         """As :class:`harness.run.executors.Executor`; the progress of a job is told when it is finished.
 
         If the caller stops iterating, or is interrupted, control returns when no worker runs a job any more: queued

@@ -25,8 +25,8 @@ from harness.run.executors import (
     InProcess,
     Job,
     Lost,
-    Outcome,
     Progress,
+    Result,
     StoppedError,
     Work,
     compute_with,
@@ -83,13 +83,13 @@ class Pool:
             self._listener.close()
 
     def run(
-        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
-    ) -> Iterator[Outcome]:
+        self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
+    ) -> Iterator[Result]:
         """As :class:`harness.run.executors.Executor`."""
         if len(jobs) == 1:  # a single job needs no process of its own
             yield from InProcess().run(work, jobs, progress, lost)
             return
-        done: dict[int, Outcome] = {}
+        done: dict[int, Result] = {}
         given = 0
         for _ in range(ATTEMPTS - 1):
             left = {number: job for number, job in enumerate(jobs) if number >= given and number not in done}
@@ -104,12 +104,12 @@ class Pool:
             yield done.pop(number) if number in done else lost(jobs[number], GIVEN_UP)
 
     def _attempt(
-        self, work: Work[Job, Outcome], jobs: dict[int, Job], progress: Progress
-    ) -> Iterator[tuple[int, Outcome]]:
+        self, work: Work[Job, Result], jobs: dict[int, Job], progress: Progress
+    ) -> Iterator[tuple[int, Result]]:
         """Yield the outcomes of jobs that finished before a worker died, in their order, as soon as they are there."""
         if not jobs:
             return
-        broken, futures = False, dict[int, Future[Outcome]]()
+        broken, futures = False, dict[int, Future[Result]]()
         try:
             processes, listener = self._start(len(jobs), progress)
             with _ignored_by_children():
@@ -230,7 +230,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
+def _in_worker(work: Work[Job, Result], job: Job) -> Result:
     pipe, stop = _told, _stop
     if pipe is None or stop is None:
         raise AssertionError("the worker was not started by a pool")

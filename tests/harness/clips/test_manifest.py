@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from harness.clips.manifest import clip_files, clips_here, load_manifest
+from harness.files.remote import expand
 from harness.labels.labels import timeline_of
-from harness.remote import expand
 from harness.run.experiment import load_experiment
 from tests.disk import sintel_scene, write_text
 from tests.measured import measured_tables, true_labels

@@ -3,7 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from harness.record.appearance import Colours, attention_by_name, subject_names
-from harness.record.verdicts import summary
+from harness.record.verdict_content import summary
 from harness.run.results import AnswerTraits
 from tests.frame_by_frame import judge
 from tests.harness.record.conftest import LABEL

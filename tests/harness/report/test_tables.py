@@ -21,7 +21,7 @@ from harness.run.notes import Note
 from harness.run.records import FrameRecord
 from harness.run.results import AnswerTraits
 from harness.run.table_records import read_records
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import (
     answers,

@@ -150,7 +150,7 @@ def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
     _answer(rows, f"frame,subject,target,{','.join(f'p_{name}' for name in columns)}")
     _, scores = _run(talk)
     row, scored = _row(scores), vfoa.score(truth, answers, dict(zip(columns, chances.T, strict=True)))
-    (reliability,) = reliabilities(scores.outcomes)
+    (reliability,) = reliabilities(scores.judged_subjects)
     assert (scored.n, scored.correct, scored.frr) == (row.n, row.correct, row.frr)
     assert scored.coverage == row.coverage
     assert scored.calibration_error == pytest.approx(reliability.calibration_error, abs=1e-12)
@@ -169,7 +169,7 @@ def test_probabilities_are_judged(talk: Path) -> None:
     _answer((row(*label) for label in labels), f"frame,subject,target,{','.join(f'p_{name}' for name in names)}")
     _, scores = _run(talk)
     assert _row(scores).correct == 24
-    theirs = [outcome for outcome in scores.outcomes if outcome.configuration == "theirs"]
+    theirs = [outcome for outcome in scores.judged_subjects if outcome.configuration == "theirs"]
     assert {round(float(value), 9) for outcome in theirs for value in outcome.on_truth} == {0.7}
 
 
@@ -355,12 +355,13 @@ def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None
     scores = rescore(run_plan(plan, talk / "again", workers=1, progress=lambda clip: None))
     for name in ("forward", "near"):
         own, theirs = (
-            [outcome for outcome in scores.outcomes if outcome.configuration == each] for each in (name, f"{name}_read")
+            [outcome for outcome in scores.judged_subjects if outcome.configuration == each]
+            for each in (name, f"{name}_read")
         )
         for a, b in zip(own, theirs, strict=True):
             for column in ("frames", "correct", "predicted", "says_nowhere", "confidence", "on_truth", "brier"):
                 np.testing.assert_array_equal(getattr(a, column), getattr(b, column), err_msg=f"{name} {column}")
-    assert not all(outcome.correct.all() for outcome in scores.outcomes)
+    assert not all(outcome.correct.all() for outcome in scores.judged_subjects)
 
 
 def test_recordings_say_what_the_tables_say(talk: Path) -> None:
@@ -459,7 +460,7 @@ def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_answers_in_the_file_of_idiaps_tracker(tracked: Path, tmp_path: Path) -> None:
     _, scores = _run(tmp_path)
-    of_people = {outcome.subject: outcome for outcome in scores.outcomes}
+    of_people = {outcome.subject: outcome for outcome in scores.judged_subjects}
     assert {name: outcome.correct.all() for name, outcome in of_people.items()} == {"1": True, "2": False}
     np.testing.assert_allclose(of_people["1"].on_truth, 0.7)
     np.testing.assert_allclose(of_people["2"].on_truth, 0.25)

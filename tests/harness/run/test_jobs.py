@@ -14,7 +14,7 @@ from harness.pipeline.cache_store import Store
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
 from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches, warm_clip
-from harness.run.loop import ClipJob, ClipOutcome, perceive_clip, run_clip
+from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import prepare
 from tests.records import write_manifest
 from vfoa.errors import VfoaError
@@ -32,7 +32,7 @@ def test_stretches_hold_every_frame_once_and_in_order_and_grow_no_longer(frames:
 
 DEMO = ["bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest"]
 CLIP = "studio_table"
-Lost = Callable[[ClipJob, str], ClipOutcome]
+Lost = Callable[[ClipJob, str], ClipResult]
 
 
 class DyingWorkers:
@@ -48,7 +48,7 @@ class DyingWorkers:
         self.perceived: list[list[list[str]]] = []
         self.run_together: list[list[list[str]]] = []
 
-    def run(self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Lost) -> Iterator[ClipOutcome]:
+    def run(self, work: object, jobs: Sequence[ClipJob], progress: object, lost: Lost) -> Iterator[ClipResult]:
         names = [[configuration.name for configuration in job.configurations] for job in jobs]
         if work is perceive_clip:
             self.perceived.append(names)
@@ -56,7 +56,7 @@ class DyingWorkers:
             self.run_together.append(names)
         for job, of_job in zip(jobs, names, strict=True):
             dies = work is warm_clip or {*of_job} & {*self.deadly}
-            yield lost(job, "died") if dies else ClipOutcome(failures={})
+            yield lost(job, "died") if dies else ClipResult(failures={})
 
 
 def _run(executor: Any, folder: Path) -> dict[Pair, VfoaError]:
@@ -89,7 +89,7 @@ class Working:
     def __init__(self) -> None:
         self.given: list[tuple[str, list[list[str]]]] = []
 
-    def run(self, work: Any, jobs: Sequence[ClipJob], progress: Any, lost: Lost) -> Iterator[ClipOutcome]:
+    def run(self, work: Any, jobs: Sequence[ClipJob], progress: Any, lost: Lost) -> Iterator[ClipResult]:
         names = [[configuration.name for configuration in job.configurations] for job in jobs]
         self.given.append((work.__name__, names))
         for job in jobs:

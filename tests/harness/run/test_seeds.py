@@ -17,7 +17,7 @@ from harness.run.records import FrameRecord
 from harness.run.results import AnswerTraits
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from tests.disk import write_text
 from tests.record_tables import measured
 from tests.records import answers, labels, score
@@ -95,11 +95,13 @@ def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None
     said = zip(seeds, (["cup", "can", "can"], ["cup", "cup", "can"]), strict=True)
     records = [record for configuration, words in said for record in answers(words, configuration=configuration)]
     scores = score(map(fitted_and_measured, records), reference)
-    (calibration,) = reliabilities(scores.outcomes)
+    (calibration,) = reliabilities(scores.judged_subjects)
     assert (calibration.configuration, calibration.n) == ("bayes", 6)
     assert calibration.share_right == pytest.approx(5 / 6)
-    assert [(each.configuration, each.n) for *_, each in reliabilities_by_subject(scores.outcomes)] == [("bayes", 6)]
-    assert [(each.configuration, each.n) for each in coverages(scores.outcomes)] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for *_, each in reliabilities_by_subject(scores.judged_subjects)] == [
+        ("bayes", 6)
+    ]
+    assert [(each.configuration, each.n) for each in coverages(scores.judged_subjects)] == [("bayes", 6)]
     assert [(each.configuration, each.n) for each in scores.directions] == [("bayes", 6)]
     assert {key: found.frames for key, found in pooled_measures(scores.measures).items()} == {("clip", "bayes"): 6}
 

@@ -14,7 +14,7 @@ from harness.report.tables import reliability_table
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import AnswerTraits
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import prediction_set
 from tests.records import frame_record, score, subject_record, target_record
@@ -67,14 +67,14 @@ def test_briers_score_counts_every_target_and_nowhere():
         frame(4, {}, None, missing="no_direction"),
         frame(1, {1: 0.5, 2: 0.3}, 1, configuration="cones"),
     ]
-    (found,) = reliabilities(scored(records, truth, "bayes").outcomes)
+    (found,) = reliabilities(scored(records, truth, "bayes").judged_subjects)
     assert found.n == 2
     assert found.brier == pytest.approx(((0.25 + 0.09 + 0.04) + (0.64 + 0.25 + 0.09)) / 2)
     assert (found.share_right, found.mean_confidence) == (0.5, 0.5)
 
 
 def test_a_run_without_probabilities_has_no_calibration():
-    assert reliabilities(scored([frame(1, {1: 0.5}, 1)], labels("cup")).outcomes) == []
+    assert reliabilities(scored([frame(1, {1: 0.5}, 1)], labels("cup")).judged_subjects) == []
 
 
 def test_the_table_has_rate_confidence_and_both_errors():
@@ -91,7 +91,7 @@ def test_confidences_fall_into_tenths_of_which_the_last_holds_certainty():
 
 
 def test_a_target_that_the_frame_has_not_was_given_no_probability():
-    (found,) = reliabilities(scored([frame(1, {1: 0.5, 2: 0.3}, 1)], labels("vase"), "bayes").outcomes)
+    (found,) = reliabilities(scored([frame(1, {1: 0.5, 2: 0.3}, 1)], labels("vase"), "bayes").judged_subjects)
     assert found.brier == pytest.approx(1 + 0.25 + 0.09 + 0.04)
     assert (found.share_right, found.mean_confidence) == (0, 0.5)
 
@@ -102,7 +102,7 @@ def test_clips_without_labels_and_configurations_without_frames_have_no_calibrat
         [target_record(1, "cup")], [subject_record("anna", focus=1)], clip="free", configuration="bayes"
     )
     truth = labels("cup", "cup", "none")
-    (found,) = reliabilities(scored([*frames, free], truth, "bayes", "idle").outcomes)
+    (found,) = reliabilities(scored([*frames, free], truth, "bayes", "idle").judged_subjects)
     assert (found.configuration, found.n) == ("bayes", 3)
     assert found.share_right == pytest.approx(2 / 3)
 
@@ -176,8 +176,10 @@ def test_coverage_and_size_are_over_the_scored_frames() -> None:
     )
     records = [_record(1, _subject(0.95, 0.05)), _record(2, _subject(0.3, 0.1)), _record(3, _subject(0.0, 1.0)),
                _record(4, _subject(0.95, 0.05))]  # fmt: skip
-    assert coverages(scored(records, {"c": truth}).outcomes) == []  # attention that is no probability has no sets
-    (found,) = coverages(scored(records, {"c": truth}, "p").outcomes)
+    assert (
+        coverages(scored(records, {"c": truth}).judged_subjects) == []
+    )  # attention that is no probability has no sets
+    (found,) = coverages(scored(records, {"c": truth}, "p").judged_subjects)
     assert (found.configuration, found.n, found.covered, found.mean_size) == ("p", 3, 2, 4 / 3)
 
 

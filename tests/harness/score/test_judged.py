@@ -15,7 +15,7 @@ from harness.run.columns import Words
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import AnswerTraits
 from harness.score.judged import judge_columns
-from harness.score.outcomes import Reference
+from harness.score.judging import Reference
 from tests.frame_by_frame import JudgedPart
 from tests.record_tables import columns_of
 from tests.records import AXES

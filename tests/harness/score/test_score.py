@@ -12,9 +12,9 @@ from harness.report.tables import phases_table
 from harness.run.records import FrameRecord
 from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, SEES_LABELS
+from harness.score.judging import JudgedSubject, Reference
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
-from harness.score.outcomes import Outcomes, Reference
 from harness.score.score import ScoreRow, Scores, _beats
 from harness.score.statistics import sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES
@@ -179,13 +179,13 @@ def test_no_method_is_judged_by_a_rule_that_has_seen_the_labels(count: int) -> N
     )
 
 
-def _outcome(looks: list[int], gains: list[int]) -> Outcomes:
+def _outcome(looks: list[int], gains: list[int]) -> JudgedSubject:
     """Looks of ten frames of one subject. A method alone is right in those of gain 1, a baseline in the others."""
     alone = score(answers(["cup"] * 10 * len(looks)), Reference(labels={"clip": labels(*["cup"] * 10 * len(looks))}))
     correct = np.repeat(np.array(gains) > 0, 10)
     baselines = np.zeros((len(correct), len(BASELINES)), bool)
     baselines[:, list(BASELINES).index("nearest")] = ~correct
-    return replace(alone.outcomes[0], looks=np.repeat(looks, 10), correct=correct, baselines=baselines)
+    return replace(alone.judged_subjects[0], looks=np.repeat(looks, 10), correct=correct, baselines=baselines)
 
 
 def test_a_baseline_is_beaten_only_if_stretches_of_looks_show_it() -> None:
@@ -203,7 +203,7 @@ def test_looks_last_twice_as_long_as_verdicts_stay_alike() -> None:
     right = np.repeat(rng.random(60) < 0.6, 100)  # at 25 Hz verdicts change about every four seconds
     truth = ["cup" if frame // 60 % 2 else "can" for frame in range(len(right))]
     said = [name if is_right else "mug" for name, is_right in zip(truth, right, strict=True)]
-    (outcome,) = score(answers(said), Reference(labels={"clip": labels(*truth)})).outcomes
+    (outcome,) = score(answers(said), Reference(labels={"clip": labels(*truth)})).judged_subjects
     alike_s = correlation_time_s([(outcome.correct, outcome.positions, outcome.rate_hz)])
     assert alike_s > 1
     expected = number_looks(outcome.truth, outcome.positions, outcome.rate_hz, 2 * alike_s)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
-from harness.pipeline.outputs.heads import FileHeads, FileHeadsSettings
-from harness.pipeline.outputs.other_programs import GAZE3D, check_program, parts_in
+from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
+from harness.pipeline.stage_files.heads import FileHeads, FileHeadsSettings
+from harness.pipeline.stage_files.other_programs import GAZE3D, check_program, parts_in
 from scripts.measure.mirror import frame_of
 from tests.disk import write_text
 from tests.measured import openface_file

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.pipeline.outputs.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
-from harness.pipeline.outputs.heads import FileHeads, FileHeadsSettings, read_heads
+from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
+from harness.pipeline.stage_files.heads import FileHeads, FileHeadsSettings, read_heads
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan

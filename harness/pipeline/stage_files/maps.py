@@ -15,8 +15,8 @@ from msgspec import Meta, Struct
 from harness.files.digests import digest_files, file_digest
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_json_as
+from harness.files.remote import expand
 from harness.files.safe_names import check_name
-from harness.remote import expand
 from harness.sources import Clip
 from harness.sources.media.frame_files import FolderFiles, check_printf, number_names, printf_name
 from harness.sources.media.images import read_raw

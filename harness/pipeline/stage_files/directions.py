@@ -25,9 +25,9 @@ import numpy as np
 from pydantic import Field
 
 from harness.files.digests import digest_files
+from harness.files.remote import expand
 from harness.pipeline.ground_truth import LEAST_OVERLAP
-from harness.pipeline.outputs.heads import FrameTable, read_heads, read_table
-from harness.remote import expand
+from harness.pipeline.stage_files.heads import FrameTable, read_heads, read_table
 from harness.sources import Clip
 from vfoa.crops import center
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray

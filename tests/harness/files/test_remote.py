@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from harness import load_run
 from harness.cli import app
 from harness.clips.manifest import load_manifest
-from harness.remote import expand, is_address, local_copy
+from harness.files.remote import expand, is_address, local_copy
 from tests.disk import stereo_pair_folder, write_text
 from vfoa.errors import VfoaError
 

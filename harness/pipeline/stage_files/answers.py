@@ -1,4 +1,4 @@
-"""Answers of another system as a method of attention, from a table (:mod:`harness.pipeline.outputs.answer_tables`).
+"""Answers of another system as a method of attention, from a table (:mod:`harness.pipeline.stage_files.answer_tables`).
 
 Answers are joined by name, so they count whether or not this pipeline found the person or the object: what it did not
 find is added to the scene without a box. Of a point the target is the object whose mask holds it.
@@ -20,10 +20,10 @@ from pydantic import Field
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import FrameNames, NameRule, is_automatic
 from harness.files.digests import file_digest
+from harness.files.remote import expand
 from harness.labels.labels import NOWHERE
 from harness.pipeline.configuration import CLIP_VARIABLE
-from harness.pipeline.outputs.answer_tables import Answer, Answers, read_answers
-from harness.remote import expand
+from harness.pipeline.stage_files.answer_tables import Answer, Answers, read_answers
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings

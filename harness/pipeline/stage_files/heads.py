@@ -4,7 +4,7 @@ frame,subject,u0_px,v0_px,u1_px,v1_px[,score][,instance_id]
     [,face_u0_px,face_v0_px,face_u1_px,face_v1_px]
     [,right_eye_u_px,right_eye_v_px,left_eye_...,nose_...,right_mouth_...,left_mouth_...]
 
-A table of OpenFace or gaze3d is read, too (:mod:`harness.pipeline.outputs.other_programs`).
+A table of OpenFace or gaze3d is read, too (:mod:`harness.pipeline.stage_files.other_programs`).
 
 Pixels of the rectified left image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not the
 face alone. The landmarks are the person's own right and left. ``instance_id`` is the person's id in the masks. A frame
@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.files.digests import digest_files, file_digest
+from harness.files.remote import expand
 from harness.files.tables import TableColumns, read_columns
-from harness.pipeline.outputs.other_programs import Part, program_of, read_part
-from harness.remote import expand
+from harness.pipeline.stage_files.other_programs import Part, program_of, read_part
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings

@@ -1,4 +1,4 @@
-"""Outcomes: verdicts as columns of the scored frames of one subject in one clip under one configuration."""
+"""Judged subjects: verdicts as columns of the scored frames of one subject in one clip under one configuration."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcomes:
+class JudgedSubject:
     """A subject's frames in order: all of them as judged, and columns (n,) of the scored ones.
 
     ``truth`` and ``predicted`` are codes of names, the same in a whole run; :data:`NO_PREDICTION` if there is none.
@@ -129,14 +129,16 @@ def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
     return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
-def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: str | None = None) -> list[Outcomes]:
-    """The outcomes of all judged records, and of every labelled frame without a record; or of one phase's records.
+def judged_subjects(
+    judged: Mapping[Pair, JudgedPart], reference: Reference, phase: str | None = None
+) -> list[JudgedSubject]:
+    """The subjects of all judged records, and of every labelled frame without a record; or of one phase's records.
 
     In order of clip, configuration (both as they first appear in the records) and subject (by name). The baselines of a
     phase are fitted to that phase of the other clips.
     """
     codes: dict[str, int] = {}
-    outcomes = []
+    subjects = []
     for name in dict.fromkeys(clip for clip, _ in judged):
         parts = [part for (clip, _), part in judged.items() if clip == name]
         wanted = np.array(wanted_frames(name, reference), dtype=np.int64)
@@ -145,8 +147,8 @@ def to_outcomes(judged: Mapping[Pair, JudgedPart], reference: Reference, phase: 
         for part in parts:
             for of_subject in part.by_subject.values():
                 in_phase = of_subject if phase is None else of_subject.where(part.is_in(of_subject.frames, phase))
-                outcomes.append(_outcomes(in_phase, frames, rate, codes))
-    return _with_limits(_with_commonest(_with_longer_looks(outcomes), judged, codes))
+                subjects.append(_judged_subject(in_phase, frames, rate, codes))
+    return _with_limits(_with_commonest(_with_longer_looks(subjects), judged, codes))
 
 
 def wanted_frames(clip: str, reference: Reference) -> list[int]:
@@ -166,26 +168,28 @@ def _rate_hz(parts: Sequence[JudgedPart]) -> float | None:
     return 1e9 / step_ns if step_ns > 0 else None
 
 
-def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
-    """The outcomes with looks joined until they last twice as long as verdicts of this run stay alike."""
-    least_s = 2 * correlation_time_s((outcome.correct, outcome.positions, outcome.rate_hz) for outcome in outcomes)
+def _with_longer_looks(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
+    """The subjects with looks joined until they last twice as long as verdicts of this run stay alike."""
+    least_s = 2 * correlation_time_s(
+        (of_subject.correct, of_subject.positions, of_subject.rate_hz) for of_subject in subjects
+    )
     if least_s <= LEAST_S:
-        return outcomes
+        return subjects
     return [
-        replace(outcome, looks=number_looks(outcome.truth, outcome.positions, outcome.rate_hz, least_s))
-        for outcome in outcomes
+        replace(of_subject, looks=number_looks(of_subject.truth, of_subject.positions, of_subject.rate_hz, least_s))
+        for of_subject in subjects
     ]
 
 
-def _outcomes(judged: Judged, frames: Codes, rate: float | None, codes: dict[str, int]) -> Outcomes:
-    """The outcomes of a subject. ``frames`` are all of the clip, ``codes`` the numbers of names in the whole run."""
+def _judged_subject(judged: Judged, frames: Codes, rate: float | None, codes: dict[str, int]) -> JudgedSubject:
+    """The columns of a subject. ``frames`` are all of the clip, ``codes`` the numbers of names in the whole run."""
     scored, words = judged.where(judged.is_scored), judged.words
     truth = _coded(scored.truth, words, codes)
     positions = np.searchsorted(frames, scored.frames)
     confidence, on_truth, brier, set_size, is_covered = scored.worth.T
     always = words.code(commonest(words.counts(scored.truth)))
     never = np.zeros((len(truth), 1), dtype=np.bool_)
-    return Outcomes(
+    return JudgedSubject(
         clip=judged.clip,
         configuration=judged.configuration,
         subject=judged.subject,
@@ -212,52 +216,52 @@ def _outcomes(judged: Judged, frames: Codes, rate: float | None, codes: dict[str
 
 
 def _with_commonest(
-    outcomes: list[Outcomes], judged: Mapping[Pair, JudgedPart], codes: Mapping[str, int]
-) -> list[Outcomes]:
-    """The outcomes with the hits of the commonest label of the other clips, by configuration."""
+    subjects: list[JudgedSubject], judged: Mapping[Pair, JudgedPart], codes: Mapping[str, int]
+) -> list[JudgedSubject]:
+    """The subjects with the hits of the commonest label of the other clips, by configuration."""
     counts: dict[tuple[str, str], Codes] = {}
-    for outcome in outcomes:
-        key = outcome.configuration, outcome.clip
-        counts[key] = counts.get(key, 0) + np.bincount(outcome.truth, minlength=len(codes))
+    for of_subject in subjects:
+        key = of_subject.configuration, of_subject.clip
+        counts[key] = counts.get(key, 0) + np.bincount(of_subject.truth, minlength=len(codes))
     totals: dict[str, Codes] = {}
     for (configuration, _), of_clip in counts.items():
         totals[configuration] = totals.get(configuration, 0) + of_clip
     place, found = list(BASELINES).index("commonest"), []
-    for outcome in outcomes:
-        others = totals[outcome.configuration] - counts[outcome.configuration, outcome.clip]
-        targets = {*judged[outcome.clip, outcome.configuration].targets, NOWHERE} - {outcome.subject}
+    for of_subject in subjects:
+        others = totals[of_subject.configuration] - counts[of_subject.configuration, of_subject.clip]
+        targets = {*judged[of_subject.clip, of_subject.configuration].targets, NOWHERE} - {of_subject.subject}
         can_be = {name: int(others[code]) for name, code in codes.items() if name in targets and others[code]}
-        baselines = outcome.baselines.copy()
+        baselines = of_subject.baselines.copy()
         if (name := commonest(can_be)) is not None:
-            baselines[:, place] = outcome.truth == codes[name]
-        found.append(replace(outcome, baselines=baselines))
+            baselines[:, place] = of_subject.truth == codes[name]
+        found.append(replace(of_subject, baselines=baselines))
     return found
 
 
-def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
-    """The outcomes with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
+def _with_limits(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
+    """The subjects with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
     place = list(BASELINES).index("nearest_in_angle")
     limits: dict[tuple[str, str], float] = {}
     limited = []
-    for outcome in outcomes:
-        key = outcome.configuration, outcome.clip
+    for of_subject in subjects:
+        key = of_subject.configuration, of_subject.clip
         if key not in limits:
-            others = [other for other in outcomes if other.configuration == key[0] and other.clip != key[1]]
+            others = [other for other in subjects if other.configuration == key[0] and other.clip != key[1]]
             limits[key] = _limit_rad(others, place)
-        is_target = outcome.angles_rad <= limits[key]
-        says_nothing = np.isfinite(outcome.angles_rad) & ~is_target
-        baselines = outcome.baselines.copy()
-        baselines[:, place] = (outcome.baselines[:, place] & is_target) | (outcome.nowhere & says_nothing)
-        limited.append(replace(outcome, baselines=baselines))
+        is_target = of_subject.angles_rad <= limits[key]
+        says_nothing = np.isfinite(of_subject.angles_rad) & ~is_target
+        baselines = of_subject.baselines.copy()
+        baselines[:, place] = (of_subject.baselines[:, place] & is_target) | (of_subject.nowhere & says_nothing)
+        limited.append(replace(of_subject, baselines=baselines))
     return limited
 
 
-def _limit_rad(others: list[Outcomes], place: int) -> float:
+def _limit_rad(others: list[JudgedSubject], place: int) -> float:
     if not others:
         return math.inf
-    angles_rad = np.concatenate([outcome.angles_rad for outcome in others])
-    hits = np.concatenate([outcome.baselines[:, place] for outcome in others])
-    return best_limit_rad(angles_rad, hits, np.concatenate([outcome.nowhere for outcome in others]))
+    angles_rad = np.concatenate([of_subject.angles_rad for of_subject in others])
+    hits = np.concatenate([of_subject.baselines[:, place] for of_subject in others])
+    return best_limit_rad(angles_rad, hits, np.concatenate([of_subject.nowhere for of_subject in others]))
 
 
 def _coded(found: Codes, words: Words, codes: dict[str, int]) -> Codes:
