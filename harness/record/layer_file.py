@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rerun as rr
+import rerun_bindings
 from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
@@ -55,6 +56,9 @@ class LayerFile:
         self._partial, self._whole = (path.with_name(f"{path.name}.{kind}") for kind in ("partial", "whole.partial"))
         self._files = files
         self._layout: rrb.Blueprint | None = None
+        # Rerun keeps a stream that nobody has any more, with its two threads, until it is told to clean up: a run of
+        # many clips would have thousands
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
         self.stream = rr.RecordingStream(
             files.ids.application,
             recording_id=files.ids.recording,
