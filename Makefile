@@ -12,7 +12,7 @@ TORCH  := torch==2.13.0
 # Modules are compiled when they are first imported, and kept: the suite starts hundreds of processes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-versions explore fuzz faults test-export export-extra coverage check lint types format lock figures docs release-notes wheel clean
+.PHONY: demo test test-versions explore fuzz test-export export-extra coverage check lint types format lock figures docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -51,10 +51,6 @@ CASES  ?= 100000
 SEED   ?= 1
 fuzz: $(DEV)
 	OMP_NUM_THREADS=1 VFOA_FUZZ_CASES=$(CASES) $(BIN)/python -m pytest tests/fuzz -k almost_right --numprocesses=auto --timeout=0 --hypothesis-seed=$(SEED) $(FUZZ)
-
-# Every verb that writes, under kills, a full disk, limits ..., as root where it is to mount file systems: a table.
-faults: $(DEV)
-	$(BIN)/python -m tests.faults.plan --seed $(SEED) --out reports/faults.md $(FAULTS)
 
 # The checks without tests run side by side: each is one process for most of its time.
 check: $(DEV)

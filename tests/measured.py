@@ -16,6 +16,25 @@ PEOPLE_HEADER = (
     "frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_deg,gaze_x,gaze_y,gaze_z,gaze_sigma_deg"
 )
 OBJECTS_HEADER = "frame,object,category,x_m,y_m,z_m,size_x_m,size_y_m,size_z_m"
+MANIFEST = """\
+name = "talk"
+adapter = "measured"
+root = "../data/talk"
+[source]
+people_file = "people.csv"
+objects_file = "objects.csv"
+[subjects.anna]
+category = "person"
+instance = 1
+[subjects.ben]
+category = "person"
+instance = 2
+[targets.robot]
+category = "robot"
+[targets.cup]
+category = "cup"
+"""
+"""A clip ``talk`` of the files of :func:`measured_tables`, in ``data/talk``."""
 EXPERIMENT = """\
 clips = ["talk"]
 preset = "measured"

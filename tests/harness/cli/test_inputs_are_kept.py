@@ -9,8 +9,7 @@ import pytest
 from harness.cli import main
 from tests.command import vfoa
 from tests.disk import write_text
-from tests.faults.project import MANIFEST
-from tests.measured import EXPERIMENT, measured_tables, true_labels
+from tests.measured import EXPERIMENT, MANIFEST, measured_tables, true_labels
 
 CASES = [
     ("compare run --page", "run/answers/cones/talk.parquet"),

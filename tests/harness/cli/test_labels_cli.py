@@ -15,8 +15,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from tests.command import vfoa
 from tests.disk import write_text
-from tests.faults import project
-from tests.measured import LABELS_HEADER, measured_tables, true_labels
+from tests.measured import LABELS_HEADER, MANIFEST, measured_tables, true_labels
 from tests.repository import REPOSITORY, copy_clip
 
 CLIP = "studio_talk"
@@ -115,7 +114,7 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
 @pytest.fixture
 def measured(folder: Path) -> Path:
     """The labels of a clip without images, beside those of another annotator."""
-    write_text(folder / "datasets" / "talk.toml", project.MANIFEST)
+    write_text(folder / "datasets" / "talk.toml", MANIFEST)
     measured_tables(folder / "data" / "talk")
     write_text(folder / "annotations" / "talk@eve.csv", LABELS_HEADER + "1,12,anna,cup,\n1,12,ben,none,\n")
     return write_text(folder / "annotations" / "talk.csv", true_labels())
