@@ -108,6 +108,7 @@ def _alone(folder: Path, cwd: Path, *arguments: str) -> subprocess.CompletedProc
     """Python without any site-packages but these."""
     program = [sys.executable, "-S", *arguments]
     variables = {**os.environ, "PYTHONPATH": str(folder)}
+    variables.pop("PYTHONSAFEPATH", None)  # set by commands in this process; OpenCV needs "" first
     return subprocess.run(program, cwd=cwd, env=variables, capture_output=True, text=True, check=False)
 
 
