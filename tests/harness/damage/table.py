@@ -1,4 +1,4 @@
-"""Every kind of input file, damaged in every usual way, and what vfoa says of it.
+"""Damage that a run meets, one case per kind of file, and what vfoa says of it; tests/fuzz changes contents.
 
 A row: the name, what is done to a working project, and what the one line on stderr has in it. The command is a run
 where none is named. ``SURVIVED`` are the cases that must work all the same.
@@ -6,7 +6,6 @@ where none is named. ``SURVIVED`` are the cases that must work all the same.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import struct
@@ -21,7 +20,6 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from tests.disk import write_text
-from tests.graphs import mean_color
 from tests.harness.damage.project import EXPERIMENT, LABELS, put
 
 Damage = Callable[[Path], object]
@@ -155,13 +153,6 @@ def pixels(path: str, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
     return damage
 
 
-def _no_categories(root: Path) -> None:
-    path = root / "stage_outputs" / "panoptic.json"
-    content = json.loads(path.read_text())
-    del content["categories"]
-    put(path, json.dumps(content))
-
-
 def _no_length(root: Path) -> None:
     path = root / "stage_outputs" / "gaze.csv"
     header, *rows = path.read_text().splitlines()
@@ -176,10 +167,6 @@ def _learned(root: Path) -> None:
     files = 'model = "coco_panoptic", root = "stage_outputs", partial = true'
     replaced("e.toml", files, f'model = "yolo_seg", weights = "{ONNX}"')(root)
     (root / ONNX).parent.mkdir()
-
-
-def _other_model(root: Path) -> None:
-    mean_color(root / ONNX, "image", (1, 3, 8, 8), "colour", 1.0)
 
 
 _ALL_IMAGES = [f"images/{side}/00000{number}.png" for side in ("left", "right") for number in (1, 2, 3)]
@@ -230,18 +217,8 @@ def _answers_flipped(root: Path) -> None:
 # The table
 
 _IMAGES = [
-    case("image empty", empty(LEFT), "000002.png"),
     case("image cut", cut(LEFT), "000002.png", "truncated"),
-    case("image with a flipped bit", flipped(LEFT), "000002.png"),
-    case("image is text", text(LEFT), "000002.png"),
     case("image of another size", image(LEFT, np.zeros((48, 64, 3), np.uint8)), "000002.png", "64", "1024"),
-    case("image of one pixel", image(LEFT, np.zeros((1, 1, 3), np.uint8)), "000002.png"),
-    case(
-        "image claims 60000 x 60000 pixels",
-        claims(LEFT, 60_000, 60_000),
-        "000002.png",
-        "claims more than 67108864 pixels",
-    ),
     case("image claims no pixels", claims(LEFT, 0, 436), "000002.png", "without pixels"),
     case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
     case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
@@ -254,16 +231,9 @@ _IMAGES = [
 
 YML = "images/stereo.yml"
 _CALIBRATION = [
-    case("calibration empty", empty(YML), "stereo.yml"),
     case("calibration cut", cut(YML), "stereo.yml"),
-    case("calibration is binary", text(YML, bytes(range(256))), "stereo.yml"),
-    case("calibration is prose", text(YML), "stereo.yml"),
-    case("calibration is a pipe", a_pipe(YML), "stereo.yml", "not a plain file"),
-    case("calibration of many brackets", text(YML, 5_000 * "["), "stereo.yml", "levels deep"),
     case("calibration gone", gone(YML), "stereo.yml", "no such file"),
-    case("calibration with NaN", replaced(YML, "800.", ".Nan"), "stereo.yml", "K"),
     case("calibration without a baseline", replaced(YML, "-0.059999999999999998", "0."), "stereo.yml: T:", "not all 0"),
-    case("calibration of a tiny baseline", replaced(YML, "-0.059999999999999998", "-1e-300"), "stereo.yml"),
     case("calibration with swapped views", replaced(YML, "-0.059999999999999998", "0.06"), "stereo.yml"),
     case(
         "calibration of another size",
@@ -272,86 +242,46 @@ _CALIBRATION = [
         "640",
         "1024",
     ),
-    case("calibration lacks a matrix", replaced(YML, "K2:", "Q2:"), "stereo.yml", "K2"),
 ]
 
 TOML = "datasets/mine.toml"
 _MANIFEST = [
-    case("manifest empty", empty(TOML), "mine.toml"),
-    case("manifest cut", cut(TOML, 0.3), "mine.toml"),
-    case("manifest not UTF-8", text(TOML, b'name = "m\xff"'), "mine.toml", "UTF-8"),
     case("manifest with a wrong type", replaced(TOML, "rate_hz = 25.0", 'rate_hz = "fast"'), "mine.toml", "rate_hz"),
-    case("manifest with an unknown key", replaced(TOML, "rate_hz", "rate_herz"), "mine.toml", "rate_hz"),
     case("manifest of an unknown adapter", replaced(TOML, '"stereo_folder"', '"stereo_fodler"'), "stereo_folder"),
-    case("manifest of many brackets", text(TOML, f"a = {10_000 * '['}"), "mine.toml", "levels deep"),
-    case("manifest with 5,000 digits", replaced(TOML, "25.0", 5_000 * "9"), "mine.toml", "64 bits"),
     case("manifest is a dangling link", dangling(TOML), "mine.toml", "a link to nowhere, which does not exist"),
-    case("manifest is a pipe", a_pipe(TOML), "mine.toml", "not a plain file"),
     case("manifest is a folder", a_folder(TOML), "no clip 'mine'"),
 ]
 
 CSV = "annotations/mine.csv"
 _ANNOTATIONS = [
-    case("annotations empty", empty(CSV), "mine.csv"),
-    case("annotations are a dangling link", dangling(CSV), "mine.csv", "a link to nowhere, which does not exist"),
     case("annotations are a pipe", a_pipe(CSV), "mine.csv", "not a plain file"),
-    case("annotations without their version", text(CSV, LABELS.partition("\n")[2]), "mine.csv"),
-    case("annotations of another version", replaced(CSV, "annotations 1", "annotations 9"), "mine.csv", "9"),
-    case("annotations cut", text(CSV, LABELS[:-8]), "mine.csv:3"),
-    case("annotations not UTF-8", text(CSV, LABELS.encode() + b"\xff\xfe\n"), "mine.csv"),
     case("annotations overlap", text(CSV, LABELS + "2,3,anna,book,\n"), "mine.csv:4"),
     case("annotations name an unknown target", replaced(CSV, "mug", "mgu"), "mine.csv:3", "'mug'"),
-    case("annotations of frames not there", replaced(CSV, "1,3", "1,30"), "mine.csv:3", "30"),
-    case("annotations of no number", replaced(CSV, "1,3", "one,3"), "mine.csv:3", "one"),
 ]
 
 _EXPERIMENT = [
-    case("experiment empty", empty("e.toml"), "e.toml", "clip"),
     case("experiment cut", cut("e.toml", 0.5), "e.toml"),
-    case("experiment with a wrong word", replaced("e.toml", '"coco_panoptic"', '"coco_panotpic"'), "coco_panoptic"),
-    case("experiment with a clip twice", replaced("e.toml", '["mine"]', '["mine", "mine"]'), "e.toml", "occurs twice"),
     case("experiment with an impossible number", text("e.toml", EXPERIMENT + "attention.n_rays = 0\n"), "n_rays"),
 ]
 
 _STAGE_OUTPUTS = [
-    case("mask empty", empty(MASK), "frame_0002.png"),
-    case("mask cut", cut(MASK), "frame_0002.png"),
     case("mask of another size", image(MASK, np.zeros((10, 10, 3), np.uint8)), "frame_0002.png", "10"),
     case("mask with an unknown id", pixels(MASK, lambda ids: np.full_like(ids, 77)), "frame_0002.png"),
-    case("panoptic.json empty", empty("stage_outputs/panoptic.json"), "panoptic.json"),
     case("panoptic.json cut", cut("stage_outputs/panoptic.json"), "panoptic.json"),
-    case("panoptic.json is a list", text("stage_outputs/panoptic.json", "[1, 2]"), "panoptic.json"),
-    case(
-        "panoptic.json of many brackets",
-        text("stage_outputs/panoptic.json", '{"annotations": ' + 10_000 * "["),
-        "panoptic.json",
-        "annotations",
-    ),
-    case("panoptic.json without categories", _no_categories, "panoptic.json", "categories"),
-    case("disparity empty", empty(DISPARITY), "frame_0002.npy"),
-    case("disparity cut", cut(DISPARITY), "frame_0002.npy"),
     case("disparity of another size", array(DISPARITY, np.ones((5, 5), np.float32)), "frame_0002.npy", "5"),
-    case("disparity of words", array(DISPARITY, np.array([["a", "b"]])), "frame_0002.npy"),
     case(
         "disparity is a pickle",
         array(DISPARITY, np.array([[{}]], dtype=object), pickled=True),
         "frame_0002.npy",
     ),
     case("disparity gone", gone(DISPARITY), "frame_0002.npy"),
-    case("heads empty", empty("stage_outputs/heads.csv"), "heads.csv"),
     case("heads lack a column", replaced("stage_outputs/heads.csv", "u0_px", "u_px"), "heads.csv", "u0_px"),
-    case("heads with NaN", replaced("stage_outputs/heads.csv", "\n2,", "\nnan,"), "heads.csv:3"),
-    case("heads cut", cut("stage_outputs/heads.csv"), "heads.csv"),
-    case("gaze empty", empty("stage_outputs/gaze.csv"), "gaze.csv"),
     case("gaze of no length", _no_length, "gaze.csv:2"),
-    case("gaze is binary", text("stage_outputs/gaze.csv", bytes(range(256))), "gaze.csv"),
 ]
 
 _WEIGHTS = [
-    case("weights empty", both(_learned, empty(ONNX)), "yolo.onnx"),
     case("weights are text", both(_learned, text(ONNX)), "yolo.onnx"),
     case("weights gone", _learned, "yolo.onnx"),
-    case("weights of another model", both(_learned, _other_model), "yolo.onnx"),
 ]
 
 _OUTPUT = [
