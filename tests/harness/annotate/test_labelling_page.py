@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -201,17 +200,6 @@ def test_a_change_that_was_hit_late_can_be_moved(browser: Chrome, noise: Start) 
     assert "".join(_targets(page)) == "cccccbb....."
 
 
-def test_several_subjects_are_labelled_one_by_one(browser: Chrome, noise: Start) -> None:
-    page = noise()
-    _open(browser, page)
-    _keys(browser, "1", "\ue014", "s")
-    assert shown(browser) == 1
-    _keys(browser, "3", "\ue014", "\ue014", "s")  # 3 is ann: ben looks at her
-    assert "".join(_targets(page)) == "cc.........."
-    assert "".join(_targets(page, "ben")) == "aaa........."
-    assert "ann" in browser.find_element("css selector", '#subjects [aria-pressed="true"]').text
-
-
 def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(browser: Chrome, noise: Start) -> None:
     page = noise()
     _open(browser, page)
@@ -272,17 +260,6 @@ def test_brackets_go_to_the_changes_that_the_run_suggests(browser: Chrome, noise
     assert "".join(_targets(page)) == "ccccbbbbnnnn"
 
 
-def test_a_blind_annotator_is_sent_no_suggestion(browser: Chrome, noise: Start, work: Path) -> None:
-    page = noise(run=work / "run", blind=True, annotator="second")
-    _open(browser, page)
-    about = page.session.about()
-    assert (about["suggestions"], about["order"], about["configuration"]) == ({"ann": None, "ben": None}, None, None)
-    assert browser.find_elements("css selector", ".row.run") == []
-    _keys(browser, "a", "]", "n")
-    assert page.file.name == "noise@second.csv"
-    assert _targets(page)[-1] == "n"
-
-
 def test_the_frames_in_which_the_run_was_unsure_come_first(browser: Chrome, noise: Start, work: Path) -> None:
     page = noise(run=work / "run", uncertain_first=True)
     _open(browser, page)
@@ -339,17 +316,6 @@ def test_a_note_is_written_with_its_label(browser: Chrome, noise: Start) -> None
     wait_for(lambda: '1,1,ann,ignore,"eyes shut, blinks"' in page.file.read_text())
 
 
-def test_every_tool_is_a_button_that_says_what_it_does(browser: Chrome, noise: Start) -> None:
-    _open(browser, noise())
-    for button in browser.find_elements("css selector", "#tools button"):
-        assert button.get_attribute("aria-label"), button.text
-    _click(browser, '[data-target="none"]')
-    _click(browser, "#do-undo")
-    assert "not labelled" in browser.find_element("id", "label").text
-    _click(browser, "#do-redo")
-    assert "ann: none" in browser.find_element("id", "label").text
-
-
 def test_whoever_tabs_to_a_button_presses_it_and_stays_there(browser: Chrome, noise: Start) -> None:
     page = noise()
     _open(browser, page)
@@ -368,37 +334,6 @@ def test_whoever_tabs_to_a_button_presses_it_and_stays_there(browser: Chrome, no
     assert not form.is_displayed()
     assert browser.switch_to.active_element == note
     assert shown(browser) == 1
-
-
-def test_keys_that_are_pressed_while_the_first_frame_loads_are_done_when_it_is_shown(
-    browser: Chrome, noise: Start
-) -> None:
-    from selenium.webdriver import ActionChains
-
-    closed = threading.Lock()
-
-    class Slow:
-        def __init__(self, clip: Clip) -> None:
-            self._clip = clip
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._clip, name)
-
-        def frame(self, number: int) -> StereoFrame:
-            with closed:
-                return self._clip.frame(number)
-
-        def left(self, number: int) -> Image:
-            return self.frame(number).left
-
-    with closed:
-        page = noise(open_clip=lambda manifest: Slow(manifest.open()))
-        browser.get(page.address)
-        wait_for(lambda: "Loading" in browser.find_element("id", "frame").text)
-        ActionChains(browser, duration=0).send_keys("1", "\ue014", "\ue014", "2").perform()
-        assert browser.find_elements("css selector", "#timelines .piece") == []
-    wait_for(lambda: shown(browser) == 3 and _is_settled(browser))
-    assert "".join(_targets(page)) == "ccb........."
 
 
 def test_keys_lead_to_what_is_unlabelled_and_to_what_is_undecided_and_round_again(
@@ -527,28 +462,6 @@ def test_fast_presses_are_kept_when_the_page_is_reloaded_or_left(browser: Chrome
         ".then(() => !dispatchEvent(new Event('beforeunload', {cancelable: true})))"
     )
     assert waits  # a press that is not saved yet: the browser asks
-
-
-def test_z_takes_back_a_new_name_and_a_new_key_of_a_target_too(browser: Chrome, noise: Start) -> None:
-    page = noise()
-    _open(browser, page)
-    _keys(browser, "1")
-    browser.find_element("css selector", '[aria-label^="change cup"]').click()
-    form = browser.find_element("id", "target")
-    form.find_element("name", "new_name").clear()
-    form.find_element("name", "new_name").send_keys("mug")
-    form.find_element("name", "key").send_keys("9")
-    form.find_element("xpath", ".//button[text()='Save']").click()
-    wait_for(lambda: "mug" in browser.find_element("id", "names").text and _is_settled(browser))
-    assert _targets(page)[0] == "m"
-    browser.find_element("tag name", "body").click()
-    for key, letter, said in (("z", "c", "Undone"), ("y", "m", "Done again"), ("z", "c", "Undone")):
-        _keys(browser, key)
-        assert _targets(page)[0] == letter
-        assert browser.find_element("id", "notice").text == f"{said}: the last change of the targets."
-    assert browser.find_element("css selector", '[data-target="cup"] kbd').text == "1"
-    _keys(browser, "z")
-    assert not browser.find_elements("css selector", "#timelines .piece")
 
 
 def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(browser: Chrome, noise: Start) -> None:

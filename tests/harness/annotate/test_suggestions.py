@@ -88,3 +88,5 @@ def test_all_configurations_of_the_run_count_and_blind_shows_none(opened: Any, w
     assert (len(blocks), blocks[-1].last) == (5, 11)
     blind = opened(run=work / "run", configuration="one", blind=True, annotator="ben")
     assert (blind.about()["label_first"], blind.advice) == ([], None)
+    about = blind.about()
+    assert (about["suggestions"], about["order"], about["configuration"]) == ({"ann": None, "ben": None}, None, None)
