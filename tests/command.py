@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -16,3 +17,13 @@ def vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *w
         main()
     said = capsys.readouterr()
     return int(ended.value.code or 0), said.out, said.err
+
+
+def run_in(folder: Path, *words: str) -> None:
+    """Run a command in a folder, for a fixture that several tests read: it must succeed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["vfoa", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert not ended.value.code

@@ -1,4 +1,4 @@
-"""Examples of property tests, and the folders of real clips and weights: tests skip with a reason without them."""
+"""Examples of property tests, the browser, and the folders of real clips and weights, without which tests skip."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 import harness  # noqa: F401  # sets the limit of OpenCV, which other tests import before it
+from tests.browser import chromium, requested, set_width
 from tests.repository import REPOSITORY
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 # Compiled modules are kept, whatever the surroundings say: the suite starts hundreds of processes, each of which would
 # compile all that it imports.
@@ -20,7 +25,7 @@ sys.dont_write_bytecode = False
 
 # Properties are tried on the same examples in every run of the suite, and on many others by `make explore`.
 PROPERTIES = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
-settings.register_profile("suite", derandomize=True, max_examples=50, **PROPERTIES)
+settings.register_profile("suite", derandomize=True, max_examples=20, **PROPERTIES)
 settings.register_profile("explore", max_examples=1000, **PROPERTIES)
 
 
@@ -73,3 +78,20 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         folder = tmp_path_factory.mktemp("cache")
         patch.setattr("harness.files.folders._of_platform", lambda: str(folder))
         yield
+
+
+@pytest.fixture(scope="session")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    """The browser of all tests of a process; it takes seconds to start."""
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(chrome: Chrome) -> Chrome:
+    """The browser, 1280 pixels wide, with an empty page and without what it said and asked for in earlier tests."""
+    chrome.get("about:blank")
+    chrome.get_log("browser")
+    requested(chrome)
+    set_width(chrome, 1280)
+    return chrome

@@ -86,8 +86,8 @@ attention.method = "nearest"
 name = "steady"
 attention = { method = "steady", keep = 0.8 }
 """
-FRAMES = 750
-"""Half a minute."""
+FRAMES = 80
+"""Three seconds: both look elsewhere once."""
 
 
 def test_a_method_of_one_file_is_run_recorded_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,6 @@ from harness.clips.naming import NameRule
 from harness.labels.files import write_annotations
 from harness.labels.labels import Labels, Timeline
 from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
-from tests.browser import chromium, set_width
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -459,13 +458,6 @@ def test_a_manifest_that_is_edited_before_an_interrupted_change_is_finished_keep
     assert _said(work) == letter * 6 + "......"
     assert not [*(work / "annotations" / ".journal").glob("*.json")]
     again.add_target("pen", NameRule(category="pen"))
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        set_width(browser, 1280)
-        yield browser
 
 
 def _is_settled(browser: Chrome) -> bool:

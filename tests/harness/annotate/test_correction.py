@@ -35,7 +35,7 @@ from harness.record.web_viewer import page_files
 from harness.report.write import report_page
 from harness.score.finished_run import read_scores
 from tests.annotating import wait_for
-from tests.browser import chromium, dead_buttons, set_width, wait_until_drawn
+from tests.browser import dead_buttons, set_width, wait_until_drawn
 from tests.repository import REPOSITORY
 from tests.web import running
 from vfoa.errors import VfoaError
@@ -236,13 +236,6 @@ def test_the_label_is_set_right_in_a_form_of_the_served_report(run: RunResults) 
     _agree(run, {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        set_width(browser, 1400)
-        yield browser
-
-
 @pytest.fixture
 def report(run: RunResults, browser: Chrome) -> Iterator[Chrome]:
     """The served report of the run in a browser; frames 2 and 3 are wrong."""
@@ -256,6 +249,7 @@ def report(run: RunResults, browser: Chrome) -> Iterator[Chrome]:
         more=correction_routes(run.directory),
     )
     with running(app) as server:
+        set_width(browser, 1400)
         browser.get(server.address)
         wait_until_drawn(browser)
         yield browser

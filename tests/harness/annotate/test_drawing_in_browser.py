@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,6 @@ import pytest
 
 from harness.labels.drawn_shapes import Drawn, Place, read_drawn
 from tests.annotating import FRAMES, Page, shown, wait_for
-from tests.browser import chromium, set_width
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -20,19 +19,12 @@ NEAR_PX = 1.0
 """The mouse stops at whole pixels of the screen."""
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        set_width(browser, 1280)
-        yield browser
-
-
 @pytest.fixture
-def page(noise: Callable[..., Page], session: Chrome) -> Page:
+def page(noise: Callable[..., Page], browser: Chrome) -> Page:
     """The page, with the drawing tool in hand and the cup chosen."""
     page = noise()
-    _open(session, page)
-    _keys(session, "p", _key_of(page, "cup"))
+    _open(browser, page)
+    _keys(browser, "p", _key_of(page, "cup"))
     return page
 
 
@@ -106,23 +98,23 @@ def _state(browser: Chrome) -> str:
     return str(browser.execute_script("return document.getElementById('drawn-state').value"))
 
 
-def test_a_box_is_drawn_moved_and_resized_with_the_mouse(page: Page, session: Chrome) -> None:
-    _drag(session, (10, 10), (30, 25))
+def test_a_box_is_drawn_moved_and_resized_with_the_mouse(page: Page, browser: Chrome) -> None:
+    _drag(browser, (10, 10), (30, 25))
     assert _at(page, "cup", "box", 1) == pytest.approx((10, 10, 30, 25), abs=NEAR_PX)
-    _keys(session, *[RIGHT] * 6)
-    assert "between" in _state(session)
-    _drag(session, (20, 18), (32, 24))
+    _keys(browser, *[RIGHT] * 6)
+    assert "between" in _state(browser)
+    _drag(browser, (20, 18), (32, 24))
     assert _at(page, "cup", "box", 7) == pytest.approx((22, 16, 42, 31), abs=2 * NEAR_PX)
     assert _at(page, "cup", "box", 4) == pytest.approx((16, 13, 36, 28), abs=2 * NEAR_PX)
 
-    handles = session.find_elements("css selector", "#drawn .handle")
+    handles = browser.find_elements("css selector", "#drawn .handle")
     assert [min(handle.rect["width"], handle.rect["height"]) >= 24 for handle in handles] == [True] * 4
     u0, v0, u1, v1 = _at(page, "cup", "box", 7) or ()
-    _drag(session, (u1 + 1, v1 + 1), (u1 + 9, v1 + 5))
+    _drag(browser, (u1 + 1, v1 + 1), (u1 + 9, v1 + 5))
     assert _at(page, "cup", "box", 7) == pytest.approx((u0, v0, u1 + 9, v1 + 5), abs=2 * NEAR_PX)
 
-    _keys(session, LEFT, LEFT, LEFT)
-    box = session.execute_script(
+    _keys(browser, LEFT, LEFT, LEFT)
+    box = browser.execute_script(
         "const b = document.querySelector('#drawn [data-name=cup] rect:not(.halo)');"
         "return ['x', 'y', 'width', 'height'].map((each) => Number(b.getAttribute(each)));"
     )
@@ -131,26 +123,26 @@ def test_a_box_is_drawn_moved_and_resized_with_the_mouse(page: Page, session: Ch
     assert [box[0] - 0.5, box[1] - 0.5, box[0] + box[2] - 0.5, box[1] + box[3] - 0.5] == pytest.approx(expected)
 
 
-def test_key_frames_come_and_go_by_keys_and_all_can_be_undone(page: Page, session: Chrome) -> None:
-    _drag(session, (10, 10), (30, 25))
-    _keys(session, *[RIGHT] * 4, ENTER, *[RIGHT] * 4, "q")
+def test_key_frames_come_and_go_by_keys_and_all_can_be_undone(page: Page, browser: Chrome) -> None:
+    _drag(browser, (10, 10), (30, 25))
+    _keys(browser, *[RIGHT] * 4, ENTER, *[RIGHT] * 4, "q")
     assert [_at(page, "cup", "box", frame) is not None for frame in (1, 5, 8, 9, 12)] == [True] * 3 + [False] * 2
-    assert _state(session) == "outside, 3 in all"
-    _keys(session, "[")
-    assert shown(session) == 5
-    _keys(session, DELETE)
+    assert _state(browser) == "outside, 3 in all"
+    _keys(browser, "[")
+    assert shown(browser) == 5
+    _keys(browser, DELETE)
     assert [key.frame for key in _drawn(page).tracks[0].keys] == [1, 9]
-    _keys(session, "z", "z")
+    _keys(browser, "z", "z")
     assert [key.frame for key in _drawn(page).tracks[0].keys] == [1, 5]
-    _keys(session, "y", "]")
-    assert shown(session) == 9
-    _open(session, page)  # what is drawn outlives the page
-    _keys(session, "p", "z", "z", "z")
+    _keys(browser, "y", "]")
+    assert shown(browser) == 9
+    _open(browser, page)  # what is drawn outlives the page
+    _keys(browser, "p", "z", "z", "z")
     assert _drawn(page) == Drawn()
     assert page.session.state()["labelled"] == 0  # no key of the labels was meant
 
 
-def test_labels_and_drawing_are_undone_as_one_in_the_order_in_which_they_were_made(page: Page, session: Chrome) -> None:
+def test_labels_and_drawing_are_undone_as_one_in_the_order_in_which_they_were_made(page: Page, browser: Chrome) -> None:
     def found() -> tuple[int | None, str | None]:
         """The width of the box, and the target of the labels at the start."""
         tracks = page.session.drawn()["tracks"]
@@ -159,55 +151,55 @@ def test_labels_and_drawing_are_undone_as_one_in_the_order_in_which_they_were_ma
         return width and round(width), first[2] if len(first) > 2 else None
 
     wide = [found()]
-    _drag(session, (10, 10), (30, 25))
+    _drag(browser, (10, 10), (30, 25))
     wide.append(found())
-    _keys(session, "p", "n", "p")
+    _keys(browser, "p", "n", "p")
     wide.append(found())
-    _drag(session, (31, 26), (39, 30))
+    _drag(browser, (31, 26), (39, 30))
     wide.append(found())
     assert len(set(wide)) == 4
     for expected in (wide[2], wide[1]):
-        _keys(session, "z")
+        _keys(browser, "z")
         assert found() == expected
-    assert session.find_element("id", "notice").text == "Undone: the last change of the labels."
-    _open(session, page)  # the order outlives the page
-    _keys(session, "z")
+    assert browser.find_element("id", "notice").text == "Undone: the last change of the labels."
+    _open(browser, page)  # the order outlives the page
+    _keys(browser, "z")
     assert found() == wide[0]
-    assert not session.find_element("id", "do-undo").is_enabled()
+    assert not browser.find_element("id", "do-undo").is_enabled()
     for expected in wide[1:]:
-        _keys(session, "y")
+        _keys(browser, "y")
         assert found() == expected
-    _keys(session, "z", "i")
+    _keys(browser, "z", "i")
     changed = found()
     assert changed == (wide[2][0], "ignore")
-    _keys(session, "y")  # the box was undone before the label was made: it is gone
+    _keys(browser, "y")  # the box was undone before the label was made: it is gone
     assert found() == changed
 
 
-def test_a_point_and_a_head_are_drawn_and_moved_by_keys(page: Page, session: Chrome) -> None:
+def test_a_point_and_a_head_are_drawn_and_moved_by_keys(page: Page, browser: Chrome) -> None:
     book, ann = _key_of(page, "book"), _key_of(page, "ann")
-    _keys(session, book, book)
-    _drag(session, (40, 30))
+    _keys(browser, book, book)
+    _drag(browser, (40, 30))
     point = _at(page, "book", "point", 12)
     assert point == pytest.approx((40, 30), abs=NEAR_PX)
-    _ctrl(session, RIGHT, 3)
+    _ctrl(browser, RIGHT, 3)
     assert _at(page, "book", "point", 1) == pytest.approx((point[0] + 3, point[1]))
-    _keys(session, ann)
-    _drag(session, (5, 5), (15, 17))
+    _keys(browser, ann)
+    _drag(browser, (5, 5), (15, 17))
     assert _at(page, "ann", "head", 1) == pytest.approx((5, 5, 15, 17), abs=NEAR_PX)
 
 
-def test_what_is_drawn_can_be_clicked_when_labelling(page: Page, session: Chrome) -> None:
-    _drag(session, (10, 10), (30, 25))
-    _keys(session, "p")
-    _drag(session, (20, 18))
+def test_what_is_drawn_can_be_clicked_when_labelling(page: Page, browser: Chrome) -> None:
+    _drag(browser, (10, 10), (30, 25))
+    _keys(browser, "p")
+    _drag(browser, (20, 18))
     assert page.session.state()["tracks"]["ann"][0][2] == "cup"
 
 
-def test_a_page_that_is_behind_is_told(page: Page, session: Chrome, work: Path) -> None:
-    _drag(session, (10, 10), (30, 25))
+def test_a_page_that_is_behind_is_told(page: Page, browser: Chrome, work: Path) -> None:
+    _drag(browser, (10, 10), (30, 25))
     path = work / "annotations" / "noise.drawn.csv"
     path.write_text(path.read_text().replace("1,cup,box", "3,cup,box"))
-    _drag(session, (20, 18), (26, 18))
-    assert "changed elsewhere" in session.find_element("id", "notice").text
+    _drag(browser, (20, 18), (26, 18))
+    assert "changed elsewhere" in browser.find_element("id", "notice").text
     assert [key.frame for key in _drawn(page).tracks[0].keys] == [3]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,11 +15,13 @@ from harness.labels.labels import IGNORED
 from harness.studio import StudioClip
 from harness.studio.stage import RIG
 from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
-from tests.browser import chromium
 from tests.calibrations import matrix, write_opencv
 from tests.command import vfoa
 from tests.disk import write_image
 from tests.repository import REPOSITORY
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 FRAMES = range(1, 8)
 TARGETS = {"mug": "cup", "vase": "vase", "laptop": "laptop", "book": "book", "bottle": "bottle"}
@@ -38,11 +41,11 @@ def _write_pairs(folder: Path, clip: StudioClip) -> None:
     write_opencv(folder / "calibration.yml", nodes, (RIG.width_px, RIG.height_px))
 
 
-def _label(work: Path, labels: list[str]) -> None:
+def _label(browser: Chrome, work: Path, labels: list[str]) -> None:
     """Label the clip in its page, frame by frame, by keys alone."""
     from selenium.webdriver import ActionChains
 
-    with served_by_the_program(work, "desk") as (_, address), chromium(work / "profile") as browser:
+    with served_by_the_program(work, "desk") as (_, address):
 
         def press(key: str) -> None:
             ActionChains(browser).send_keys(key).perform()
@@ -67,7 +70,11 @@ def test_the_commands_are_those_that_contributing_names() -> None:
 
 
 def test_a_folder_becomes_a_labelled_clip_and_a_table(
-    tmp_path: Path, default_models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    browser: Chrome,
+    tmp_path: Path,
+    default_models: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def run(*words: str) -> str:
         """A command as a user gives it; what it prints."""
@@ -85,7 +92,7 @@ def test_a_folder_becomes_a_labelled_clip_and_a_table(
     named = [word for name, category in TARGETS.items() for word in ("--target", f"{name}={category}")]
     added = run("clips", "add", "pairs", "--name", "desk", "--set", "rate_hz=20", "--subject", "anna", *named)
     assert "calibration.yml" in added
-    _label(tmp_path, said)
+    _label(browser, tmp_path, said)
     assert (tmp_path / "annotations" / "desk.csv").read_text() == format_annotations(truth)
     assert "desk" in run("clips", "check", "desk")
     weights = ("--set", "segmentation.model=yolo_seg", "--set", "segmentation.weights=yolov8n-seg_int8.onnx")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +27,6 @@ from tests.annotating import (
     true_labels,
     wait_for,
 )
-from tests.browser import chromium, set_width
 from tests.disk import moving_picture, write_text, write_video
 from tests.repository import REPOSITORY
 
@@ -54,13 +53,6 @@ class Keyboard:
         for key in keys:
             ActionChains(self._browser).send_keys(key).perform()
             self.presses += 1
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        set_width(browser, 1280)
-        yield browser
 
 
 @pytest.fixture

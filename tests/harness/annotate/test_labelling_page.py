@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from harness.labels.files import read_annotations
 from harness.labels.labels import Timeline
 from harness.sources import Clip, Truth
 from tests.annotating import FRAMES, Page, shown, wait_for
-from tests.browser import chromium, dead_buttons, requested, set_width
+from tests.browser import dead_buttons, requested, set_width
 from tests.disk import write_text
 from vfoa.types import Image, StereoFrame
 
@@ -24,18 +24,6 @@ if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
 Start = Callable[..., Page]
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
-
-
-@pytest.fixture
-def browser(session: Chrome) -> Chrome:
-    set_width(session, 1280)
-    return session
 
 
 def _is_settled(browser: Chrome) -> bool:
@@ -86,20 +74,18 @@ def _targets(page: Page, subject: str = "ann") -> list[str]:
 
 @pytest.mark.parametrize("width", [1280, 390], ids=["wide", "phone"])
 def test_it_asks_nobody_else_complains_of_nothing_and_fits_the_screen(
-    session: Chrome, noise: Start, work: Path, width: int
+    browser: Chrome, noise: Start, work: Path, width: int
 ) -> None:
     page = noise(run=work / "run")
-    session.get_log("browser")
-    requested(session)
-    set_width(session, width)
-    _open(session, page)
-    _keys(session, "1", "h", "d", "r")
+    set_width(browser, width)
+    _open(browser, page)
+    _keys(browser, "1", "h", "d", "r")
     here = f"http://127.0.0.1:{page.port}/"
-    assert [url for url in requested(session) if not url.startswith(here)] == []
-    assert session.get_log("browser") == []
-    assert session.execute_script("return document.documentElement.scrollWidth <= innerWidth")
-    assert session.execute_script("return document.cookie") == ""
-    assert session.current_url == here
+    assert [url for url in requested(browser) if not url.startswith(here)] == []
+    assert browser.get_log("browser") == []
+    assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    assert browser.execute_script("return document.cookie") == ""
+    assert browser.current_url == here
 
 
 def test_names_stand_in_the_strip_as_text_and_patterns_not_colour_alone(browser: Chrome, noise: Start) -> None:

@@ -22,7 +22,7 @@ from harness.record.catalog import serving
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles
 from harness.run.directory import RunDirectory
-from tests.command import vfoa
+from tests.command import run_in, vfoa
 from tests.harness.record.conftest import four_frames, write_run
 from tests.pages import BLOCK
 from tests.repository import REPOSITORY
@@ -34,13 +34,13 @@ needs_datafusion = pytest.mark.skipif(util.find_spec("datafusion") is None, reas
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The demo on two clips, twelve frames each."""
+    """The demo on two clips, six frames each."""
     folder = tmp_path_factory.mktemp("catalog")
     shipped = (REPOSITORY / "harness" / "experiments" / "demo.toml").read_text(encoding="utf-8")
     short = re.sub(r"(?s)^clips = \[.*?\]", 'clips = ["demo_crowd", "demo_1"]', shipped, flags=re.MULTILINE)
     (folder / "demo.toml").write_text(short, encoding="utf-8")
-    words = ["run", "demo.toml", "--out", "runs/demo", "--limit", "12", "--workers", "1", "--cache", str(folder / "c")]
-    subprocess.run([sys.executable, "-m", "harness.cli", *words], cwd=folder, check=True, capture_output=True)
+    words = ["run", "demo.toml", "--out", "runs/demo", "--limit", "6", "--workers", "1", "--cache", str(folder / "c")]
+    run_in(folder, *words)
     return folder / "runs" / "demo"
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import main
-from tests.command import vfoa
+from tests.command import run_in, vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, MANIFEST, measured_tables, true_labels
 
@@ -38,11 +37,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_text(folder / "annotations" / "talk.csv", true_labels())
     write_text(folder / "talk.toml", EXPERIMENT)
     write_text(folder / "gaze.pth", "weights")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.setattr("sys.argv", ["vfoa", "run", "talk.toml", "--out", "run", "--workers", "1"])
-        with pytest.raises(SystemExit):
-            main()
+    run_in(folder, "run", "talk.toml", "--out", "run", "--workers", "1")
     return folder
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import main
+from tests.command import run_in
 from tests.harness.damage import project as projects
 from tests.harness.damage.table import replaced
 
@@ -28,11 +27,7 @@ def project(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
 def finished(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The project with a finished run in it."""
     copied = projects.copy(whole, tmp_path_factory.mktemp("finished") / "project")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(copied)
-        patch.setattr(sys, "argv", ["vfoa", "run", "e.toml", "--out", "run", "--workers", "1"])
-        with pytest.raises(SystemExit):
-            main()
+    run_in(copied, "run", "e.toml", "--out", "run", "--workers", "1")
     return copied
 
 

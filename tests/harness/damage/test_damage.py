@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import main
-from tests.command import vfoa
+from tests.command import run_in, vfoa
 from tests.harness.damage import project as projects
 from tests.harness.damage.sources import DAMAGED, STILL_READ, WHOLE
 from tests.harness.damage.table import REFUSED, RUN, RUNS, SURVIVED, Case
@@ -18,11 +16,7 @@ from tests.harness.damage.table import REFUSED, RUN, RUNS, SURVIVED, Case
 def table(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The scores of the project as it is."""
     copied = projects.copy(whole, tmp_path_factory.mktemp("whole") / "project")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(copied)
-        patch.setattr(sys, "argv", ["vfoa", *RUN])
-        with pytest.raises(SystemExit):
-            main()
+    run_in(copied, *RUN)
     return (copied / "out" / "frr.csv").read_text()
 
 

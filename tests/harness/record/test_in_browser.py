@@ -285,14 +285,15 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
 
 
 def test_the_address_of_the_page_names_the_wrong_frame(
-    frames: list[Any], record_run: Callable[..., Any], tmp_path: Path
+    frames: list[Any], record_run: Callable[..., Any], chrome: Chrome
 ) -> None:
+    browser = chrome
     recording = find_clips(record_run(frames).run, None, None)[0].compose()
     told = {"subject": ANN, "truth": "red cup", "predicted": "book#4", "outcome": "wrong", "error_type": "missed"}
     wrong = [Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, **told) for frame in (11, 13, 14)]
     more = failures_routes(lambda: wrong, {("clip", CONFIGURATION): recording})
     app = site({recording.name: recording}, page_files(), more=more)
-    with running(app) as server, chromium(tmp_path / "profile") as browser:
+    with running(app) as server:
 
         def shows(place: str) -> None:
             wait_for(lambda: browser.find_element("id", "place").text == place)
@@ -320,18 +321,16 @@ def test_the_address_of_the_page_names_the_wrong_frame(
     ("jpeg", "decodes", "warns"), [(False, "false", True), (False, "true", False), (True, "false", False)]
 )
 def test_a_browser_that_does_not_decode_the_video_says_which_setting_helps(
-    frames: list[Any], record_run: Callable[..., Any], tmp_path: Path, jpeg: bool, decodes: str, warns: bool
+    frames: list[Any], record_run: Callable[..., Any], chrome: Chrome, jpeg: bool, decodes: str, warns: bool
 ) -> None:
     (recording,) = find_recordings(record_run(frames, jpeg=jpeg).run, None, None)
     stub = f"window.VideoDecoder = {{isConfigSupported: async ({{codec}}) => ({{supported: {decodes}}})}};"
-    with (
-        running(site({recording.name: recording}, page_files())) as server,
-        chromium(tmp_path / "profile") as browser,
-    ):
-        browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": stub})
-        browser.get(server.address)
-        browser.execute_async_script("warnOfVideo(asked.get('codec'), () => true).then(arguments[0])")
-        message = browser.find_element("id", "warned")
+    with running(site({recording.name: recording}, page_files())) as server:
+        added = chrome.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": stub})
+        chrome.get(server.address)
+        chrome.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+        chrome.execute_async_script("warnOfVideo(asked.get('codec'), () => true).then(arguments[0])")
+        message = chrome.find_element("id", "warned")
         assert message.is_displayed() == warns
         assert "--recording jpeg" in str(message.get_attribute("textContent"))
 

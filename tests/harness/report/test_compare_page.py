@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import pytest
 
 from harness.report.page.compare import render_comparison, report_link
 from harness.score.compared_runs import compare_runs
-from tests.browser import chromium, requested, set_width, wait_until_drawn
+from tests.browser import requested, set_width, wait_until_drawn
 from tests.records import answers, write_clip, write_run
 
 if TYPE_CHECKING:
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 TRUTH = ["cup"] * 12 + ["can"] * 12
 RIGHT = {"a": {"one": 12, "two": 4}, "b": {"one": 12, "two": 10}}
 """Right frames of each configuration of each run: the first ones; the others have no answer."""
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")
@@ -51,30 +45,28 @@ def _texts(browser: Chrome, selector: str) -> Sequence[str]:
 
 
 @pytest.mark.parametrize("width", [1400, 390])
-def test_the_page_ranks_compares_and_links_to_the_frames_that_changed(session: Chrome, page: Path, width: int) -> None:
-    session.get("about:blank")
-    requested(session)
-    set_width(session, width)
-    session.get(page.as_uri())
-    wait_until_drawn(session)
-    assert requested(session) == [page.as_uri()]
-    assert session.get_log("browser") == []
-    assert session.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+def test_the_page_ranks_compares_and_links_to_the_frames_that_changed(browser: Chrome, page: Path, width: int) -> None:
+    set_width(browser, width)
+    browser.get(page.as_uri())
+    wait_until_drawn(browser)
+    assert requested(browser) == [page.as_uri()]
+    assert browser.get_log("browser") == []
+    assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
 
-    ranked = [each.get_attribute("aria-label") for each in session.find_elements("css selector", "#draw-ranking .row")]
+    ranked = [each.get_attribute("aria-label") for each in browser.find_elements("css selector", "#draw-ranking .row")]
     assert [words.partition(",")[0] for words in ranked] == [
         "a/one: FRR 50.0 %",
         "b/one: FRR 50.0 %",
         "b/two: FRR 41.7 %",
         "a/two: FRR 16.7 %",
     ]
-    same, other = session.find_elements("css selector", "#draw-differences .row")
+    same, other = browser.find_elements("css selector", "#draw-differences .row")
     assert "one: b vs a" in same.text
     assert "identical" in same.text
     assert "two: b vs a" in other.text
     assert "+25.0" in other.text
 
-    (row,) = session.find_elements("css selector", "tbody tr")
+    (row,) = browser.find_elements("css selector", "tbody tr")
     cells = [each.text for each in row.find_elements("css selector", "th, td")]
     assert cells[:9] == ["b/two", "a/two", "better", "table", "girl", "5–10", "cup", "no prediction", "cup"]
     (link,) = row.find_elements("css selector", "a")  # the other run has no report
@@ -84,15 +76,15 @@ def test_the_page_ranks_compares_and_links_to_the_frames_that_changed(session: C
     )
 
 
-def test_the_tables_are_sorted_by_any_column(session: Chrome, page: Path) -> None:
-    set_width(session, 1400)
-    session.get(page.as_uri())
-    wait_until_drawn(session)
-    session.execute_script("document.querySelector('[data-table=\"1\"]').open = true")
+def test_the_tables_are_sorted_by_any_column(browser: Chrome, page: Path) -> None:
+    set_width(browser, 1400)
+    browser.get(page.as_uri())
+    wait_until_drawn(browser)
+    browser.execute_script("document.querySelector('[data-table=\"1\"]').open = true")
     table = '[data-table="1"] '
-    assert _texts(session, table + ".head")[:3] == ["Configuration", "FRR %", "95 %"]
+    assert _texts(browser, table + ".head")[:3] == ["Configuration", "FRR %", "95 %"]
     rates = ["50.0", "50.0", "41.7", "16.7"]
-    head = session.find_elements("css selector", table + ".head")[1]
+    head = browser.find_elements("css selector", table + ".head")[1]
     for expected in (rates, rates[::-1]):
         head.click()
-        assert _texts(session, table + "tbody td:nth-child(2)") == expected
+        assert _texts(browser, table + "tbody td:nth-child(2)") == expected

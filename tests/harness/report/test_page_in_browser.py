@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -24,7 +23,7 @@ from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, p
 from harness.report.thumbnails.writer import picture
 from harness.score.judging import Reference
 from harness.score.verdicts import ERROR_TYPES
-from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn
+from tests.browser import point_at, requested, set_width, wait_until_drawn
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
 
 if TYPE_CHECKING:
@@ -62,20 +61,14 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run / "report.html"
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with chromium(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
-
-
 @pytest.fixture(params=[1280, 390], ids=["wide", "phone"])
-def browser(session: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
+def browser(chrome: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
     """The page, freshly opened."""
-    session.get("about:blank")
-    requested(session)
-    set_width(session, request.param)
-    _open(session, page)
-    return session
+    chrome.get("about:blank")
+    requested(chrome)
+    set_width(chrome, request.param)
+    _open(chrome, page)
+    return chrome
 
 
 def _open(browser: Chrome, page: Path, **shown: Any) -> None:
@@ -201,50 +194,50 @@ def _wait_for_place(browser: Chrome, place: tuple[str, str, str, int]) -> None:
     WebDriverWait(browser, 60).until(lambda _: [canvas.get_attribute(key) for key in keys] == wanted, str(place))
 
 
-def test_keys_visit_the_wrong_frames_of_all_configurations_clips_and_subjects(session: Chrome, crowded: Path) -> None:
-    session.get("about:blank")
-    set_width(session, 1280)
-    _open(session, crowded)
+def test_keys_visit_the_wrong_frames_of_all_configurations_clips_and_subjects(chrome: Chrome, crowded: Path) -> None:
+    chrome.get("about:blank")
+    set_width(chrome, 1280)
+    _open(chrome, crowded)
     for place in (*WRONG, *WRONG[:2]):
-        _press(session, "n")
-        _wait_for_place(session, place)
+        _press(chrome, "n")
+        _wait_for_place(chrome, place)
     for place in (WRONG[0], *WRONG[::-1]):
-        _press(session, "p")
-        _wait_for_place(session, place)
-    _press(session, "n", "n", "n")  # faster than the page is drawn
-    _wait_for_place(session, WRONG[3])
+        _press(chrome, "p")
+        _wait_for_place(chrome, place)
+    _press(chrome, "n", "n", "n")  # faster than the page is drawn
+    _wait_for_place(chrome, WRONG[3])
 
 
-def test_keys_stay_in_what_was_selected_in_a_figure(session: Chrome, crowded: Path) -> None:
-    session.get("about:blank")
-    set_width(session, 1280)
-    _open(session, crowded)
-    _button(session, "one: 4 of 8 frames missed").send_keys("\ue007")  # of all clips
+def test_keys_stay_in_what_was_selected_in_a_figure(chrome: Chrome, crowded: Path) -> None:
+    chrome.get("about:blank")
+    set_width(chrome, 1280)
+    _open(chrome, crowded)
+    _button(chrome, "one: 4 of 8 frames missed").send_keys("\ue007")  # of all clips
     for place in (*WRONG[:4], *WRONG[:1]):
-        _wait_for_place(session, place)
-        _press(session, "n")
-    session.execute_script(
+        _wait_for_place(chrome, place)
+        _press(chrome, "n")
+    chrome.execute_script(
         "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))",
-        _button(session, "one: truth cup, answer can: 2 of 4"),  # of the first clip
+        _button(chrome, "one: truth cup, answer can: 2 of 4"),  # of the first clip
     )
     for place in (*WRONG[:2], *WRONG[:1]):
-        _wait_for_place(session, place)
-        _press(session, "n")
-    assert session.find_element("css selector", ".chip").text.startswith("N and P: cup answered as can, one, a")
+        _wait_for_place(chrome, place)
+        _press(chrome, "n")
+    assert chrome.find_element("css selector", ".chip").text.startswith("N and P: cup answered as can, one, a")
     from_outside = {"clip": "b", "config": "two", "subject": "girl", "frame": 1}
     for key, place in (("n", WRONG[0]), ("p", WRONG[1])):
-        session.execute_script(
+        chrome.execute_script(
             "location.hash = arguments[0]", "&".join(f"{key}={value}" for key, value in from_outside.items())
         )
-        _wait_for_place(session, ("two", "b", "girl", 1))
-        _press(session, key)
-        _wait_for_place(session, place)
+        _wait_for_place(chrome, ("two", "b", "girl", 1))
+        _press(chrome, key)
+        _wait_for_place(chrome, place)
 
 
-def test_an_address_shows_its_frame(session: Chrome, page: Path) -> None:
-    session.get("about:blank")
-    _open(session, page, clip="other", config="one", subject="girl", frame=4)
-    assert "other, girl, one" in _wait_for_box(session, "Frame 4 – wrong: false attention")
+def test_an_address_shows_its_frame(chrome: Chrome, page: Path) -> None:
+    chrome.get("about:blank")
+    _open(chrome, page, clip="other", config="one", subject="girl", frame=4)
+    assert "other, girl, one" in _wait_for_box(chrome, "Frame 4 – wrong: false attention")
 
 
 def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(browser: Chrome) -> None:
@@ -271,37 +264,37 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_wrong_frame_among_1500_is_found_by_keys_clicks_and_the_filter(
-    session: Chrome, long: Path, width: int
+    chrome: Chrome, long: Path, width: int
 ) -> None:
     from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.wait import WebDriverWait
 
-    session.get("about:blank")
-    set_width(session, width)
-    _open(session, long)
+    chrome.get("about:blank")
+    set_width(chrome, width)
+    _open(chrome, long)
     for key, frames in (("n", WRONG_OF_LONG), ("p", WRONG_OF_LONG[-2::-1])):
         for frame in frames:
-            _press(session, key)
-            _wait_for_place(session, ("one", "clip", "girl", frame))
-    _press(session, Keys.ARROW_RIGHT, Keys.PAGE_DOWN, Keys.ARROW_LEFT)
-    _wait_for_place(session, ("one", "clip", "girl", 425))
-    point_at(session, "one", 777).click().perform()  # its pixel holds others that are right
-    _wait_for_place(session, ("one", "clip", "girl", 777))
-    _wait_for_box(session, "Frame 777 – wrong: missed")
-    session.execute_script("document.getElementById('wrong-frames').open = true")
+            _press(chrome, key)
+            _wait_for_place(chrome, ("one", "clip", "girl", frame))
+    _press(chrome, Keys.ARROW_RIGHT, Keys.PAGE_DOWN, Keys.ARROW_LEFT)
+    _wait_for_place(chrome, ("one", "clip", "girl", 425))
+    point_at(chrome, "one", 777).click().perform()  # its pixel holds others that are right
+    _wait_for_place(chrome, ("one", "clip", "girl", 777))
+    _wait_for_box(chrome, "Frame 777 – wrong: missed")
+    chrome.execute_script("document.getElementById('wrong-frames').open = true")
     links = "#wrong-frames tbody a"
-    WebDriverWait(session, 60).until(lambda found: len(found.find_elements("css selector", links)) == 12)
-    session.find_element("css selector", "#wrong-frames input").send_keys("no subject")
-    (link,) = session.find_elements("css selector", links)
-    session.execute_script("arguments[0].click()", link)  # the box of the frame shown covers it
-    _wait_for_box(session, "Frame 1490 – wrong: no subject")
+    WebDriverWait(chrome, 60).until(lambda found: len(found.find_elements("css selector", links)) == 12)
+    chrome.find_element("css selector", "#wrong-frames input").send_keys("no subject")
+    (link,) = chrome.find_elements("css selector", links)
+    chrome.execute_script("arguments[0].click()", link)  # the box of the frame shown covers it
+    _wait_for_box(chrome, "Frame 1490 – wrong: no subject")
 
 
-def test_the_canvas_has_the_outcome_of_each_frame(session: Chrome, page: Path) -> None:
-    session.get("about:blank")
-    set_width(session, 1280)
-    _open(session, page)
-    one, two = (_pixels_of_strip(session, name, len(TRUTH)) for name in GIVEN)
+def test_the_canvas_has_the_outcome_of_each_frame(chrome: Chrome, page: Path) -> None:
+    chrome.get("about:blank")
+    set_width(chrome, 1280)
+    _open(chrome, page)
+    one, two = (_pixels_of_strip(chrome, name, len(TRUTH)) for name in GIVEN)
     right, wrong = one[:2]
     assert one[2] == two[0] == two[1] == right
     assert len({right, wrong, *one[3:]}) == 5  # three error types, and unscored
@@ -345,22 +338,22 @@ def colourful(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("mode", "scheme"), [(0, "light"), (1, "dark")])
 def test_every_error_type_has_a_colour_of_its_own_in_all_figures(
-    session: Chrome, colourful: Path, mode: int, scheme: str
+    chrome: Chrome, colourful: Path, mode: int, scheme: str
 ) -> None:
-    session.get("about:blank")
-    set_width(session, 1280)
-    session.execute_cdp_cmd(
+    chrome.get("about:blank")
+    set_width(chrome, 1280)
+    chrome.execute_cdp_cmd(
         "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
     )
     try:
-        _open(session, colourful)
-        strip = _pixels_of_strip(session, "one", len(ONE_OF_EACH))
-        parts = session.find_elements("css selector", "#draw-errors .part rect")
-        keys = session.find_elements("css selector", "#draw-errors .swatch")
+        _open(chrome, colourful)
+        strip = _pixels_of_strip(chrome, "one", len(ONE_OF_EACH))
+        parts = chrome.find_elements("css selector", "#draw-errors .part rect")
+        keys = chrome.find_elements("css selector", "#draw-errors .swatch")
         bars, swatches = [[_pixel(each) for each in group] for group in (parts, keys)]
-        ground = _rgb(session.execute_script("return getComputedStyle(document.body).backgroundColor"))
+        ground = _rgb(chrome.execute_script("return getComputedStyle(document.body).backgroundColor"))
     finally:
-        session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+        chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     drawn = dict(zip(ONE_OF_EACH, strip, strict=True))
     wrong = [drawn[name] for name in ERROR_TYPES]
     assert wrong == [ImageColor.getrgb(ERROR_COLOURS[name][mode]) for name in ERROR_TYPES]
@@ -419,43 +412,43 @@ def test_a_point_of_the_forest_and_an_error_type_lead_to_frames(browser: Chrome)
     assert "clip=clip" in browser.current_url
 
 
-def test_the_forest_rounds_rates_and_intervals_as_the_table_does(session: Chrome, tmp_path: Path) -> None:
+def test_the_forest_rounds_rates_and_intervals_as_the_table_does(chrome: Chrome, tmp_path: Path) -> None:
     """1 of 16 is 6.25 %, a tie that Python rounds to 6.2 and JavaScript's toFixed to 6.3."""
     given = ["cup", *["dragon"] * 15]
     records = [record for clip in ("a", "b") for record in answers(given, clip=clip)]
     of_clips = Reference(labels={clip: labels(*["cup"] * 16) for clip in ("a", "b")})
     score_run(tmp_path, records, of_clips)
-    set_width(session, 1280)
+    set_width(chrome, 1280)
     last = (tmp_path / "frr.md").read_text(encoding="utf-8").partition("| (all) |")[2].split("|")
-    _open(session, tmp_path / "report.html")
-    shown = {element.text for element in session.find_elements("css selector", "svg text")}
+    _open(chrome, tmp_path / "report.html")
+    shown = {element.text for element in chrome.find_elements("css selector", "svg text")}
     assert {f"{last[3].strip()} %", last[4].strip()} <= shown
     assert f"{last[3].strip()} %" == "6.2 %"
 
 
-def test_tables_are_sorted_and_filtered(session: Chrome, page: Path) -> None:
-    session.get("about:blank")
-    set_width(session, 1280)
-    _open(session, page)
-    fold = session.find_element("id", "wrong-frames")
-    session.execute_script("arguments[0].open = true", fold)
-    session.execute_script("document.querySelector('details[data-table=\"0\"]').open = true")
+def test_tables_are_sorted_and_filtered(chrome: Chrome, page: Path) -> None:
+    chrome.get("about:blank")
+    set_width(chrome, 1280)
+    _open(chrome, page)
+    fold = chrome.find_element("id", "wrong-frames")
+    chrome.execute_script("arguments[0].open = true", fold)
+    chrome.execute_script("document.querySelector('details[data-table=\"0\"]').open = true")
     from selenium.webdriver.support.wait import WebDriverWait
 
     rows = "details[data-table='0'] tbody tr"
-    WebDriverWait(session, 60).until(lambda found: found.find_elements("css selector", rows))
+    WebDriverWait(chrome, 60).until(lambda found: found.find_elements("css selector", rows))
     head = next(
-        each for each in session.find_elements("css selector", "details[data-table='0'] .head") if each.text == "FRR %"
+        each for each in chrome.find_elements("css selector", "details[data-table='0'] .head") if each.text == "FRR %"
     )
     for expected in (["100.0"] * 3 + ["40.0"] * 3, ["40.0"] * 3 + ["100.0"] * 3):
-        session.execute_script("arguments[0].click()", head)
+        chrome.execute_script("arguments[0].click()", head)
         assert [
-            each.find_elements("tag name", "td")[3].text for each in session.find_elements("css selector", rows)
+            each.find_elements("tag name", "td")[3].text for each in chrome.find_elements("css selector", rows)
         ] == expected
     links = fold.find_elements("css selector", "tbody a")
     assert [link.text for link in links] == ["2", "4", "6"]
-    session.execute_script("arguments[0].click()", links[1])
-    _wait_for_box(session, "Frame 4 – wrong")
+    chrome.execute_script("arguments[0].click()", links[1])
+    _wait_for_box(chrome, "Frame 4 – wrong")
 
 
 def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(browser: Chrome) -> None:
@@ -485,25 +478,25 @@ def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(browser: C
     assert browser.find_elements("css selector", "#frame svg.thumbnail") == []
 
 
-def _copy(session: Chrome, figure: str, *kinds: str) -> None:
+def _copy(chrome: Chrome, figure: str, *kinds: str) -> None:
     """Copy a figure as each of these kinds; ``window.copied`` are the blobs."""
     from selenium.webdriver.support.wait import WebDriverWait
 
-    session.execute_script(
+    chrome.execute_script(
         "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
         "window.copied.push(await item.getType(item.types[0]))}}, configurable: true});"
     )
     for kind in kinds:
-        button = session.find_element("css selector", f'[aria-label="Copy {figure} as {kind}"]')
-        session.execute_script("arguments[0].click()", button)
-    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == len(kinds))
+        button = chrome.find_element("css selector", f'[aria-label="Copy {figure} as {kind}"]')
+        chrome.execute_script("arguments[0].click()", button)
+    WebDriverWait(chrome, 60).until(lambda found: found.execute_script("return window.copied.length") == len(kinds))
 
 
-def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, page: Path) -> None:
-    session.get("about:blank")
-    _open(session, page)
-    _copy(session, "Over all clips", "CSV", "SVG")
-    table, figure = session.execute_async_script(
+def test_figures_are_copied_as_csv_and_svg_that_stand_alone(chrome: Chrome, page: Path) -> None:
+    chrome.get("about:blank")
+    _open(chrome, page)
+    _copy(chrome, "Over all clips", "CSV", "SVG")
+    table, figure = chrome.execute_async_script(
         "Promise.all(window.copied.map((each) => each.text())).then(arguments[0])"
     )
     assert table.splitlines()[0] == "clip,configuration,n,looks,frr,low,high,baseline"
@@ -517,7 +510,7 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, pag
 
 
 def test_a_wrong_frame_that_the_page_has_no_room_for_shows_the_picture_of_the_run(
-    session: Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    chrome: Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from selenium.webdriver.support.wait import WebDriverWait
 
@@ -529,19 +522,19 @@ def test_a_wrong_frame_that_the_page_has_no_room_for_shows_the_picture_of_the_ru
     atomic_write(lines_path(run, "my clip", "one"), seen)
     records = answers(GIVEN["one"], configuration="one", clip="my clip")
     score_run(run, records, Reference(labels={"my clip": labels(*TRUTH)}))
-    session.get("about:blank")
-    _open(session, run / "report.html", frame=2)
-    _wait_for_box(session, "Frame 2 – wrong")
-    assert session.find_elements("css selector", "#frame svg.thumbnail")
-    _press(session, "n")
-    _wait_for_box(session, "Frame 4 – wrong")
-    (image,) = session.find_elements("css selector", "#frame img.thumbnail")
-    WebDriverWait(session, 60).until(lambda _: image.get_property("naturalWidth") == 200)
+    chrome.get("about:blank")
+    _open(chrome, run / "report.html", frame=2)
+    _wait_for_box(chrome, "Frame 2 – wrong")
+    assert chrome.find_elements("css selector", "#frame svg.thumbnail")
+    _press(chrome, "n")
+    _wait_for_box(chrome, "Frame 4 – wrong")
+    (image,) = chrome.find_elements("css selector", "#frame img.thumbnail")
+    WebDriverWait(chrome, 60).until(lambda _: image.get_property("naturalWidth") == 200)
     picture_path(run, "my clip", 4).unlink()  # as where the page was sent to somebody
-    session.get("about:blank")
-    _open(session, run / "report.html", frame=4)
-    _wait_for_box(session, "Frame 4 – wrong")
-    WebDriverWait(session, 60).until(lambda found: not found.find_elements("css selector", "#frame img"))
+    chrome.get("about:blank")
+    _open(chrome, run / "report.html", frame=4)
+    _wait_for_box(chrome, "Frame 4 – wrong")
+    WebDriverWait(chrome, 60).until(lambda found: not found.find_elements("css selector", "#frame img"))
 
 
 @pytest.fixture(scope="module")
@@ -559,14 +552,14 @@ def many_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run / "report.html"
 
 
-def test_copies_of_figures_hold_every_clip_and_the_legend(session: Chrome, many_clips: Path) -> None:
-    session.get("about:blank")
-    _open(session, many_clips)
-    shown = session.find_element("css selector", "#draw-forest > :last-child .drawing")
+def test_copies_of_figures_hold_every_clip_and_the_legend(chrome: Chrome, many_clips: Path) -> None:
+    chrome.get("about:blank")
+    _open(chrome, many_clips)
+    shown = chrome.find_element("css selector", "#draw-forest > :last-child .drawing")
     assert "clip 07" in shown.text
     assert "clip 08" not in shown.text
-    _copy(session, "By clip", "SVG", "PNG")
-    drawing = session.execute_async_script(
+    _copy(chrome, "By clip", "SVG", "PNG")
+    drawing = chrome.execute_async_script(
         "window.copied.find((each) => each.type.startsWith('text')).text().then(arguments[0])"
     )
     texts = [each.text for each in ElementTree.fromstring(drawing).iter("{http://www.w3.org/2000/svg}text")]
@@ -575,37 +568,37 @@ def test_copies_of_figures_hold_every_clip_and_the_legend(session: Chrome, many_
     ]
     assert {"By clip", "one", "two"} <= {*texts}
     width, height = (float(re.search(rf'{name}="([\d.]+)"', drawing)[1]) for name in ("width", "height"))  # type: ignore[index]
-    picture = session.execute_async_script(
+    picture = chrome.execute_async_script(
         "createImageBitmap(window.copied.find((each) => each.type === 'image/png'))"
         ".then(({width, height}) => arguments[0]([width, height]))"
     )
     assert picture == [2 * width, 2 * height]
-    assert not session.find_elements("css selector", "[style*='visibility: hidden']")
+    assert not chrome.find_elements("css selector", "[style*='visibility: hidden']")
 
 
-def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(session: Chrome, many_clips: Path) -> None:
-    session.get("about:blank")
-    _open(session, many_clips)
-    session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    session.execute_script("window.dispatchEvent(new Event('beforeprint'))")
-    figure = session.find_element("css selector", "#draw-forest > :last-child .drawing")
+def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(chrome: Chrome, many_clips: Path) -> None:
+    chrome.get("about:blank")
+    _open(chrome, many_clips)
+    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    chrome.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    figure = chrome.find_element("css selector", "#draw-forest > :last-child .drawing")
     assert [f"clip {number:02d}" in figure.text for number in range(20)] == [True] * 20
     for place in ("errors", "timeline", "confusion"):
-        chosen = session.find_element("css selector", f"#draw-{place} select")
+        chosen = chrome.find_element("css selector", f"#draw-{place} select")
         assert chosen.is_displayed()
         assert chosen.get_attribute("value") == ("-1" if place == "errors" else "0")
-    assert not any(each.is_displayed() for each in session.find_elements("css selector", "button"))
-    session.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-    session.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert not any(each.is_displayed() for each in chrome.find_elements("css selector", "button"))
+    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    chrome.execute_script("window.dispatchEvent(new Event('afterprint'))")
     assert "clip 08" not in figure.text
 
 
-def test_the_oracle_ablation_is_a_waterfall(session: Chrome, tmp_path: Path) -> None:
+def test_the_oracle_ablation_is_a_waterfall(chrome: Chrome, tmp_path: Path) -> None:
     said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
     records = [record for name, words in said.items() for record in answers(words, configuration=name)]
     score_run(tmp_path, records, Reference(labels={"clip": labels(*["cup"] * 4)}))
-    _open(session, tmp_path / "report.html")
-    titles = session.find_elements("css selector", "#draw-oracle rect ~ title, #draw-oracle g > title")
+    _open(chrome, tmp_path / "report.html")
+    titles = chrome.find_elements("css selector", "#draw-oracle rect ~ title, #draw-oracle g > title")
     assert [title.get_attribute("textContent") for title in titles] == [
         "as run: FRR 50.0 %",
         "+ true gaze: FRR 75.0 %, +25.0 points",

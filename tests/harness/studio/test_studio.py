@@ -341,21 +341,18 @@ class TestClip:
         with pytest.raises(VfoaError, match=r"root: found .*expected none"):
             StudioClip(StudioSettings(scenario="table"), tmp_path)
 
-    @pytest.mark.parametrize(("scenario", "step"), [("talk", 8), ("crowd", 3)])
-    def test_a_step_leaves_out_frames_and_changes_nothing_else(self, scenario: ScenarioName, step: int) -> None:
-        every = StudioClip(StudioSettings(scenario=scenario, frames=3 * step + 1), None)
-        some = StudioClip(StudioSettings(scenario=scenario, frames=4, step=step), None)
+    def test_a_step_leaves_out_frames_and_changes_nothing_else(self) -> None:
+        every = StudioClip(StudioSettings(scenario="table", frames=10), None)
+        some = StudioClip(StudioSettings(scenario="table", frames=4, step=3), None)
         assert list(some.frames) == [1, 2, 3, 4]
-        assert some.rate_hz == every.rate_hz / step
+        assert some.rate_hz == every.rate_hz / 3
         assert some.digest() != every.digest()
-        for number in some.frames:
-            whole = (number - 1) * step + 1
-            assert some.time_ns(number) == every.time_ns(whole)
-            for person, same in zip(some.truth(number).people or (), every.truth(whole).people or (), strict=True):
-                assert person.target == same.target
-                assert person.gaze_direction is not None
-                assert np.array_equal(person.gaze_direction, same.gaze_direction)
-        assert np.array_equal(some.frame(3).left, every.frame(2 * step + 1).left)
+        assert [some.time_ns(number) for number in some.frames] == [every.time_ns(whole) for whole in (1, 4, 7, 10)]
+        for person, same in zip(some.truth(3).people or (), every.truth(7).people or (), strict=True):
+            assert person.target == same.target
+            assert person.gaze_direction is not None
+            assert np.array_equal(person.gaze_direction, same.gaze_direction)
+        assert np.array_equal(some.frame(3).left, every.frame(7).left)
 
     def test_the_digest_tells_clips_apart(self) -> None:
         digests = [clip(name).digest() for name in NAMES] + [clip(seed=8).digest(), clip(frames=61).digest()]
