@@ -30,6 +30,8 @@ from tests.web import serve
 PAGE = (REPOSITORY / "docs" / "tutorials" / "own-recording.md").read_text(encoding="utf-8")
 SECTIONS = {part.partition("\n")[0]: part for part in PAGE.split("\n## ")}
 BOXES = re.compile(r"^\| (\w+) \| (\d+), (\d+) \| (\d+), (\d+) \|$", re.MULTILINE)
+ALONE = ("--workers", "1")
+"""Four frames are no work for processes, each of which loads the networks."""
 SOURCES: dict[str, Callable[[Path, Path], Path]] = {
     "A folder of pairs with a calibration file": own_recordings.stereo_folder,
     "A recording of ROS 2 (MCAP) with camera_info": own_recordings.mcap,
@@ -101,7 +103,7 @@ def test_a_recording_becomes_a_table_by_the_commands_that_adding_it_prints(
             if words[0] == "annotate":
                 label_and_draw(words[1])
                 continue
-            code, out, err = vfoa(monkeypatch, capsys, *words)
+            code, out, err = vfoa(monkeypatch, capsys, *words, *(ALONE if words[0] == "run" else ()))
             assert (code, err) == (0, ""), command
             printed = as_shown(out, home)
             assert is_shown_by(printed, expected), printed
@@ -122,7 +124,8 @@ def test_measured_heads_become_a_table_by_the_commands_that_adding_them_prints(
     (add, shown), *others = steps(SECTIONS["Heads that a tracker measured"])
     commands = [(add, shown)]
     for command, expected in commands:
-        code, out, err = vfoa(monkeypatch, capsys, *shlex.split(command)[1:])
+        words = shlex.split(command)[1:]
+        code, out, err = vfoa(monkeypatch, capsys, *words, *(ALONE if words[0] == "run" else ()))
         assert (code, err) == (0, ""), command
         printed = as_shown(out, home)
         assert is_shown_by(printed, expected), printed

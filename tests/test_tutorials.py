@@ -16,12 +16,14 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
 from harness.studio.store import cache_folder
+from tests.command import run_in
 from tests.disk import write_text
 from tests.pages import parts, shape, steps
 from tests.repository import REPOSITORY
@@ -83,24 +85,36 @@ def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_pa
 
 
 def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> str:
-    """What the program prints; a server is ended as soon as it has printed its address."""
+    """What the program prints on both streams."""
     runs_demo = words[0] == "demo" or words[:2] == ["run", "demo"]
-    short = SHORT if runs_demo and "--limit" not in words else ()
-    command = [sys.executable, "-m", "harness.cli", *words, *short]
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "VFOA_CACHE": str(cache), "COLUMNS": str(columns)}
+    command = [*words, *(SHORT if runs_demo and "--limit" not in words else ())]
+    variables = {"VFOA_CACHE": str(cache), "COLUMNS": str(columns)}
+    if any(word in SERVING for word in words):
+        return _served(command, folder, variables)
+    said = StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
+        for name, value in variables.items():
+            patch.setenv(name, value)
+        patch.delenv("DISPLAY", raising=False)
+        run_in(folder, *command)
+    return said.getvalue()
+
+
+def _served(command: list[str], folder: Path, variables: dict[str, str]) -> str:
+    """What a server prints until it takes connections, and after it is told to end."""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), **variables}
     environment.pop("DISPLAY", None)
+    program, said = [sys.executable, "-m", "harness.cli", *command], ""
     with subprocess.Popen(
-        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        program, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     ) as process:
         assert process.stdout is not None
-        said = ""
         for line in process.stdout:
             said += line
-            if (address := re.search(r"http://127\.0\.0\.1:(\d+)", line)) and any(word in SERVING for word in words):
+            if address := re.search(r"http://127\.0\.0\.1:(\d+)", line):
                 _wait_for_server(int(address[1]))
                 process.send_signal(signal.SIGINT)
-        process.wait()
-    assert process.returncode == 0, f"vfoa {shlex.join(words)}\n{said}"
+    assert process.returncode == 0, said
     return said
 
 

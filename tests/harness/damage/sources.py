@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from tests.disk import moving_picture, picture, sintel_camera, sintel_scene, write_image, write_text, write_video
@@ -71,22 +70,6 @@ def odd(root: Path) -> None:
     write_text(root / "datasets" / "mine.toml", manifest)
 
 
-CAMERA_8K = "{ fx_px = 7000.0, cx_px = 3839.5, cy_px = 2159.5, baseline_m = 0.06 }"
-
-
-def pair_8k(root: Path) -> None:
-    """One pair of 7680 x 4320, of squares, with a disparity of a square's side."""
-    squares = np.repeat(np.repeat(picture(1, 160, 90), 48, axis=0), 48, axis=1)
-    for side, pixels in (("left", squares), ("right", np.roll(squares, -48, axis=1))):
-        (root / side).mkdir()
-        assert cv2.imwrite(str(root / side / "0001.png"), pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    manifest = f'left = "left"\nright = "right"\nrate_hz = 25.0\ncamera = {CAMERA_8K}\n'
-    write_text(
-        root / "datasets" / "mine.toml",
-        f'name = "mine"\nadapter = "stereo_folder"\nroot = ".."\n[source]\n{manifest}',
-    )
-
-
 TAKE, FILM = "take.mcap", "both.mkv"
 FRAME = "data/training/clean_left/alley/frame_0002.png"
 
@@ -94,7 +77,6 @@ WHOLE = [
     _source("sintel whole", sintel, _nothing),
     _source("mcap whole", mcap, _nothing),
     _source("video whole", video, _nothing),
-    _source("8K pair", pair_8k, _nothing, "7680x4320"),
 ]
 
 STILL_READ = [

@@ -23,6 +23,12 @@ def test_colours_come_as_rgb(tmp_path: Path) -> None:
     assert np.array_equal(read_raw(tmp_path / "a.png"), image)
 
 
+def test_a_picture_of_8k_is_read(tmp_path: Path) -> None:
+    file = io.BytesIO()
+    Image.new("RGB", (7680, 4320)).save(file, "png", compress_level=1)
+    assert read_rgb(write_bytes(tmp_path / "a.png", file.getvalue())).shape == (4320, 7680, 3)
+
+
 def test_gray_and_16_bit_images_become_8_bit_rgb(tmp_path: Path) -> None:
     gray = picture(1)[..., 0]
     expected = np.repeat(gray[..., None], 3, axis=2)
