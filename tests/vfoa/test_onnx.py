@@ -140,7 +140,7 @@ def test_what_is_no_model_is_one_clear_line(tmp_path: Path, content: bytes, said
 def test_a_provider_that_is_not_there_is_an_error(weights: str) -> None:
     absent = "tensorrt" if sys.platform == "darwin" else "coreml"
     model = Model(weights, SIGNATURE, RuntimeSettings.model_validate({"provider": absent}))
-    with pytest.raises(VfoaError, match=f"provider: '{absent}'.*expected one of: .*cpu"):
+    with pytest.raises(VfoaError, match=f"provider: '{absent}'.*cpu"):
         model.check()
 
 
@@ -172,7 +172,7 @@ def test_a_provider_that_does_not_start_is_an_error(weights: str, monkeypatch: p
         "onnxruntime.InferenceSession",
         lambda path, sess_options, providers: on_cpu(path, sess_options=sess_options, providers=providers[1:]),
     )
-    with pytest.raises(VfoaError, match="provider: 'cuda' could not start on this machine; expected its device"):
+    with pytest.raises(VfoaError, match="provider: 'cuda' could not start on this machine"):
         Model(weights, SIGNATURE, RuntimeSettings(provider="cuda")).check()
 
 

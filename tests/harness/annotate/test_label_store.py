@@ -290,9 +290,7 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
             lambda: store.step_back("undo"),
             lambda: store.set_changes(store.reassigned("cup", "book")),
         ):
-            with pytest.raises(
-                VfoaError, match=r"clip\.csv: cannot be written: No space left on device; the change was"
-            ):
+            with pytest.raises(VfoaError, match=r"clip\.csv.*No space left"):
                 change()
             assert [path.read_bytes() for path in files] == before
             assert store.state() == shown
@@ -310,7 +308,7 @@ def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
     before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", _refuse)
-        with pytest.raises(VfoaError, match=r"journal\.jsonl: cannot be written: No space left on device"):
+        with pytest.raises(VfoaError, match=r"journal\.jsonl.*No space left"):
             store.put("ann", actions.mark_range(store.track("ann"), 4, 5, "book"))
     assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
     store.put("ann", actions.mark_range(store.track("ann"), 6, 6, "book"))

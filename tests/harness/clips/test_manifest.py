@@ -137,7 +137,7 @@ def test_an_environment_variable_is_filled_in(folder: Path, monkeypatch: pytest.
 
 
 def test_an_unknown_clip_gets_the_nearest_name() -> None:
-    with pytest.raises(VfoaError, match="no clip 'sintel_bandage2'; did you mean 'sintel_bandage_2'"):
+    with pytest.raises(VfoaError, match=r"no clip 'sintel_bandage2'.*'sintel_bandage_2'"):
         load_manifest("sintel_bandage2")
 
 
@@ -288,7 +288,5 @@ def test_a_family_is_not_a_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
-    with pytest.raises(
-        VfoaError, match=r"clips: talks: none of its 2 clips is here; expected the first one at .*talk_1"
-    ):
+    with pytest.raises(VfoaError, match=r"clips: talks: none of its 2 clips is here.*talk_1"):
         load_experiment("conversation", clips=("talks",))

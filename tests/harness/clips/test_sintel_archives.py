@@ -90,7 +90,7 @@ def test_an_archive_that_nobody_can_unpack_is_one_line(tmp_path: Path, offset: i
         content[content.index(head) + place] = value
     archive = tmp_path / "a.zip"
     archive.write_bytes(content)
-    with pytest.raises(VfoaError, match=r"a\.zip: damaged and removed: .*; expected a complete zip"):
+    with pytest.raises(VfoaError, match=r"a\.zip: damaged and removed: "):
         unpack(archive, tmp_path)
 
 

@@ -87,7 +87,7 @@ def test_a_file_is_replaced_only_where_that_was_said(tmp_path: Path) -> None:
     place = tmp_path / "a.csv"
     check_new(place, replace=False)
     atomic_write(place, "mine")
-    with pytest.raises(VfoaError, match=r"a\.csv: exists already; expected --replace, or another"):
+    with pytest.raises(VfoaError, match=r"a\.csv: exists already.*--replace"):
         check_new(place, replace=False, hint=", or another")
     check_new(place, replace=True)
 
@@ -97,6 +97,6 @@ def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, write: Callable
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     for path in (tmp_path / "pipe", tmp_path / "folder", Path("/dev/full")):
-        with pytest.raises(VfoaError, match="not a plain file; expected a file to write"):
+        with pytest.raises(VfoaError, match="not a plain file"):
             write(path)
     assert (tmp_path / "pipe").is_fifo()

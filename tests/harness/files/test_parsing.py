@@ -146,7 +146,7 @@ def test_archives_of_zeros_are_refused_before_they_are_unpacked() -> None:
 @pytest.mark.parametrize("read", [read_bytes, file_digest])
 def test_a_pipe_in_place_of_a_file_is_refused_and_not_waited_for(read: Callable[[Path], Any], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(VfoaError, match="pipe: not a plain file; expected a file to read"):
+    with pytest.raises(VfoaError, match="pipe: not a plain file"):
         read(tmp_path / "pipe")
 
 
@@ -161,7 +161,7 @@ def test_what_json_has_no_words_for() -> None:
 
 
 def test_a_name_that_is_not_unicode_is_one_line() -> None:
-    with pytest.raises(VfoaError, match=r"'caf\\udce9': not UTF-8; expected a name that is"):
+    with pytest.raises(VfoaError, match=r"'caf\\udce9': not UTF-8"):
         toml_value({"root": "caf\udce9"})
 
 

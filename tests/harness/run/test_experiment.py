@@ -136,7 +136,7 @@ def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, text: str, mess
 
 
 def test_an_unknown_experiment_proposes_the_nearest() -> None:
-    with pytest.raises(VfoaError, match=r"experiment: no 'demmo'; did you mean 'demo'\?"):
+    with pytest.raises(VfoaError, match=r"experiment: no 'demmo'.*'demo'\?"):
         load_experiment("demmo")
 
 

@@ -119,7 +119,7 @@ def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:
     for clip in manifest["clips"]:
         del clip["times_ns"]
     write_manifest(directory, manifest)
-    with pytest.raises(VfoaError, match="--where: time: the run has no times of a; expected them"):
+    with pytest.raises(VfoaError, match="--where: time: the run has no times of a"):
         read_scores(directory, [Condition.parse("time>1")])
 
 

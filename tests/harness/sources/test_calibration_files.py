@@ -282,7 +282,7 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
     assert _raw([path], Options(calibration_cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
     assert _raw([path], Options(calibration_cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
-    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; expected a positive one"):
+    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m"):
         read_cameras([path], _size)
     with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
         read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
@@ -308,9 +308,7 @@ def test_a_kalibr_camera_that_is_wrong_is_named(tmp_path: Path, changes: dict[st
 
 def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
     paths = [calibrations.write_zed(tmp_path / f"SN{number}.conf", RIG) for number in (1, 2)]
-    with pytest.raises(
-        VfoaError, match=r"SN2\.conf: a second calibration file; expected one, or two in YAML, XML or JSON"
-    ):
+    with pytest.raises(VfoaError, match=r"SN2\.conf: a second calibration file"):
         read_cameras(paths, _size)
 
 

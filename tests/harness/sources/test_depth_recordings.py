@@ -101,7 +101,7 @@ def test_a_recording_is_not_unpacked_beyond_what_one_can_have(
     for module in (containers, bags):
         monkeypatch.setattr(module, "MOST_BYTES", 5000)
         monkeypatch.setattr(module, "_MOST_COMPRESSION", 0)
-    with pytest.raises(VfoaError, match=r"(claims|unpacks to) \d+ bytes; expected at most 5000"):
+    with pytest.raises(VfoaError, match=r"(claims|unpacks to) \d+ bytes.*5000"):
         open_clip(path)
 
 

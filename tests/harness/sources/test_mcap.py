@@ -94,7 +94,7 @@ def test_stamps_of_the_log_join_what_headers_cannot(tmp_path: Path, header_ns: i
 
 
 def test_unset_headers_are_said_with_the_way_out(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r'without time stamp; expected one, .* \(stamps = "log" in \[source\] joins'):
+    with pytest.raises(VfoaError, match=r'without time stamp.*\(stamps = "log" in \[source\]'):
         open_clip(write_unset(tmp_path / "a.mcap"))
 
 
@@ -267,7 +267,7 @@ def test_another_file_is_refused(tmp_path: Path, content: bytes, said: str) -> N
 
 def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "day").mkdir()
-    with pytest.raises(VfoaError, match=r"day: no \.mcap, \.bag or \.db3 in this folder; expected a recording"):
+    with pytest.raises(VfoaError, match=r"day: no \.mcap, \.bag or \.db3 in this folder"):
         McapClip(RecordingSettings(), tmp_path / "day")
 
 

@@ -101,5 +101,5 @@ def test_a_part_that_is_none_is_one_line(tmp_path: Path) -> None:
         open_clip(path, start_s=9)
     with pytest.raises(VfoaError, match=r"a\.mcap: source\.start_s, source\.end_s: no images in that part"):
         open_clip(path, start_s=0.09, end_s=0.1)
-    with pytest.raises(ValueError, match=r"found end_s 1; expected more than start_s, 2"):
+    with pytest.raises(ValueError, match=r"found end_s 1.*start_s, 2"):
         open_clip(path, start_s=2, end_s=1)

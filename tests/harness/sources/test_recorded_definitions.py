@@ -137,7 +137,7 @@ def test_the_standard_definition_of_ros_1_has_a_sequence_number() -> None:
 
 def test_a_type_that_no_standard_defines_is_named() -> None:
     kind = message_type("cdr", "", "ffmpeg_image_transport_msgs/msg/FFMPEGPacket", b"")
-    with pytest.raises(VfoaError, match=r"no definition of ffmpeg_image_transport_msgs/msg/FFMPEGPacket; expected it"):
+    with pytest.raises(VfoaError, match="no definition of ffmpeg_image_transport_msgs/msg/FFMPEGPacket"):
         picture(kind, bytes([0, 1, 0, 0]), "x")
 
 
@@ -174,6 +174,6 @@ def test_a_chunk_above_the_limit_is_not_called_damaged(tmp_path: Path, monkeypat
     path = _rewritten(tmp_path, chunk_size=2**30)
     monkeypatch.setattr(containers, "MOST_BYTES", 1000)
     monkeypatch.setattr(containers, "_MOST_CHUNK_BYTES", 2000)
-    with pytest.raises(VfoaError, match=r"not read: it claims \d+ bytes; expected at most 2000") as error:
+    with pytest.raises(VfoaError, match=r"not read: it claims \d+ bytes.*2000") as error:
         open_clip(path)
     assert "damaged" not in str(error.value)

@@ -237,12 +237,12 @@ def test_the_keys_fit_the_layout(settings: dict[str, str], message: str) -> None
 def test_what_cannot_be_halved_or_joined_is_one_line(tmp_path: Path) -> None:
     write_image(tmp_path / "1.png", np.zeros((9, 7, 3), np.uint8))
     settings = {"layout": "images_side_by_side", "both": "1.png", "camera": CAMERA}
-    with pytest.raises(VfoaError, match=r"1\.png: the width is 7 pixels; expected an even number"):
+    with pytest.raises(VfoaError, match=r"1\.png: the width is 7 pixels"):
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path).frame(1)
     write_video(tmp_path / "l.mkv", [_pair(1)[0]], rate_hz=30)
     write_video(tmp_path / "r.mkv", [_pair(1)[1]], rate_hz=25)
     settings = {"layout": "videos", "left": "l.mkv", "right": "r.mkv", "camera": CAMERA}
-    with pytest.raises(VfoaError, match=r"r\.mkv: 25 frames per second, .*l\.mkv has 30; expected the same rate"):
+    with pytest.raises(VfoaError, match=r"r\.mkv: 25 frames per second, .*l\.mkv has 30"):
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
 
 
@@ -284,7 +284,7 @@ def test_the_layout_is_enough_where_the_halves_are_not_alike(tmp_path: Path) -> 
         recognise_stereo(tmp_path / "v.avi", {})
     (reading,) = recognise_stereo(tmp_path / "v.avi", {"layout": "video_side_by_side"})
     assert reading.source == {"layout": "video_side_by_side", "both": "v.avi"}
-    with pytest.raises(VfoaError, match=r"images_side_by_side' for the film 'v\.avi'; expected 'video_side"):
+    with pytest.raises(VfoaError, match=r"images_side_by_side' for the film 'v\.avi'.*'video_side"):
         recognise_stereo(tmp_path / "v.avi", {"layout": "images_side_by_side"})
 
 

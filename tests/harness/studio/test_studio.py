@@ -332,7 +332,7 @@ class TestClip:
 
     @pytest.mark.parametrize("number", [0, 61, -1])
     def test_no_frame_beyond_the_clip(self, number: int) -> None:
-        with pytest.raises(VfoaError, match=f"studio table: no frame {number}; expected 1 to 60"):
+        with pytest.raises(VfoaError, match=f"studio table: no frame {number}.*1 to 60"):
             clip().frame(number)
         with pytest.raises(VfoaError, match=f"no frame {number}"):
             clip().truth(number)

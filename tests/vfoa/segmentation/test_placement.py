@@ -87,5 +87,5 @@ def test_labels_are_categories_by_name() -> None:
     assert wanted_categories(("sea",), {**THINGS, **STUFF}) == {155}
     with pytest.raises(VfoaError, match="labels: no thing 'sea' in COCO"):
         wanted_categories(("sea",), THINGS)
-    with pytest.raises(VfoaError, match="labels: no category 'se' in COCO; did you mean 'sea'"):
+    with pytest.raises(VfoaError, match=r"labels: no category 'se' in COCO.*'sea'"):
         wanted_categories(("se",), {**THINGS, **STUFF})

@@ -55,9 +55,9 @@ def test_a_project_is_read(tmp_path: Path) -> None:
 
 def test_one_of_several_observations_is_chosen(tmp_path: Path) -> None:
     path = project(tmp_path / "a.boris", monday=TALK, tuesday=[])
-    with pytest.raises(VfoaError, match="found the observations 'monday', 'tuesday'; expected --observation NAME"):
+    with pytest.raises(VfoaError, match=r"found the observations 'monday', 'tuesday'.*--observation NAME"):
         Boris().read(path, exchange())
-    with pytest.raises(VfoaError, match="--observation: no 'mnday'; did you mean 'monday'"):
+    with pytest.raises(VfoaError, match=r"--observation: no 'mnday'.*'monday'"):
         Boris().read(path, exchange(observation="mnday"))
     assert Boris().read(path, exchange(observation="monday")).labels.ranges == ROWS
 
@@ -152,9 +152,9 @@ def test_a_set_of_modifiers_names_the_targets(
 
 def test_modifiers_that_nobody_said_anything_about_are_refused(tmp_path: Path) -> None:
     path = _observed(tmp_path / "a.boris", *LOOKS, sets=("looks at",))
-    with pytest.raises(VfoaError, match=r"\(bird, cup\); expected --modifier 'looks at' .* --modifier none"):
+    with pytest.raises(VfoaError, match=r"\(bird, cup\).*--modifier 'looks at' .* --modifier"):
         Boris().read(path, exchange())
-    with pytest.raises(VfoaError, match=r"--modifier: no 'looksat'; did you mean 'looks at'"):
+    with pytest.raises(VfoaError, match=r"--modifier: no 'looksat'.*'looks at'"):
         Boris().read(path, exchange(modifier="looksat"))
 
 
@@ -248,9 +248,9 @@ def test_the_film_is_asked_for_where_none_is_the_clips_own(tmp_path: Path) -> No
     media = {"length": FILMS, "offset": {"1": 0.0, "2": 3.0}}
     files = {"1": ["side.mp4"], "2": ["front.mp4"]}
     path = _observed(tmp_path / "a.boris", *_at(3.0), file=files, media_info=media)
-    with pytest.raises(VfoaError, match=r"found the films side\.mp4, front\.mp4; expected --film NAME"):
+    with pytest.raises(VfoaError, match=r"found the films side\.mp4, front\.mp4.*--film NAME"):
         Boris().read(path, exchange())
-    with pytest.raises(VfoaError, match=r"--film: no 'frnt\.mp4'; did you mean 'front\.mp4'"):
+    with pytest.raises(VfoaError, match=r"--film: no 'frnt\.mp4'.*'front\.mp4'"):
         Boris().read(path, exchange(film="frnt.mp4"))
     assert Boris().read(path, exchange(film="front.mp4")).labels.ranges == TURNS
     assert Boris().read(path, exchange(offset=3.0)).labels.ranges == TURNS
@@ -407,7 +407,7 @@ def test_states_that_boris_8_aggregated_are_read(separator: str, tmp_path: Path)
 def test_an_export_without_an_event_says_so(tmp_path: Path) -> None:
     """BORIS leaves out events beyond the film, all of them if the observation has a time offset."""
     path = write_text(tmp_path / "a.tsv", _of_boris_8(TABULAR, "", "\t"))
-    with pytest.raises(VfoaError, match=r"a\.tsv: no observations with events; expected .* of the whole observation"):
+    with pytest.raises(VfoaError, match=r"a\.tsv: no observations with events"):
         Boris().read(path, exchange())
 
 
@@ -424,7 +424,7 @@ def test_modifiers_of_an_export_are_chosen_by_number(tmp_path: Path) -> None:
 def test_an_observation_of_an_export_is_chosen(tmp_path: Path) -> None:
     other = _aggregated(1.0, **{"Observation id": "p"})
     path = write_text(tmp_path / "a.csv", _table(AGGREGATED, ",", *_aggregated(), *other))
-    with pytest.raises(VfoaError, match="found the observations 'o', 'p'; expected --observation NAME"):
+    with pytest.raises(VfoaError, match=r"found the observations 'o', 'p'.*--observation NAME"):
         Boris().read(path, exchange())
     assert Boris().read(path, exchange(observation="o")).labels.ranges == ROWS
 
@@ -442,7 +442,7 @@ def test_exported_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
 def test_the_film_of_an_old_export_without_lengths_is_asked_for(tmp_path: Path) -> None:
     later = _aggregated(10.0, **{"Media file": "front.mp4"})
     path = write_text(tmp_path / "a.tsv", _table(NAMES_7, "\t", *later, *_aggregated(**{"Media file": "side.mp4"})))
-    with pytest.raises(VfoaError, match=r"side\.mp4: found 'None'; expected seconds, or --offset SECONDS"):
+    with pytest.raises(VfoaError, match=r"side\.mp4: found 'None'.*--offset SECONDS"):
         Boris().read(path, exchange(films={"front.mp4": 0.0}))
     assert Boris().read(path, exchange(offset=10.0)).labels.ranges == ROWS
 
@@ -482,11 +482,11 @@ def test_other_tables_are_named_with_what_to_export(content: str, said: str, tmp
 
 
 def test_it_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"a\.boris: this format cannot be written; expected another --format"):
+    with pytest.raises(VfoaError, match=r"a\.boris: this format cannot be written.*--format"):
         Boris().write(tmp_path / "a.boris", Labels(ROWS), exchange())
 
 
 @pytest.mark.parametrize("offset", [1e300, -1e300, float("nan"), float("inf")])
 def test_an_offset_beyond_all_clips_is_refused(offset: float) -> None:
-    with pytest.raises(VfoaError, match=r"--offset: found .*; expected a number within 1e"):
+    with pytest.raises(VfoaError, match=r"--offset: found .*1e"):
         exchange(offset=offset)

@@ -118,7 +118,7 @@ def test_a_clip_without_a_rate_needs_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "option"), [("fps", "--fps"), ("offset", "--offset")])
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_a_rate_or_an_offset_that_is_no_number_is_refused(name: str, option: str, value: float) -> None:
-    with pytest.raises(VfoaError, match=f"{option}: found {value}; expected a number"):
+    with pytest.raises(VfoaError, match=f"{option}: found {value}"):
         exchange(**{name: value})
 
 
@@ -158,7 +158,7 @@ def test_the_film_that_shows_the_clip_counts(tmp_path: Path) -> None:
     clip = PlainClip(frames=range(1, 101))
     own = Elan().read(tmp_path / "a.eaf", exchange(clip, films={"the front.mp4": 0.0}))
     assert own.labels.ranges == (row(51, 52, "bird"),)
-    with pytest.raises(VfoaError, match=r"found the films side\.mp4, the front\.mp4; expected --film NAME"):
+    with pytest.raises(VfoaError, match=r"found the films side\.mp4, the front\.mp4.*--film NAME"):
         Elan().read(tmp_path / "a.eaf", exchange(clip))
     assert Elan().read(tmp_path / "a.eaf", exchange(clip, film="side.mp4")).labels.ranges == (row(1, 2, "bird"),)
 
@@ -317,7 +317,7 @@ def test_annotations_that_refer_to_each_other_are_refused(tmp_path: Path) -> Non
 
 
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
+    with pytest.raises(VfoaError, match="--offset: the clip's first frame would be at -2 s"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
 
 
@@ -539,7 +539,7 @@ def test_time_codes_are_the_times_at_which_their_frames_begin(
 )
 def test_a_time_code_that_its_rate_does_not_have_is_refused(standard: str, code: str, tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.txt", _codes(f"00:00:00:00 {code} 00:00:01:00 bird", standard=standard))
-    with pytest.raises(VfoaError, match=rf"a\.txt:2: found .*{code}.*expected begin and end"):
+    with pytest.raises(VfoaError, match=rf"a\.txt:2: found .*{code}"):
         Elan().read(path, exchange())
 
 

@@ -116,7 +116,7 @@ def test_a_part_that_a_table_lacks_and_a_frame_that_the_clip_lacks_are_named(tmp
     with pytest.raises(VfoaError, match=r"predicted_gaze\.csv:1: gaze3d has no head poses"):
         head_of(path, head)
     late = gaze3d(tmp_path, (1, 1, 9, 9, 1, 2, 0, 0, -1), (1, 1, 9, 9, 1, 3, 0, 0, -1))
-    with pytest.raises(VfoaError, match=r"predicted_gaze\.csv:3: frame 3: the clip has 2 frames; expected 1 to 2"):
+    with pytest.raises(VfoaError, match=r"predicted_gaze\.csv:3: frame 3: the clip has 2 frames.*1 to 2"):
         seen(late)
     bare = openface_file(tmp_path / "bare.csv", [{"frame": 2}], points=False)
     with pytest.raises(VfoaError, match=r"bare\.csv:1: no columns x_0 to y_67; .*-2Dfp"):
@@ -125,10 +125,10 @@ def test_a_part_that_a_table_lacks_and_a_frame_that_the_clip_lacks_are_named(tmp
 
 def test_the_table_of_another_program_is_refused(tmp_path: Path) -> None:
     path = gaze3d(tmp_path, (1, 1, 9, 9, 1, 2, 0, 0, -1))
-    with pytest.raises(VfoaError, match=r"csv:1: a table of gaze3d; expected that of openface, with the columns frame"):
+    with pytest.raises(VfoaError, match="csv:1: a table of gaze3d"):
         check_program(path, "openface")
     other = write_text(tmp_path / "other.csv", "frame,subject\n")
-    with pytest.raises(VfoaError, match=r"other\.csv:1: another table; expected that of gaze3d, with the columns xmin"):
+    with pytest.raises(VfoaError, match=r"other\.csv:1: another table.*gaze3d"):
         check_program(other, "gaze3d")
-    with pytest.raises(VfoaError, match=r"none\.csv: no such file; expected the table of gaze3d"):
+    with pytest.raises(VfoaError, match=r"none\.csv: no such file.*gaze3d"):
         check_program(tmp_path / "none.csv", "gaze3d")

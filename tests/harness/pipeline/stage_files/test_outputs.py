@@ -105,7 +105,7 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
 
     with pytest.raises(VfoaError, match=r"frame_0004\.png: holds segment 5, which is not in panoptic\.json"):
         segment("unknown", segments=[SEGMENTS[0], SEGMENTS[1], SEGMENTS[3]])
-    with pytest.raises(VfoaError, match=r"segment 3 has category_id 2; expected one of .*\[1, 16, 187\]"):
+    with pytest.raises(VfoaError, match=r"segment 3 has category_id 2.*\[1, 16, 187\]"):
         segment("category", segments=[{"id": 3, "category_id": 2}, *SEGMENTS[1:]])
     with pytest.raises(VfoaError, match=r"frame_0004\.png: the masks are 64 x 47 pixels, the left image 64 x 48"):
         segment("size", ids=_map()[1:])
@@ -117,7 +117,7 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
 
 def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Path) -> None:
     root = _coco(tmp_path / "coco")
-    with pytest.raises(VfoaError, match=r"no stuff category 'ski'; did you mean 'sky'\?"):
+    with pytest.raises(VfoaError, match=r"no stuff category 'ski'.*'sky'\?"):
         CocoPanoptic(CocoPanopticSettings(root=root, stuff=("ski",)), clip)
     with pytest.raises(VfoaError, match=r"gone/panoptic\.json: no such file"):
         CocoPanoptic(CocoPanopticSettings(root=str(tmp_path / "gone")), clip)
@@ -127,7 +127,7 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
     for table, said in (("annotations", r"file_name 'frame_0004\.png'"), ("categories", "id 1")):
         twice = document | {table: [*document[table], document[table][0]]}
         write_text(tmp_path / "coco" / "panoptic.json", json.dumps(twice))
-        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} occurs twice; expected it once"):
+        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} occurs twice"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
     deep = '{"info": ' + "[" * 100_000
     for content, said in (("{", "not JSON"), ("[]", "the document"), (deep, "nested"), ("\ud800", "not JSON")):
@@ -251,9 +251,9 @@ def test_a_map_of_another_size_or_a_missing_one_is_one_line(clip: StereoFolderCl
     with pytest.raises(VfoaError, match=r"4\.npy: the map is 6 x 5 pixels, the left image 64 x 48"):
         matcher.match(clip.frame(4))
     (tmp_path / "7.npy").unlink()
-    with pytest.raises(VfoaError, match=r"7\.npy: no such file; expected the disparity of frame 7"):
+    with pytest.raises(VfoaError, match=r"7\.npy: no such file.*7"):
         FileMatcher(FileMatcherSettings(root=str(tmp_path), pattern="%d.npy"), clip)
-    with pytest.raises(VfoaError, match=r"stereo\.pattern: 'd\.npy'; expected one field"):
+    with pytest.raises(VfoaError, match=r"stereo\.pattern: 'd\.npy'"):
         FileMatcher(FileMatcherSettings(root=str(tmp_path), pattern="d.npy"), clip)
 
 

@@ -80,12 +80,12 @@ def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
     blank = np.zeros((48, 64, 3), np.uint8)
     views, dropped, _ = find_views([7], lambda _: (blank, blank), BOARD)
     assert (views, [*dropped]) == ([], [7])
-    with pytest.raises(VfoaError, match=r"0 usable views .*; expected at least 3 \(--columns, --rows"):
+    with pytest.raises(VfoaError, match=r"0 usable views .*3 \(--columns, --rows"):
         solve(views, SIZE)
 
 
 def test_a_board_that_opencv_cannot_find_is_refused() -> None:
-    with pytest.raises(VfoaError, match="chessboard: found 2 x 6 inner corners; expected at least 3 in each direction"):
+    with pytest.raises(VfoaError, match=r"chessboard: found 2 x 6 inner corners.*3"):
         chessboard(2, 6, 0.03)
 
 

@@ -130,14 +130,14 @@ def test_one_face_in_every_frame_is_one_person_wherever_it_is(tmp_path: Path) ->
 
 def test_stamps_that_do_not_ascend_ask_for_the_rate_which_replaces_them(tmp_path: Path) -> None:
     rows = [row(number, timestamp=0) for number in (1, 2, 3)]
-    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: does not ascend .* expected rate_hz in \[source\]"):
+    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: does not ascend .*rate_hz in \[source\]"):
         opened(tmp_path, rows)
     clip = open_measured("openface", tmp_path, file="faces.csv", rate_hz=50.0)
     assert [clip.time_ns(number) for number in clip.frames] == [0, 20_000_000, 40_000_000]
 
 
 def test_a_frame_number_far_from_all_others_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"faces\.csv: frame: found 1 to 9000000; expected at most 1,000,000 frames"):
+    with pytest.raises(VfoaError, match=r"faces\.csv: frame: found 1 to 9000000.*1,000,000"):
         opened(tmp_path, [row(1), {**row(9_000_000), "timestamp": 9}])
 
 

@@ -52,7 +52,7 @@ def test_raw_colours_come_as_rgb_without_their_alpha(tmp_path: Path, dtype: type
 
 def test_colours_of_other_depths_are_one_clear_error(tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "deep.tiff"), np.zeros((3, 4, 3), np.float64))
-    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 channels of float64; expected .* 8 or 16 bits"):
+    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 channels of float64.*8 or 16"):
         read_raw(tmp_path / "deep.tiff")
 
 

@@ -50,7 +50,7 @@ def test_a_cut_file_has_the_frames_before_the_cut_and_says_so(tmp_path: Path, na
     assert COUNT / 2 < count < COUNT
     assert cut.notes == (f"{name}: the container says {COUNT} frames, {count} can be read",)
     assert all(np.array_equal(cut.read(place), frames[place]) for place in range(count - 1))
-    with pytest.raises(VfoaError, match=rf"{name}: no frame {count}; expected 0 to {count - 1}"):
+    with pytest.raises(VfoaError, match=rf"{name}: no frame {count}.*0 to {count - 1}"):
         cut.read(count)
 
 
