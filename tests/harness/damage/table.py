@@ -328,7 +328,8 @@ RUNS = [
     case(
         "run's manifest with a stage of text",
         text(_RUN_MANIFEST, '{"configurations": {"only": {"segmentation": "text"}}}'),
-        "configurations.only.segmentation",
+        "manifest.json",
+        "only.segmentation",
         command=_SCORE,
     ),
     case("run's manifest is a pipe", a_pipe(_RUN_MANIFEST), "manifest.json", "not a plain file", command=_SCORE),
