@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from scripts.measure.stage_outputs import write_coco_panoptic
+from tests import graphs
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.types import Instance, Instances
 
@@ -18,14 +19,6 @@ root = "{root}"
 [source]
 scene = "alley"
 """
-
-STAGES = """
-defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
-defaults.heads.detector = "person_mask"
-defaults.head_pose.model = "none"
-defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-"""
-"""Stages of every configuration of an experiment on the clip, to be filled in: ``masks`` and ``weights`` are files."""
 
 
 def write_clip(folder: Path, numbers: Iterable[int]) -> Path:
@@ -43,3 +36,41 @@ def write_masks(folder: Path, numbers: Iterable[int]) -> str:
     masks = Instances(ids=ids, instances=(person, cup))
     write_coco_panoptic(folder, [(number, masks) for number in numbers])
     return folder.as_posix()
+
+
+def write_experiment(folder: Path, numbers: Iterable[int], configurations: str) -> Path:
+    """Write an experiment of these configurations on the clip: masks come from files, gazes from windows of frames."""
+    numbers = tuple(numbers)
+    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
+    return write_text(
+        folder / "alley.toml",
+        f"""\
+clips = ["{write_clip(folder, numbers).as_posix()}"]
+defaults.segmentation = {{ model = "coco_panoptic", root = "{write_masks(folder / "masks", numbers)}" }}
+defaults.heads.detector = "person_mask"
+defaults.head_pose.model = "none"
+defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
+{configurations}""",
+    )
+
+
+def write_matching(folder: Path, numbers: Iterable[int], *copies: str) -> Path:
+    """Write an experiment of one configuration without models, on the clip and on copies with these names."""
+    numbers = tuple(numbers)
+    manifest = write_clip(folder, numbers)
+    clips = [manifest, *(manifest.with_name(f"{name}.toml") for name in copies)]
+    for clip in clips[1:]:
+        write_text(clip, manifest.read_text().replace("alley", clip.stem, 1))
+    return write_text(
+        folder / "matching.toml",
+        f"""\
+clips = {[clip.as_posix() for clip in clips]}
+[[configuration]]
+name = "only"
+stereo = {{ matcher = "sgbm", min_depth_m = 1.0 }}
+heads.detector = "person_mask"
+segmentation = {{ model = "coco_panoptic", root = "{write_masks(folder / "masks", numbers)}" }}
+head_pose.model = "none"
+gaze.model = "none"
+""",
+    )

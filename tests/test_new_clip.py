@@ -20,7 +20,7 @@ from tests.repository import REPOSITORY
 
 PAGE = (REPOSITORY / "docs" / "new-clip.md").read_text(encoding="utf-8")
 BEGINNING, _, DRAGON = PAGE.partition("## From a folder to a table")
-SHORT = ("--limit", "4", "--workers", "1")
+SHORT = ("--limit", "2", "--workers", "1")
 
 
 @pytest.fixture

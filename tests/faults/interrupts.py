@@ -24,8 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from tests.alley import write_clip, write_masks
-from tests.disk import write_text
+from tests.alley import write_matching
 from tests.recorded import values_of
 from tests.repository import REPOSITORY
 
@@ -50,26 +49,11 @@ class Trial:
     wrong: str
 
 
-def write_experiment(folder: Path) -> Path:
-    """An experiment of two clips with the same images."""
-    manifest = write_clip(folder, FRAMES)
-    second = manifest.with_name("second.toml")
-    second.write_text(manifest.read_text().replace('name = "alley"', 'name = "second"'))
-    masks = write_masks(folder / "masks", FRAMES)
-    return write_text(
-        folder / "interrupted.toml",
-        f'clips = ["{manifest.as_posix()}", "{second.as_posix()}"]\n[[configuration]]\nname = "only"\n'
-        'stereo = { matcher = "sgbm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
-        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
-        'head_pose.model = "none"\ngaze.model = "none"\n',
-    )
-
-
 class Runs:
     """Runs of one experiment."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._experiment = folder, write_experiment(folder)
+        self._folder, self._experiment = folder, write_matching(folder, FRAMES, "second")
         self.seconds: dict[int, float] = {}
         self._expected = self._written(self._finish(1))
         for workers in (2, 4):

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.attended import values_of
+from tests.examples import few
 from tests.scenes import make_person, random_room
 from vfoa import bayes, logit, visible
 from vfoa.bayes import BayesSettings
@@ -60,6 +61,7 @@ def answers(scenes: list[Scene], *names: str) -> dict[str, list[Any]]:
     return {name: [values_of(result) for result in found[name] + each.finish()] for name, each in attending.items()}
 
 
+@few
 @given(st.integers(0, 10_000))
 def test_methods_that_share_beliefs_answer_as_each_alone(seed: int) -> None:
     scenes = course(seed)

@@ -22,8 +22,7 @@ from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
-from tests import graphs
-from tests.alley import STAGES, write_clip, write_masks
+from tests.alley import write_experiment
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.plugins import install
@@ -51,22 +50,17 @@ class Flat:
         far = self.settings.disparity_px / (frame.index - self.settings.fails_at)
         return Disparity(disparity_px=np.full(frame.left.shape[:2], self.settings.disparity_px, np.float32))
 """
-EXPERIMENT = (
-    """
-clips = ["{clip}"]
-"""
-    + STAGES
-    + """[[configuration]]
+EXPERIMENT = """\
+[[configuration]]
 name = "sound"
-stereo = {{ matcher = "bm", min_depth_m = 1.0, wls = false }}
+stereo = { matcher = "bm", min_depth_m = 1.0, wls = false }
 [[configuration]]
 name = "broken"
-stereo = {{ matcher = "flat", fails_at = 4 }}
+stereo = { matcher = "flat", fails_at = 4 }
 [[configuration]]
 name = "flat"
 stereo.matcher = "flat"
 """
-)
 SAID = 'frame 4: stereo.matcher = "flat", match: ZeroDivisionError: float division by zero'
 BROKEN = ("alley", "broken")
 
@@ -84,13 +78,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def experiment(site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder, numbers = tmp_path_factory.mktemp("faults"), range(1, FRAMES + 1)
-    text = EXPERIMENT.format(
-        clip=write_clip(folder, numbers).as_posix(),
-        masks=write_masks(folder / "masks", numbers),
-        weights=Path(graphs.seven_levels(folder / "levels.onnx")).as_posix(),
-    )
-    return write_text(folder / "faults.toml", text)
+    return write_experiment(tmp_path_factory.mktemp("faults"), range(1, FRAMES + 1), EXPERIMENT)
 
 
 @pytest.fixture(scope="module")

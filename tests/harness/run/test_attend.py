@@ -91,7 +91,7 @@ name = "logit"
 attention.method = "logit"
 """
 SHARING = ("off", "both")
-FRAMES = 14
+FRAMES = 10
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from harness.run.experiment import load_experiment
 from harness.run.frame_sink import ClipContext, SinkContext
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
-from tests.alley import write_clip, write_masks
+from tests.alley import write_matching
 from tests.disk import write_text
 from tests.records import tables_of
 from vfoa.errors import VfoaError
@@ -40,18 +40,7 @@ PAUSE_S = 0.5
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two clips of the same images."""
-    folder = tmp_path_factory.mktemp("interrupted")
-    manifest = write_clip(folder, range(1, FRAMES + 1))
-    masks = write_masks(folder / "masks", range(1, FRAMES + 1))
-    second = manifest.with_name("second.toml")
-    second.write_text(manifest.read_text().replace('name = "alley"', 'name = "second"'))
-    stages = (
-        f'clips = ["{manifest.as_posix()}", "{second.as_posix()}"]\n[[configuration]]\nname = "only"\n'
-        'stereo = { matcher = "sgbm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
-        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
-        'head_pose.model = "none"\ngaze.model = "none"\n'
-    )
-    return write_text(folder / "interrupted.toml", stages)
+    return write_matching(tmp_path_factory.mktemp("interrupted"), range(1, FRAMES + 1), "second")
 
 
 Start = Callable[..., subprocess.Popen[str]]
@@ -182,15 +171,7 @@ def _invert(path: Path) -> None:
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
     """An experiment on a clip of three frames, in the folder ``tmp_path``."""
-    manifest = write_clip(tmp_path, range(1, 4))
-    masks = write_masks(tmp_path / "masks", range(1, 4))
-    stages = (
-        f'clips = ["{manifest.as_posix()}"]\n[[configuration]]\nname = "only"\n'
-        'stereo = { matcher = "bm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
-        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
-        'head_pose.model = "none"\ngaze.model = "none"\n'
-    )
-    return write_text(tmp_path / "mine.toml", stages)
+    return write_matching(tmp_path, range(1, 4))
 
 
 def _third_image(folder: Path) -> Path:

@@ -29,9 +29,8 @@ from harness.run.loop import run_clip
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
-from tests import graphs, tasks
-from tests.alley import STAGES, write_clip, write_masks
-from tests.disk import write_text
+from tests import tasks
+from tests.alley import write_experiment
 from tests.records import tables_of
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
@@ -40,13 +39,9 @@ FRAMES = 8
 TABLES = ("frr.csv", "comparisons.csv", "frr.tex")
 
 # one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
-EXPERIMENT = (
-    """
-clips = ["alley"]
+EXPERIMENT = """\
 defaults.stereo.min_depth_m = 1.0
-"""
-    + STAGES
-    + """[[configuration]]
+[[configuration]]
 name = "bm"
 stereo.matcher = "bm"
 [[configuration]]
@@ -57,17 +52,11 @@ name = "wider"
 stereo.matcher = "bm"
 gaze.stride = 2
 """
-)
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("parallel")
-    numbers = range(1, FRAMES + 1)
-    manifest = write_clip(folder, numbers)
-    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    text = EXPERIMENT.format(weights=weights, masks=write_masks(folder / "masks", numbers))
-    return write_text(folder / "parallel.toml", text.replace('"alley"', f'"{manifest.as_posix()}"', 1))
+    return write_experiment(tmp_path_factory.mktemp("parallel"), range(1, FRAMES + 1), EXPERIMENT)
 
 
 def _run(
@@ -124,14 +113,14 @@ def test_a_frame_that_cannot_be_read_ends_a_run_with_threads_at_the_same_frame(
 ) -> None:
     text = experiment.read_text()
     copies = shutil.copytree(experiment.parent, tmp_path / "copies")
-    for path in (copies / "parallel.toml", copies / "datasets" / "alley.toml"):
+    for path in (copies / "alley.toml", copies / "datasets" / "alley.toml"):
         path.write_text(path.read_text().replace(experiment.parent.as_posix(), copies.as_posix()))
-    assert text != (copies / "parallel.toml").read_text()
+    assert text != (copies / "alley.toml").read_text()
     next((copies / "data").rglob("clean_left/alley/frame_0006.png")).write_bytes(b"not a picture")
     failed = []
     for threads in (1, 3):
         with pytest.raises(VfoaError) as error:
-            _run(copies / "parallel.toml", tmp_path / str(threads), 1, cached=False, threads=threads)
+            _run(copies / "alley.toml", tmp_path / str(threads), 1, cached=False, threads=threads)
         left = (tmp_path / str(threads) / "run" / "partial").glob("*.csv.partial")
         rows = {path.name: [row.rpartition(",")[0] for row in path.read_text().splitlines()] for path in left}
         failed.append((str(error.value), rows))

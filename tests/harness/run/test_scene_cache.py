@@ -22,8 +22,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.sources.sintel import SintelClip
 from harness.studio import StudioClip
-from tests import graphs
-from tests.alley import STAGES, write_clip, write_masks
+from tests.alley import write_experiment
 from tests.disk import picture, write_image, write_text
 from tests.drawn_clip import CLIP, DRAWN
 from tests.measured import measured_tables
@@ -31,29 +30,20 @@ from tests.records import tables_of
 from tests.repository import copy_clip
 
 FRAMES = 3
-ALLEY = (
-    """
-clips = ["{clip}"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 1.0 }}
-"""
-    + STAGES
-    + """[[configuration]]
+ALLEY = """\
+defaults.stereo = { matcher = "bm", min_depth_m = 1.0 }
+[[configuration]]
 name = "cones"
 [[configuration]]
 name = "filtered"
 gaze_filter.cues = "both"
 """
-)
 
 
 @pytest.fixture(scope="module")
 def alley(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An experiment on a small clip of files."""
-    folder = tmp_path_factory.mktemp("alley")
-    numbers = range(1, FRAMES + 1)
-    clip, masks = write_clip(folder, numbers).as_posix(), write_masks(folder / "masks", numbers)
-    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    return write_text(folder / "alley.toml", ALLEY.format(clip=clip, masks=masks, weights=weights))
+    return write_experiment(tmp_path_factory.mktemp("alley"), range(1, FRAMES + 1), ALLEY)
 
 
 class Reads(list[int]):
@@ -277,7 +267,7 @@ seeds = 2
 name = "cones"
 [[configuration]]
 name = "posterior"
-attention = { method = "bayes", directions = 40 }
+attention.method = "bayes"
 [[configuration]]
 name = "keys"
 segmentation.every = 2
