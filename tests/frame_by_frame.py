@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from harness.labels.labels import IGNORED, NOWHERE, Label
+from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord, SubjectRecord
-from harness.run.results import AnswerTraits
 from harness.score.baselines import choose
 from harness.score.judged import COMPARED_EVERY
 from harness.score.judging import Reference

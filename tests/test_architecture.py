@@ -87,7 +87,7 @@ DOORS = {
     "pyarrow": (
         "harness/record/",
         "harness/run/tables.py",
-        "harness/files/parquet.py",
+        "harness/pipeline/stage_files/answer_tables.py",
         "harness/report/stages.py",
         "harness/api.py",
     ),

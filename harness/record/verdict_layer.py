@@ -26,8 +26,9 @@ from harness.record.reading import ids_of, properties, reading
 from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
 from harness.run.columns import ColumnReader
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
-from harness.run.results import AnswerTraits, answer_traits
+from harness.run.results import answer_traits
 from harness.run.table_records import Block, TableReader
 from harness.score import judged, picks
 from harness.score import verdicts as scored

@@ -13,8 +13,8 @@ from pathlib import Path
 from harness.files.io import check_new, replacing
 from harness.report.formats import csv_cell
 from harness.run.directory import RunDirectory
+from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord, SubjectRecord
-from harness.run.results import AnswerTraits
 from harness.score.finished_run import FinishedRun
 from harness.score.score import score
 from harness.score.verdicts import PLAIN, Verdict, prediction_set

@@ -91,11 +91,14 @@ class ClipOfRun(_Table):
         return tuple(self.names.targets) if self.names else ()
 
 
-class MethodOfRun(_Table):
-    """What the answers of a configuration are, as :class:`harness.run.results.AnswerTraits`."""
+class AnswerTraits(_Table):
+    """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
 
-    probabilistic: bool
-    says_nowhere: bool
+    Those ``from_file`` are another system's, which needs nothing of what the stages found.
+    """
+
+    probabilistic: bool = False
+    says_nowhere: bool = False
     from_file: bool = False
 
 
@@ -122,7 +125,7 @@ class RunManifest(_Table):
     recording: str | None = None
     clips: list[ClipOfRun] = []
     configurations: dict[str, dict[str, Any]] = {}
-    methods: dict[str, MethodOfRun] = {}
+    methods: dict[str, AnswerTraits] = {}
     left_out_labels_sha256: dict[str, str | None] | None = None
     factors: dict[str, dict[str, str]] = {}
     weights_sha256: dict[str, str] = {}

@@ -25,7 +25,7 @@ from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
-from harness.run.manifest import ClipOfRun, MethodOfRun, NamesOfClip, RunManifest
+from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, RunManifest
 from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
@@ -234,7 +234,7 @@ def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
     return {manifest.name: manifest.annotations.digest(plan.experiment.annotator) for manifest in clips}
 
 
-def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> MethodOfRun:
+def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> AnswerTraits:
     """What the answers of a configuration are: scores need it, and import no method.
 
     Raises
@@ -259,7 +259,7 @@ def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]
             f"{configuration.name}: attention: {differ} is {of_first[differ]} for {first} and "
             f"{described[other][differ]} for {other}; expected answers of one kind, or a configuration for each"
         )
-    return MethodOfRun(**of_first)
+    return AnswerTraits(**of_first)
 
 
 def _default_fetch(plan: Plan) -> str | None:

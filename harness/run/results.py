@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
-from harness.run.manifest import RunManifest
+from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
@@ -29,17 +29,6 @@ class ClipRecords:
     says_nowhere: bool
 
 
-class AnswerTraits(NamedTuple):
-    """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
-
-    Those ``from_file`` are another system's, which needs nothing of what the stages found.
-    """
-
-    probabilistic: bool = False
-    says_nowhere: bool = False
-    from_file: bool = False
-
-
 def answer_traits(manifest: RunManifest, configuration: str, path: Path) -> AnswerTraits:
     """Return what the answers of a configuration are, by its run's manifest, a file at ``path``.
 
@@ -48,14 +37,12 @@ def answer_traits(manifest: RunManifest, configuration: str, path: Path) -> Answ
     VfoaError
         If the manifest does not say it: an earlier version of this program wrote it.
     """
-    of_method = manifest.methods.get(configuration)
-    if of_method is not None:
-        return AnswerTraits(of_method.probabilistic, of_method.says_nowhere, of_method.from_file)
-    if "method" in manifest.configurations.get(configuration, {}).get("attention", {}):
+    traits = manifest.methods.get(configuration)
+    if traits is None and "method" in manifest.configurations.get(configuration, {}).get("attention", {}):
         raise VfoaError(
             f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
         )
-    return AnswerTraits()
+    return traits or AnswerTraits()
 
 
 def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:

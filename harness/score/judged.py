@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.labels.labels import IGNORED, NOWHERE, LabelRange, Labels
 from harness.run.columns import NO_ID, UNKNOWN, PairColumns, SceneColumns, Words
-from harness.run.results import AnswerTraits
+from harness.run.manifest import AnswerTraits
 from harness.score.picks import picks_of, view_of
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import (

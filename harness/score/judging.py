@@ -14,9 +14,8 @@ from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE, Labels
 from harness.run.columns import Words
 from harness.run.directory import Pair
-from harness.run.manifest import Published
+from harness.run.manifest import AnswerTraits, Published
 from harness.run.notes import Note, NoteKind
-from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, best_limit_rad, commonest
 from harness.score.judged import Judged, JudgedPart
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks

@@ -35,8 +35,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from harness.labels.labels import NOWHERE, Label
+from harness.run.manifest import AnswerTraits
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.results import AnswerTraits
 
 Outcome = Literal["correct", "wrong", "unscored"]
 

@@ -23,12 +23,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.clips.naming import is_automatic
-from harness.files.parquet import read_parquet_columns
 from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
@@ -120,8 +120,38 @@ def read_answers(
 def _read(path: Path) -> TableColumns:
     """The columns of a table in any of the formats."""
     if path.suffix == ".parquet":
-        return read_parquet_columns(path)
+        return _read_parquet(path)
     return answers_of_idiap(path) if is_tracker_output(path) else read_columns(path, None, ("subject",))
+
+
+def _read_parquet(path: Path) -> TableColumns:
+    """Read the columns of a table in Parquet, its cells as text; its first row has the number 1.
+
+    Raises
+    ------
+    VfoaError
+        If the file is missing or damaged.
+    """
+    import pyarrow as pa  # type: ignore[import-untyped]
+    from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped]
+
+    try:
+        with ParquetFile(path) as file:
+            table = file.read(use_threads=False)
+    except FileNotFoundError:
+        raise VfoaError(f"{path}: no such file; expected a table") from None
+    except (ValueError, pa.ArrowException, OSError) as error:
+        raise VfoaError(f"{path}: damaged: {' '.join(str(error).split())}") from None
+    cells = {
+        name: tuple(map(_text, column.to_pylist()))
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
+    return TableColumns(path=path, lines=tuple(range(1, table.num_rows + 1)), cells=cells)
+
+
+def _text(value: Any) -> str:
+    """A cell; blank for a null and for NaN."""
+    return "" if value is None or value != value else str(value)
 
 
 class _Table:

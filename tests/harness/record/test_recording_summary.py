@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from harness.record.appearance import Colours, attention_by_name, subject_names
 from harness.record.verdict_content import summary
-from harness.run.results import AnswerTraits
+from harness.run.manifest import AnswerTraits
 from tests.frame_by_frame import judge
 from tests.harness.record.conftest import LABEL
 from tests.harness.record.conftest import verdict as judged

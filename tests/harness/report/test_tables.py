@@ -17,9 +17,9 @@ from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
 from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
+from harness.run.manifest import AnswerTraits
 from harness.run.notes import Note
 from harness.run.records import FrameRecord
-from harness.run.results import AnswerTraits
 from harness.run.table_records import read_records
 from harness.score.judging import Reference
 from harness.score.verdicts import ERROR_TYPES

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
+from harness.run.manifest import AnswerTraits
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.results import AnswerTraits
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
 from harness.score.judging import Reference
 from harness.score.score import Scores

@@ -11,9 +11,8 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
-from harness.run.manifest import RunManifest
+from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.notes import NoteKind
-from harness.run.results import AnswerTraits
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
 from tests.records import answers, write_run

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.columns import Words
+from harness.run.manifest import AnswerTraits
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.results import AnswerTraits
 from harness.score.judged import judge_columns
 from harness.score.judging import Reference
 from tests.frame_by_frame import JudgedPart

@@ -9,8 +9,8 @@ from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import phases_table
+from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord
-from harness.run.results import AnswerTraits
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.judging import JudgedSubject, Reference
 from harness.score.looks import correlation_time_s, number_looks
