@@ -172,6 +172,36 @@ def write_whole(path: Path, ids: RecordingIds, layout: rrb.Blueprint | None, chu
         whole.close()
 
 
+def _save(stream: rr.RecordingStream, path: str, layout: rrb.Blueprint | None, *, footer: bool) -> None:
+    """Let a stream write into a file from now on.
+
+    Rerun makes a stream of the layout, too, whose memory holds the stream itself: it is let go by disconnecting it.
+    """
+    if layout is None:
+        stream.save(path, write_footer=footer)
+        return
+    logged = _LoggedLayout(layout)
+    stream.save(path, default_blueprint=logged, write_footer=footer)  # type: ignore[arg-type]
+    logged.stream.disconnect()
+
+
+class _LoggedLayout:
+    """A layout that tells into which stream Rerun has logged it."""
+
+    stream: rr.RecordingStream
+
+    def __init__(self, layout: rrb.Blueprint) -> None:
+        self._layout = layout
+
+    def to_blueprint(self) -> _LoggedLayout:
+        """As of a Blueprint."""
+        return self
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+        self._layout._log_to_stream(stream)
+
+
 class _StreamFile:
     """The file ``path``, into which a stream writes from now on.
 
@@ -198,7 +228,7 @@ class _StreamFile:
             _thread.start_new_thread(self._follow, ())
             if not self._begun.wait(_PATIENCE_S):
                 raise RuntimeError("no memory for a thread that writes")
-            stream.save(f"/dev/fd/{end}", default_blueprint=layout, write_footer=footer)
+            _save(stream, f"/dev/fd/{end}", layout, footer=footer)
         except RuntimeError as error:
             raise OSError(errno.EIO, f"cannot be opened ({error})", str(path)) from None
         finally:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
 
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
@@ -20,7 +22,7 @@ def test_closed_layers_leave_no_threads(tmp_path: Path) -> None:
     counts = []
     for number in range(LAYERS):
         layer = LayerFile(tmp_path / f"{number}.rrd", ClipFiles(run=tmp_path, clip="clip"))
-        layer.open()
+        layer.open(rrb.Blueprint(rrb.Spatial3DView()))
         log = layer.part("part")
         log.begin(1, 1)
         log.row("/value", rr.Scalars, scalars=[1.0])
@@ -29,4 +31,4 @@ def test_closed_layers_leave_no_threads(tmp_path: Path) -> None:
         layer.close(complete=True)
         counts.append(len([*Path("/proc/self/task").iterdir()]))
     assert counts[-1] - counts[0] < LAYERS / 2
-    assert all((tmp_path / f"{number}.rrd").stat().st_size for number in range(LAYERS))
+    assert {len(RrdReader(tmp_path / f"{number}.rrd").blueprints()) for number in range(LAYERS)} == {1}
