@@ -100,22 +100,26 @@ def _points(seed: int, count: int = 40) -> Float:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_gives_the_same_rectified_pair(tmp_path: Path, name: str) -> None:
-    found = _raw(FORMATS[name](tmp_path)).rectified()
-    expected = rectification(RIG)
-    assert found.baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m), rel=1e-6)
-    assert (found.fx_px, found.cx_px, found.cy_px) == pytest.approx(expected["P1"][[0, 0, 1], [0, 2, 2]], rel=1e-6)
-    assert (found.cx_right_px, found.size_px) == (pytest.approx(found.cx_px), SIZE)
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_every_format_gives_the_same_lenses(tmp_path: Path, name: str) -> None:
-    """Later coefficients are 0."""
-    cameras = _raw(FORMATS[name](tmp_path))
+def test_every_format_is_found_beside_the_images_and_says_the_same_rig(tmp_path: Path, name: str) -> None:
+    """Later coefficients are 0; a byte-order mark and line ends of Windows change nothing."""
+    paths = FORMATS[name](tmp_path / "calibration")
+    write_text(tmp_path / "notes.txt", "P2 is at the door")
+    write_yaml(tmp_path / "other.yaml", {"K1": 3})
+    names = tuple(path.relative_to(tmp_path).as_posix() for path in paths)
+    assert find_calibrations(tmp_path, _size) == ([names], [])
+    cameras = _raw(paths)
     for camera, k, d in zip((cameras.left, cameras.right), RIG.k, RIG.d, strict=True):
         np.testing.assert_allclose(camera.k, k)
         np.testing.assert_allclose(camera.d, [*d, 0][: len(camera.d)])
         assert camera.model == "plumb_bob"
+    found, expected = cameras.rectified(), rectification(RIG)
+    assert found.baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m), rel=1e-6)
+    assert (found.fx_px, found.cx_px, found.cy_px) == pytest.approx(expected["P1"][[0, 0, 1], [0, 2, 2]], rel=1e-6)
+    assert (found.cx_right_px, found.size_px) == (pytest.approx(found.cx_px), SIZE)
+    _assert_rows_match_and_depths_come_back(cameras, RIG, _points(0))
+    for path in paths:
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert _raw(paths).rectified() == found
 
 
 @pytest.mark.parametrize("name", ["opencv yaml", "opencv xml", "zed"])
@@ -182,11 +186,6 @@ def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, An
         rectify_pose(**given, where="rig")
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_every_format_brings_points_onto_common_rows(tmp_path: Path, name: str) -> None:
-    _assert_rows_match_and_depths_come_back(_raw(FORMATS[name](tmp_path)), RIG, _points(0))
-
-
 def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
     kalibr = _raw([calibrations.write_kalibr(tmp_path / "camchain.yaml", FISHEYE)])
     opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
@@ -194,15 +193,6 @@ def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
     assert kalibr.rectified() == opencv.rectified()
     for found in (kalibr, zed):
         _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_byte_order_mark_and_line_ends_of_windows_change_nothing(tmp_path: Path, name: str) -> None:
-    paths = FORMATS[name](tmp_path)
-    expected = _raw(paths).rectified()
-    for path in paths:
-        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
-    assert _raw(paths).rectified() == expected
 
 
 def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
@@ -320,15 +310,6 @@ def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
     _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_what_lies_beside_the_images_is_found(tmp_path: Path, name: str) -> None:
-    paths = FORMATS[name](tmp_path / "calibration")
-    write_text(tmp_path / "notes.txt", "P2 is at the door")
-    write_yaml(tmp_path / "other.yaml", {"K1": 3})
-    files = tuple(path.relative_to(tmp_path).as_posix() for path in paths)
-    assert find_calibrations(tmp_path, _size) == ([files], [])
-
-
 def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None:
     rows = _kitti(*(_projection(50, 30, -50 * b) for b in (0, 0.1, 0, 0.3)), names=("P0", "P1", "P2", "P3"))
     write_text(tmp_path / "calib.txt", rows)
@@ -337,11 +318,6 @@ def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None
     assert found == [("c.yml",), ("calib.txt",)]
     (tmp_path / "c.yml").unlink()
     assert find_calibrations(tmp_path, _size) == ([("calib.txt",)], [])
-
-
-def test_of_two_files_both_are_named(tmp_path: Path) -> None:
-    _sample(tmp_path)
-    assert find_calibrations(tmp_path, _size) == ([("intrinsics.yml", "extrinsics.yml")], [])
 
 
 @pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
@@ -495,7 +471,6 @@ def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tup
         ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
         ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
         ("c.yml", "", r"c\.yml: not a table of names"),
-        ("c.yml", "[" * 5000, r"c\.yml: nested more than 100 levels deep"),
         ("c.xml", "<a>", r"c\.xml:1: not XML: "),
         ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', r"c\.xml:1: not XML: unknown encoding: klingon"),
         (
