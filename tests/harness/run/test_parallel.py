@@ -79,12 +79,10 @@ def _same(one: RunDirectory, other: RunDirectory) -> bool:
     return all(same) and tables_of(one) == tables_of(other)
 
 
-@pytest.mark.parametrize("workers", [4])  # more than configurations; two: below, and one of them is killed
-def test_workers_share_a_clip_and_change_nothing(
-    workers: int, experiment: Path, alone: RunDirectory, tmp_path: Path
-) -> None:
+def test_workers_share_a_clip_and_change_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path) -> None:
+    """More of them than configurations; of two, below, one is killed."""
     told: list[str] = []
-    shared = _run(experiment, tmp_path, workers, told=told.append)
+    shared = _run(experiment, tmp_path, 4, told=told.append)
     assert all(record.subjects and record.subjects[0].gaze for record in read_records(shared))
     assert _same(shared, alone)
     assert told == ["alley"] * FRAMES
