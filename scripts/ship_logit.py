@@ -5,8 +5,10 @@ its scores. The runs may have any method of attention; of configurations with th
 
 people        ``vfoa run people``
 conversation  ``vfoa run conversation`` with labels of the first half alone
-drawn         ``vfoa run drawn`` in the folder of :mod:`scripts.drawn_clips`; several runs, joined by commas
-rendered      ``vfoa run bayes_tune``, with a gaze error of 11.1 and of 20 degrees; ``vfoa run bayes`` stays for reports
+drawn         ``vfoa run drawn`` in two folders of :mod:`scripts.drawn_clips`, one of each generator: two runs joined by
+              a comma
+rendered      the clips of ``bayes_tune`` and of ``filter`` with the stages of ``bayes_tune``, and a gaze error of 11.1
+              and of 20 degrees; the clips of ``bayes`` stay for reports
 
 Every setting weighs the same, and each case (gaze and head, one of them alone) is fitted by itself: of people with both
 directions the cases of one direction see that one alone.
