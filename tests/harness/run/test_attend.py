@@ -31,7 +31,7 @@ from vfoa.errors import VfoaError
 
 EXPERIMENT = """
 clips = ["studio_talk"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
+defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
 defaults.segmentation.model = "truth"
 defaults.heads.detector = "truth"
 defaults.head_pose.model = "simulated"

@@ -28,6 +28,7 @@ from vfoa.types import Disparity, Scene, StereoFrame
 STAGES = """
 [defaults]
 stereo.min_depth_m = 0.8
+stereo.wls = false
 segmentation.model = "truth"
 heads.detector = "truth"
 head_pose.model = "none"

@@ -26,7 +26,7 @@ FRAMES = 8
 KEYS = [None, 1, 1, None, 4, 4, None, 7]
 EXPERIMENT = """
 clips = ["studio_table"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
+defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
 defaults.heads.detector = "truth"
 defaults.head_pose.model = "simulated"
 defaults.gaze.model = "none"

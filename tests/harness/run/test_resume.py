@@ -45,7 +45,7 @@ defaults.head_pose.model = "simulated"
 
 [[configuration]]
 name = "filtered"
-stereo.matcher = "bm"
+stereo = {{ matcher = "bm", wls = false }}
 segmentation.every = 3
 gaze.model = "simulated"
 

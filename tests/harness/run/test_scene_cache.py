@@ -257,7 +257,7 @@ def test_directions_are_used_with_their_own_scene_alone(
 
 STUDIO = """
 clips = ["studio_talk"]
-defaults.stereo = { matcher = "bm", min_depth_m = 0.8 }
+defaults.stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
 defaults.segmentation.model = "truth"
 defaults.heads.detector = "truth"
 defaults.head_pose.model = "simulated"

@@ -41,7 +41,7 @@ stereo.matcher = "truth"
 
 [[configuration]]
 name = "bm"
-stereo.matcher = "bm"
+stereo = {{ matcher = "bm", wls = false }}
 
 [[configuration]]
 name = "every"
