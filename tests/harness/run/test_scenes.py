@@ -19,6 +19,7 @@ from harness.run.table_records import read_records
 from harness.run.tables import find_tables, read_table
 from tests.disk import write_text
 from tests.records import write_manifest
+from vfoa.bayes import RAYS
 from vfoa.types import HeadView
 from vfoa.visible import spaced
 
@@ -46,7 +47,6 @@ gaze.seed = 7
 [[configuration]]
 name = "posterior"
 attention.method = "bayes"
-attention.directions = 16
 
 [[configuration]]
 name = "other-depth"
@@ -195,19 +195,17 @@ def test_clouds_have_the_points_that_a_method_chooses(followed: tuple[RunDirecto
     targets = [(scene.index, target) for scene in scenes for target in scene.targets]
     rows = _rows(directory, "clouds", "raw")
     assert [(row["frame"], row["instance_id"], row["points"]) for row in rows] == [
-        (frame, target.instance.id, 16) for frame, target in targets
+        (frame, target.instance.id, RAYS) for frame, target in targets
     ]
     for row, (_, target) in zip(rows, targets, strict=True):
-        chosen = spaced(target.points_left, 16)
-        assert len(target.points_left) > 16
+        chosen = spaced(target.points_left, RAYS)
+        assert len(target.points_left) > RAYS
         assert np.array(row["points_m"]).reshape(-1, 3).tolist() == chosen.tolist()
-        assert spaced(chosen, 16).tolist() == chosen.tolist()
+        assert spaced(chosen, RAYS).tolist() == chosen.tolist()
 
 
 def test_a_run_without_such_a_method_has_no_clouds(tmp_path: Path) -> None:
-    path = write_text(
-        tmp_path / "cones.toml", EXPERIMENT.replace('attention.method = "bayes"\nattention.directions = 16', "")
-    )
+    path = write_text(tmp_path / "cones.toml", EXPERIMENT.replace('attention.method = "bayes"\n', ""))
     directory = run_plan(
         prepare(load_experiment(str(path)), limit=1), tmp_path / "out", workers=1, progress=lambda clip: None
     )
@@ -249,7 +247,7 @@ def test_what_a_killed_run_has_left_is_removed(
         write_text(directory.path / left / "frames.parquet", "half")
     write_manifest(
         directory,
-        {key: value for key, value in followed[0].read_manifest().items() if key not in ("finished", "failed")},
+        {key: value for key, value in followed[0].read_manifest().plain().items() if key not in ("finished", "failed")},
     )
     _run(tmp_path)
     assert {path.relative_to(tmp_path / "out") for path in directory.path.rglob("*.parquet")} == {
