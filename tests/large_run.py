@@ -43,8 +43,14 @@ def write_run(root: Path, frames: int, configurations: int, subjects: int) -> Ru
             "finished": "now",
         },
     )
+    return records.write_run(root / "run", measured_records(frames, configurations, subjects))
+
+
+def measured_records(frames: int, configurations: int, subjects: int) -> Iterator[FrameRecord]:
+    """The records of the run, with measures."""
     rng = np.random.default_rng(0)
-    return records.write_run(root / "run", (each for name in names for each in _records(name, frames, subjects, rng)))
+    for number in range(configurations):
+        yield from _records(f"configuration-{number}", frames, subjects, rng)
 
 
 def _write_clip(root: Path, subjects: int) -> Path:

@@ -13,7 +13,6 @@ from harness.report.write import rescore
 from harness.run import tables
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.table_records import read_records
 from tests import large_run
 from tests.records import write_manifest, write_run
 from vfoa.types import DirectionFit
@@ -29,10 +28,14 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     manifest = directory.read_manifest().plain()
     manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
     write_manifest(directory, manifest)
-    write_run(directory.path, map(_with_probabilities, list(read_records(directory))))
+    write_run(directory.path, _records())
     large_run.write_labels(tmp_path, FRAMES, 2, 0)
     rescore(directory)
     return directory
+
+
+def _records() -> list[FrameRecord]:
+    return [*map(_with_probabilities, large_run.measured_records(FRAMES, CONFIGURATIONS, 2))]
 
 
 def _with_probabilities(record: FrameRecord) -> FrameRecord:
@@ -56,9 +59,8 @@ def _written(directory: RunDirectory) -> dict[str, bytes]:
 def test_several_row_groups_give_the_tables_of_one(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
     rescore(run)  # the page shows the labels that the first scoring noted in the manifest
     in_groups = _written(run)
-    records = list(read_records(run))
     monkeypatch.setattr(tables, "GROUP_FRAMES", FRAMES)
-    write_run(run.path, records)
+    write_run(run.path, _records())
     rescore(run)
     assert _written(run) == in_groups
     assert {"frr.csv", "measures.csv", "objects.csv", "report.html"} <= in_groups.keys()
@@ -66,7 +68,7 @@ def test_several_row_groups_give_the_tables_of_one(run: RunDirectory, monkeypatc
 
 def test_another_record_and_another_label_change_the_tables_and_back_again(run: RunDirectory) -> None:
     rescore(run)
-    before, records = _written(run), list(read_records(run))
+    before, records = _written(run), _records()
     first, *others = records[65].subjects
     edited = [*records]
     edited[65] = replace(records[65], subjects=(replace(first, missing="no_eyes_3d"), *others))
