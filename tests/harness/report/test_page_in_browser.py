@@ -65,6 +65,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def browser(chrome: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
     """The page, freshly opened."""
     chrome.get("about:blank")
+    chrome.get_log("browser")
     requested(chrome)
     set_width(chrome, request.param)
     _open(chrome, page)
