@@ -30,7 +30,7 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     edited = rescore(RunDirectory(tmp_path / "run"))
     changed = [a.truth != b.truth for a, b in zip(first.verdicts, edited.verdicts, strict=True)]
     assert sum(changed) == 4 * 10
-    assert not any("images" in note for note in edited.notes)
+    assert not any("images" in note.text for note in edited.notes)
     read: list[Path] = []
     real = digests.file_digest
     monkeypatch.setattr(digests, "file_digest", lambda path: (read.append(path), real(path))[1])
