@@ -29,13 +29,22 @@ def main() -> None:
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] in ("harness", "vfoa"):
-            raise
-        package = error.name.partition(".")[0]
-        raise SystemExit(
-            f"vfoa: found no package {package}: the library is installed, which the command is not part of; expected: "
-            "pip install 'vfoa[harness]'"
-        ) from None
+        raise _explained(error) from None
+
+
+def _explained(error: ModuleNotFoundError) -> BaseException:
+    """The error; one line in its place if this program itself has imported a package that the extra would bring."""
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    importer = place.tb_frame.f_globals.get("__name__", "") if place else ""
+    rooms, package = ("harness", "vfoa"), (error.name or "").partition(".")[0]
+    if importer.partition(".")[0] not in rooms or package in ("", *rooms):
+        return error
+    return SystemExit(
+        f"vfoa: found no package {package}: the library is installed, which the command is not part of; expected: "
+        "pip install 'vfoa[harness]'"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The verdicts of a configuration on a clip as columns: a row for each frame of a subject.
 
-They say what :func:`harness.score.verdicts.judge` says of one frame and :func:`harness.score.baselines.choose` of one
-person, for all frames of a clip at once.
+All frames of a clip are judged at once; the tests judge frame by frame, by the rules of :mod:`harness.score.verdicts`.
 """
 
 from __future__ import annotations

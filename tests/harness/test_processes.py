@@ -1,4 +1,4 @@
-"""Ctrl-C while the command is still imported, and where an exception would be lost or come too early."""
+"""Ctrl-C while the command is still imported, and where an exception would be lost; packages that are not there."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.__main__ import main
 from tests.disk import write_text
 from tests.repository import REPOSITORY
 
@@ -84,6 +85,18 @@ signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 """Statements that end, although a signal comes; Python drops a KeyboardInterrupt there, or it would do harm."""
 
 
+def _run_script(script: Path) -> subprocess.CompletedProcess[str]:
+    """A script that imports from this repository and from its own folder."""
+    return subprocess.run(
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{script.parent}"},
+        timeout=30,
+    )
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 @pytest.mark.parametrize("statement", LOST)
 def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) -> None:
@@ -93,14 +106,7 @@ def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) ->
         "import os, signal, threading, time\nfrom harness.processes import interrupt\n"
         f"signal.signal(signal.SIGINT, interrupt)\n{LOST[statement]}\ntime.sleep(60)\n",
     )
-    done = subprocess.run(
-        [sys.executable, tmp_path / "start.py"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{tmp_path}"},
-        timeout=30,
-    )
+    done = _run_script(tmp_path / "start.py")
     assert (done.stdout, done.returncode) == ("went on\n", -signal.SIGINT), done.stderr
     assert done.stderr.rstrip().endswith("KeyboardInterrupt")
 
@@ -115,15 +121,20 @@ def test_ctrl_c_at_the_very_end_does_not_fail_what_is_done(tmp_path: Path) -> No
         "class Slow:\n    def __del__(self, sleep=time.sleep):\n        sleep(0.2)\nslow = Slow()\n"
         f"{LOST['__del__']}",
     )
-    done = subprocess.run(
-        [sys.executable, tmp_path / "end.py"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-        timeout=30,
-    )
+    done = _run_script(tmp_path / "end.py")
     assert (done.stdout, done.stderr, done.returncode) == ("went on\n", "", 0)
+
+
+@pytest.mark.parametrize(("importer", "is_ours"), [("harness.cli.run", True), ("their_plugin.method", False)])
+def test_a_missing_package_is_the_extra_s_only_where_this_program_imports_it(
+    importer: str, is_ours: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plug-in that lacks a package of its own is not told to install the harness."""
+    monkeypatch.setattr("signal.signal", lambda number, handler: None)  # those of the tests' own process stay
+    monkeypatch.setattr("harness.cli.main", lambda: exec("import absent_package", {"__name__": importer}))
+    with pytest.raises(SystemExit if is_ours else ModuleNotFoundError, match="absent_package") as ended:
+        main()
+    assert ("vfoa[harness]" in str(ended.value)) == is_ours
 
 
 def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -> None:
