@@ -40,7 +40,7 @@ class MeasuredFollower:
     >>> anna = vfoa.Observed(eyes_m=[0, -0.4, 2], gaze=[0.5, 0.4, -1])
     >>> for look in follower.step({"anna": anna}, {"cup": [0.5, 0, 1]}):
     ...     print(look)
-    anna looks at cup (attention 0.18), 1.19 m away
+    anna looks at cup (attention 0.02), 1.19 m away
     """
 
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:

@@ -193,9 +193,7 @@ def reliability(configuration: str, frames: Float, clips: Codes | None = None) -
         n=len(frames),
         brier=float(brier.mean()),
         adaptive_error=adaptive_error(confidence, right),
-        interval=_interval(
-            confidence - right, places, np.zeros(len(frames), dtype=np.intp) if clips is None else clips
-        ),
+        interval=_interval(confidence - right, places, clips),
         confidence=mean,
         accuracy=share,
         counts=counts,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import math
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 import vfoa
+import vfoa.scoring
 from tests.measured import measured_tables, open_measured
 from vfoa.config import dotted_tables, read_steps
 from vfoa.errors import VfoaError
@@ -161,3 +163,11 @@ def test_a_wrong_measurement_is_named_and_changes_nothing(
 def test_a_wrong_setting_is_one_line(settings: dict[str, object], message: str) -> None:
     with pytest.raises(VfoaError, match=message):
         vfoa.MeasuredFollower(settings)
+
+
+def test_the_examples_of_docstrings_print_what_they_show() -> None:
+    names = {"vfoa": vfoa}
+    for documented, name in ((vfoa.MeasuredFollower, "MeasuredFollower"), (vfoa.scoring, "scoring")):
+        (example,) = doctest.DocTestFinder(recurse=False).find(documented, name, globs=names)
+        assert doctest.DocTestRunner().run(example) == (0, len(example.examples))
+        assert example.examples
