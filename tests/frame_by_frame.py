@@ -11,8 +11,8 @@ from harness.labels.labels import IGNORED, NOWHERE, Label
 from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import choose
-from harness.score.judged import COMPARED_EVERY
-from harness.score.judging import Reference
+from harness.score.reference import Reference
+from harness.score.verdict_columns import COMPARED_EVERY
 from harness.score.verdicts import (
     NO_HIT,
     NO_OBJECT,

@@ -63,7 +63,7 @@ MUTATIONS = (
     ),
     Mutation(
         "looks are joined once, not until twice the correlation time",
-        "harness/score/judging.py",
+        "harness/score/judged_subjects.py",
         "least_s = 2 * correlation_time_s(",
         "least_s = 1 * correlation_time_s(",
         "harness/score/test_looks.py harness/score/test_score.py",
@@ -106,7 +106,7 @@ MUTATIONS = (
     ),
     Mutation(
         "the limit of the nearest in angle is chosen on the clip itself",
-        "harness/score/judging.py",
+        "harness/score/judged_subjects.py",
         "other.configuration == key[0] and other.clip != key[1]",
         "other.configuration == key[0]",
         "harness/score/test_score.py harness/score/test_baselines.py",

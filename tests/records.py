@@ -14,7 +14,8 @@ from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.score.judging import JudgedSubject, Reference
+from harness.score.judged_subjects import JudgedSubject
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
 from tests.disk import write_text

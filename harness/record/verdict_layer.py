@@ -30,9 +30,9 @@ from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
 from harness.run.results import answer_traits
 from harness.run.table_records import Block, TableReader
-from harness.score import judged, picks
+from harness.score import picks, verdict_columns
 from harness.score import verdicts as scored
-from harness.score.judged import JudgedPart, judge_columns
+from harness.score.verdict_columns import JudgedPart, judge_columns
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
@@ -105,7 +105,7 @@ def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
 @cache
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
-    modules = (verdict_content, entities, frame_log, layer_file, appearance, scored, judged, picks)
+    modules = (verdict_content, entities, frame_log, layer_file, appearance, scored, verdict_columns, picks)
     files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 

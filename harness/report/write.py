@@ -52,7 +52,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import conditions_of
 

@@ -25,9 +25,9 @@ import numpy as np
 from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
-from harness.score.judged import JudgedPart
-from harness.score.judging import JudgedSubject
+from harness.score.judged_subjects import JudgedSubject
 from harness.score.statistics import UNKNOWN, Codes, Interval
+from harness.score.verdict_columns import JudgedPart
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.scoring import BINS, bins
 from vfoa.types import Float

@@ -23,7 +23,7 @@ from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import answer_traits, has_images
 from harness.run.table_records import TableReader, most_people
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import Condition, subset
 from vfoa.errors import VfoaError

@@ -15,9 +15,9 @@ from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
-from harness.score.judged import Judged
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import judged_part
+from harness.score.verdict_columns import Judged
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
 from vfoa.cones import ConesSettings, pay_attention

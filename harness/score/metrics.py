@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.score.judging import JudgedSubject
+from harness.score.judged_subjects import JudgedSubject
 from harness.score.statistics import Counts
 from vfoa.registry import Registry
 from vfoa.scoring import LEAST_PROBABILITY, balanced, cohen_kappa, confusion, log_loss, macro_f1, share

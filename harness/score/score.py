@@ -24,11 +24,12 @@ from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
-from harness.score.judged import JudgedPart, judge_columns
-from harness.score.judging import JudgedSubject, Reference, axis_notes, judged_subjects, unit_notes, wanted_frames
+from harness.score.judged_subjects import JudgedSubject, axis_notes, judged_subjects, unit_notes
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
+from harness.score.reference import Reference
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
+from harness.score.verdict_columns import JudgedPart, judge_columns
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Float
 
@@ -203,7 +204,7 @@ def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
     return judge_columns(
         columns,
         reference.labels.get(clip),
-        wanted_frames(clip, reference),
+        reference.wanted_frames(clip),
         reference.traits.get(columns.configuration, PLAIN),
         reference.phases.get(clip, {}),
     )

@@ -30,8 +30,8 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.finished_run import FinishedRun
-from harness.score.judging import Reference
 from harness.score.labelled_run import read_labelled
+from harness.score.reference import Reference
 from harness.score.score import score as score_columns
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages

@@ -19,8 +19,8 @@ from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
-from harness.score.judging import Reference
 from harness.score.metrics import load_metrics
+from harness.score.reference import Reference
 from scripts.worked_examples import example
 from tests.disk import write_text
 from tests.measured import measured_tables, true_labels

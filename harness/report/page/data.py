@@ -27,11 +27,11 @@ from harness.report.page.packing import (
 from harness.report.thumbnails import Thumbnails
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.directory import Pair
-from harness.score.judged import Judged
-from harness.score.judging import JudgedSubject
+from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import Codes
+from harness.score.verdict_columns import Judged
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
 
 STATES = ("correct", "unscored", *ERROR_TYPES)

@@ -23,8 +23,8 @@ from harness.record.appearance import Colours
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair
-from harness.score.judged import Judged
 from harness.score.statistics import Codes
+from harness.score.verdict_columns import Judged
 from vfoa.types import Float
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)

@@ -10,7 +10,7 @@ from harness.cli import main
 from harness.cli.view import describe, next_place, wrong_verdicts
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.directory import RunDirectory
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
 from tests.records import frame_record, score, subject_record, target_record, write_manifest

@@ -22,7 +22,7 @@ from harness.record.web_viewer import page_files, web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.write import run_tables
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.verdicts import Verdict
 from tests.annotating import wait_for
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width

@@ -18,7 +18,7 @@ from harness.report.formats import UNKNOWN
 from harness.run.experiment import load_experiment
 from harness.run.manifest import Published
 from harness.score.comparison import Comparison
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.statistics import Interval
 from tests.disk import write_text

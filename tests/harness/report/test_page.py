@@ -21,7 +21,7 @@ from harness.report.page.render import RunTables, render_page
 from harness.report.write import run_tables
 from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import FrameRecord
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import NO_HIT, answered
 from tests.records import answers, frame_record, labels, run_manifest, scored_records, subject_record, target_record

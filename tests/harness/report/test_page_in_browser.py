@@ -21,7 +21,7 @@ from harness.labels.labels import Labels
 from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import point_at, requested, set_width, wait_until_drawn
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record

@@ -12,7 +12,7 @@ from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
 from harness.report.write import run_tables
 from harness.run.records import FrameRecord
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from tests.record_tables import measured as with_measures
 from tests.records import answers, labels, run_manifest, score

@@ -21,7 +21,7 @@ from harness.run.manifest import AnswerTraits
 from harness.run.notes import Note
 from harness.run.records import FrameRecord
 from harness.run.table_records import read_records
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import (
     answers,

@@ -14,7 +14,7 @@ from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
 from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from tests.records import answers, frame_record, labels, score, subject_record, target_record
 

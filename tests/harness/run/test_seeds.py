@@ -17,7 +17,7 @@ from harness.run.measured import pooled_measures
 from harness.run.records import FrameRecord
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from tests.disk import write_text
 from tests.record_tables import measured
 from tests.records import answers, labels, score

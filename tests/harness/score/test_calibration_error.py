@@ -14,7 +14,7 @@ from harness.report.tables import reliability_table
 from harness.run.manifest import AnswerTraits
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import prediction_set
 from tests.records import frame_record, score, subject_record, target_record

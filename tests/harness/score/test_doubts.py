@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from harness.run.notes import NoteKind
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from tests.records import frame_record, score, subject_record
 
 

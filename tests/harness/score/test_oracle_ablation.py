@@ -17,8 +17,8 @@ from harness.run.experiment import load_experiment
 from harness.run.measured import OF_DISPARITY, OF_PERSON, Measured, pooled_measures
 from harness.run.notes import Note
 from harness.run.runner import prepare, run_plan
-from harness.score.judging import Reference
 from harness.score.oracle_ablation import steps, with_oracle_ablation
+from harness.score.reference import Reference
 from harness.score.statistics import UNKNOWN
 from harness.sources import PersonTruth, Truth
 from tests.records import answers, labels, score

@@ -12,9 +12,10 @@ from harness.report.tables import phases_table
 from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, SEES_LABELS
-from harness.score.judging import JudgedSubject, Reference
+from harness.score.judged_subjects import JudgedSubject
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
+from harness.score.reference import Reference
 from harness.score.score import ScoreRow, Scores, _beats
 from harness.score.statistics import sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES

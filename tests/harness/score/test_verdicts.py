@@ -7,7 +7,7 @@ import pytest
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.columns import Words
 from harness.run.records import FrameRecord
-from harness.score.judged import judge_columns
+from harness.score.verdict_columns import judge_columns
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, PLAIN, Verdict
 from tests.record_tables import columns_of
 from tests.records import frame_record, subject_record, target_record

@@ -13,7 +13,7 @@ from PIL import Image
 from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter, picture, thumbnail
 from harness.run.directory import Pair
-from harness.score.judging import Reference
+from harness.score.reference import Reference
 from tests.harness.record.conftest import ANN, EYES, Shown, shared, show
 from tests.records import labels, score
 from vfoa.errors import VfoaError

@@ -14,8 +14,8 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.columns import Words
 from harness.run.manifest import AnswerTraits
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.judged import judge_columns
-from harness.score.judging import Reference
+from harness.score.reference import Reference
+from harness.score.verdict_columns import judge_columns
 from tests.frame_by_frame import JudgedPart
 from tests.record_tables import columns_of
 from tests.records import AXES

@@ -3,56 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.clips.axes import other_axes
-from harness.labels.labels import NOWHERE, Labels
+from harness.labels.labels import NOWHERE
 from harness.run.columns import Words
 from harness.run.directory import Pair
-from harness.run.manifest import AnswerTraits, Published
 from harness.run.notes import Note, NoteKind
 from harness.score.baselines import BASELINES, best_limit_rad, commonest
-from harness.score.judged import Judged, JudgedPart
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
+from harness.score.reference import Reference
 from harness.score.statistics import Codes, Flags
+from harness.score.verdict_columns import Judged, JudgedPart
 from harness.score.verdicts import NO_HIT
 from vfoa.types import Float
 
 NO_PREDICTION = -1
 USUAL_HEAD_M = (0.1, 0.45)
 """Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reference:
-    """Labels and frames by clip, and the notes that every table must show with the scores.
-
-    A clip without labels is not scored. ``frames`` are those that were to be run, if they are fewer than the labels
-    cover (a clip whose numbers have gaps, a run with a limit): a labelled frame without a record counts as wrong.
-    ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
-    ``traits`` say what the answers of each configuration are, :data:`PLAIN` of one that is not there.
-    ``unknown_names`` are names in the results of a clip that its manifest does not know: they can only be wrong.
-    ``names_now`` are the present names of renamed targets by clip and name in the results.
-    ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
-    ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
-    each clip that has some, by the number of things beside people in a frame.
-    """
-
-    labels: Mapping[str, Labels]
-    frames: Mapping[str, Iterable[int]] = field(default_factory=dict)
-    notes: tuple[Note, ...] = ()
-    published: Published | None = None
-    traits: Mapping[str, AnswerTraits] = field(default_factory=dict)
-    unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    phases: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,7 +112,7 @@ def judged_subjects(
     subjects = []
     for name in dict.fromkeys(clip for clip, _ in judged):
         parts = [part for (clip, _), part in judged.items() if clip == name]
-        wanted = np.array(wanted_frames(name, reference), dtype=np.int64)
+        wanted = np.array(reference.wanted_frames(name), dtype=np.int64)
         frames = np.unique(np.concatenate([wanted, *(part.frames for part in parts)]))
         rate = _rate_hz(parts)
         for part in parts:
@@ -148,14 +120,6 @@ def judged_subjects(
                 in_phase = of_subject if phase is None else of_subject.where(part.is_in(of_subject.frames, phase))
                 subjects.append(_judged_subject(in_phase, frames, rate, codes))
     return _with_limits(_with_commonest(_with_longer_looks(subjects), judged, codes))
-
-
-def wanted_frames(clip: str, reference: Reference) -> list[int]:
-    """The frames of a clip that are scored if they have a label, in order."""
-    if (frames := reference.frames.get(clip)) is not None:
-        return sorted(set(frames))
-    ranges = labels.ranges if (labels := reference.labels.get(clip)) else ()
-    return sorted({frame for row in ranges for frame in range(row.first_frame, row.last_frame + 1)})
 
 
 def _rate_hz(parts: Sequence[JudgedPart]) -> float | None:
