@@ -142,13 +142,13 @@ def weighed_gaze(
     slow = BIAS_SHARE * variance
     head = prior.last_head if cues.head is None else cues.head
     around = sigma_rad(NOWHERE_DEG if head is None else _ABOUT_HEAD_DEG)
-    drift = slow + np.append(scenery.variances, around**2)
+    on_target = np.append(scenery.variances, around**2)
     if prior.error is None:
-        predicted = first_error(hypotheses.cell_rad**2, drift)
+        predicted = first_error(hypotheses.cell_rad**2, slow, on_target)
     else:
         looked, stay = transition.of("gaze")
         keep = float(np.exp(-dt_s / BIAS_S))
-        predicted = next_error(prior.error, looked, transition.columns, stay, slow, drift, keep)
+        predicted = next_error(prior.error, looked, transition.columns, stay, slow, on_target, keep)
     if offsets.gaze is None:
         return predicted, nothing
     offset = offsets.gaze.take(hypotheses.gain, axis=1) - hypotheses.bias_rad[..., None]

@@ -24,53 +24,72 @@ from vfoa.types import Float
 class GazeError:
     """Means (2, 2, G, T) of the constant and of the drift, right and down, and their covariances (3, G, T).
 
-    The covariances are the variance of the constant, that of both, and the variance of the drift.
+    The covariances are the variance of the constant, that of both, and the variance of the drift. ``lasting`` (G, T) is
+    the part of the variance of the drift that is the error's and outlasts a look; the rest is the point of the target.
     """
 
     means: Float
     covariances: Float
+    lasting: Float
 
     def kept(self, rows: np.ndarray) -> GazeError:
         """Return only these rows, the hypotheses to keep."""
-        return GazeError(means=self.means[:, :, rows], covariances=self.covariances[:, rows])
+        return GazeError(
+            means=self.means[:, :, rows], covariances=self.covariances[:, rows], lasting=self.lasting[rows]
+        )
 
 
-def first_error(cell_variance: float, drift_variance: Float) -> GazeError:
-    """Return the error before the first frame; ``drift_variance`` (G, T) includes the spread of looks at a target."""
-    covariances = np.zeros((3, *drift_variance.shape))
-    covariances[0], covariances[2] = cell_variance, drift_variance
-    return GazeError(means=np.zeros((2, 2, *drift_variance.shape)), covariances=covariances)
+def first_error(cell_variance: float, slow: Float, on_target: Float) -> GazeError:
+    """Return the error before the first frame.
+
+    ``slow`` (G, 1) is the variance of the slow part of the error, ``on_target`` (T,) that of the point on each target.
+    """
+    drift = slow + on_target
+    covariances = np.zeros((3, *drift.shape))
+    covariances[0], covariances[2] = cell_variance, drift
+    return GazeError(means=np.zeros((2, 2, *drift.shape)), covariances=covariances, lasting=_lasting(slow, drift))
+
+
+def _lasting(slow: Float, drift: Float) -> Float:
+    return np.divide(slow, drift, out=np.ones(drift.shape), where=drift > 0)
 
 
 def next_error(
-    before: GazeError, looked: Float, columns: Columns, stay: Float, slow: Float, drift_variance: Float, keep: float
+    before: GazeError, looked: Float, columns: Columns, stay: Float, slow: Float, on_target: Float, keep: float
 ) -> GazeError:
     """Predict the error of the next frame: looks that go on keep it, new looks start from the mean over all targets.
 
     ``looked`` (G, T') are the probabilities of the targets before, ``columns`` (T,) the column that each target had
-    before, ``stay`` (G, T) the part of each that goes on. ``slow`` (G, 1) is the variance of the drift that outlasts a
-    look, and ``keep`` the factor of the drift over the frame. Mixtures are collapsed (Blom and Bar-Shalom 1988).
+    before, ``stay`` (G, T) the part of each that goes on, and ``keep`` the factor of the drift over the frame; ``slow``
+    and ``on_target`` as in :func:`first_error`. Of the drift at the end of a look, the part ``lasting`` is the error's
+    and goes over to the next look; the point on the next target is new. Mixtures are collapsed (Blom and Bar-Shalom
+    1988).
     """
-    mean = np.einsum("gt,cxgt->cxg", looked, before.means)[..., None]
-    around = ((before.means[0] - mean[0]) ** 2).sum(axis=0) / 2
-    variance = np.einsum("gt,gt->g", looked, before.covariances[0] + around)[:, None]
-    outlasts = np.ones((2, 1, *drift_variance.shape))
-    np.divide(slow, np.maximum(drift_variance, 1e-12), out=outlasts[1, 0])
-    new = outlasts * mean
+    drift = slow + on_target
+    constant, lasting = before.means[0], before.lasting * before.means[1]
+    new = np.stack([np.einsum("gt,xgt->xg", looked, each) for each in (constant, lasting)])[..., None]
+    of_constant = before.covariances[0] + ((constant - new[0]) ** 2).sum(axis=0) / 2
+    of_slow = before.lasting**2 * before.covariances[2] + slow * (1 - before.lasting)
+    of_slow += ((lasting - new[1]) ** 2).sum(axis=0) / 2
+    of_both = before.lasting * before.covariances[1] + ((constant - new[0]) * (lasting - new[1])).sum(axis=0) / 2
+    variance, both_variance, slow_variance = (
+        np.einsum("gt,gt->g", looked, each)[:, None] for each in (of_constant, of_both, of_slow)
+    )
     leave = 1 - stay
     apart = before.means[..., columns] - new
     means = new + stay * apart
     means[1] *= keep
     covariances = stay * before.covariances[..., columns]
     covariances[0] += leave * variance
-    covariances[2] += leave * drift_variance
+    covariances[1] += leave * both_variance
+    covariances[2] += leave * (slow_variance + on_target)
     both = stay * leave / 2
     covariances[:2] += both * (apart[0] * apart).sum(axis=1)
     covariances[2] += both * (apart[1] ** 2).sum(axis=0)
     covariances[1] *= keep
     covariances[2] *= keep**2
-    covariances[2] += (1 - keep**2) * drift_variance
-    return GazeError(means=means, covariances=covariances)
+    covariances[2] += (1 - keep**2) * drift
+    return GazeError(means=means, covariances=covariances, lasting=_lasting(slow, drift))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,5 +138,6 @@ def weigh_gaze(predicted: GazeError, offset: Float, noise: Float) -> tuple[GazeE
     after = GazeError(
         means=predicted.means + gain[:, None] * surprise,
         covariances=predicted.covariances - gain.take(_FIRST, axis=0) * to_parts.take(_SECOND, axis=0),
+        lasting=predicted.lasting,
     )
     return after, evidence
