@@ -209,9 +209,10 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None) -> N
     if not (found := wrong()):
         say("No wrong frame.")
         return
-    recordings = served_recordings(run)
+    recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
     say(f"{len(found)} wrong frames")
-    browse(recordings.values(), ["/"], more=(*failures_routes(wrong, recordings), *correction_routes(directory)))
+    failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
+    browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
 
 
 def _wrong_frames(

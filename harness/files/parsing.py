@@ -266,10 +266,12 @@ def _check(document: Any, where: object, *, most: int = MOST_VALUES) -> None:
     """Reject a document that is too deep, too large, or has an integer of more than 64 bits."""
 
     def below(value: Any) -> Iterable[Any]:
-        if isinstance(value, Mapping):
+        if isinstance(value, int):  # first: a run's manifest has two for each frame
+            if abs(value) > LARGEST_INTEGER:
+                raise _too_large(where)
+            return ()
+        if isinstance(value, dict):
             return value.values()
-        if type(value) is int and abs(value) > LARGEST_INTEGER:
-            raise _too_large(where)
         return value if isinstance(value, list | tuple | set) else ()
 
     _check_levels([document], below, where, most=most)

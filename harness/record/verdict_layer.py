@@ -79,7 +79,8 @@ def write_verdict_layers(
     """
     manifest = directory.read_manifest()
     clips = {clip.name: (clip.subjects, clip.targets) for clip in manifest.clips}
-    reader, columns, of_pair = TableReader(directory), ColumnReader(directory), dict[Pair, list[Block]]()
+    reader, columns = TableReader(directory, manifest), ColumnReader(directory, manifest)
+    of_pair: dict[Pair, list[Block]] = {}
     for block in reader.blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import RunManifest
 from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
-from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, check_ascending, find_tables, read_arrow
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, check_ascending, count_rows, find_tables, read_arrow
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, Float
 
@@ -165,19 +166,18 @@ class ColumnReader:
         also holds for what is read later.
     """
 
-    def __init__(self, directory: RunDirectory) -> None:
+    def __init__(self, directory: RunDirectory, manifest: RunManifest) -> None:
         self.words = Words()
-        self._paths = dict(find_tables(directory))
-        configurations = directory.read_manifest().configurations
-        self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
-        kept = lru_cache(maxsize=_KEPT_SCENES)
+        self._paths = dict(find_tables(directory, manifest=manifest))
+        self._filtered = {name: filtered_cues(settings) for name, settings in manifest.configurations.items()}
+        self._count, kept = cache(count_rows), lru_cache(maxsize=_KEPT_SCENES)
         self._scene = kept(self._read_scene)
         self._looks = kept(self._read_looks)
         self._measured = kept(self._read_measured)
 
     def frames(self, pair: Pair) -> int:
         """The number of frames of a (clip, configuration)."""
-        return len(self._scene(self._paths[pair]["frames"].parent, ()).frames)
+        return self._count(self._paths[pair]["frames"], "frames")
 
     def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
         """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""

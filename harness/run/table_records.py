@@ -13,6 +13,7 @@ from pathlib import Path
 from harness.files.digests import file_digest
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import RunManifest
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.tables import Row, check_ascending, find_tables, read_columns, read_numbers
 from vfoa.errors import VfoaError
@@ -51,10 +52,9 @@ class TableReader:
         also holds for what is read later.
     """
 
-    def __init__(self, directory: RunDirectory, clips: Collection[str] | None = None) -> None:
-        self._paths = dict(find_tables(directory, clips))
-        configurations = directory.read_manifest().configurations
-        self._filtered = {name: filtered_cues(settings) for name, settings in configurations.items()}
+    def __init__(self, directory: RunDirectory, manifest: RunManifest, clips: Collection[str] | None = None) -> None:
+        self._paths = dict(find_tables(directory, clips, manifest=manifest))
+        self._filtered = {name: filtered_cues(settings) for name, settings in manifest.configurations.items()}
         kept = lru_cache(maxsize=_KEPT_GROUPS)
         self._scene, self._directions = kept(_read_scene), kept(rows_by_frame)
 
@@ -87,9 +87,9 @@ class TableReader:
 def read_records(directory: RunDirectory, clips: Collection[str] | None = None) -> Iterator[FrameRecord]:
     """Yield the records of a finished run in the order of :attr:`TableReader.blocks`.
 
-    Parameters and errors are those of :class:`TableReader`.
+    ``clips`` and errors are those of :class:`TableReader`.
     """
-    reader = TableReader(directory, clips)
+    reader = TableReader(directory, directory.read_manifest(), clips)
     for block in reader.blocks:
         yield from reader.read(block)
 

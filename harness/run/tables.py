@@ -24,6 +24,7 @@ import numpy as np
 
 from harness.files.io import opened
 from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import RunManifest
 from vfoa.errors import VfoaError
 from vfoa.types import DirectionFit
 
@@ -316,11 +317,11 @@ def _schema(table: str) -> Any:
 
 
 def find_tables(
-    directory: RunDirectory, clips: Collection[str] | None = None
+    directory: RunDirectory, clips: Collection[str] | None = None, *, manifest: RunManifest | None = None
 ) -> Iterator[tuple[Pair, dict[str, Path]]]:
     """Find the files of the tables of every finished (clip, configuration), in the order of the experiment.
 
-    With ``clips``, find those of these clips alone.
+    With ``clips``, find those of these clips alone. ``manifest`` is the run's, if it has been read.
 
     Raises
     ------
@@ -328,7 +329,7 @@ def find_tables(
         If one of the answers is missing or damaged, or the run has no tables: it is of an earlier version, or not
         finished.
     """
-    manifest = directory.read_manifest()
+    manifest = manifest or directory.read_manifest()
     if not manifest.finished or not (directory.path / "answers").is_dir():
         why = "is of an earlier version; run it again" if manifest.finished else "is not finished"
         raise VfoaError(f"{directory.path}: has no tables of frames (answers/): it {why}")
@@ -401,6 +402,12 @@ def read_arrow(path: Path, table: str, columns: Sequence[str]) -> pa.Table:
     """Read some columns of a table. Raises the errors of :func:`open_table`."""
     with open_table(path, table) as file:
         return file.read(columns=list(columns), use_threads=False)
+
+
+def count_rows(path: Path, table: str) -> int:
+    """The number of rows of a table. Raises the errors of :func:`open_table`."""
+    with open_table(path, table) as file:
+        return int(file.metadata.num_rows)
 
 
 def read_numbers(path: Path, table: str) -> list[tuple[int, ...]]:

@@ -71,7 +71,7 @@ class FinishedRun:
         Renamed targets have their present names.
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
-        reader = TableReader(self.directory)
+        reader = TableReader(self.directory, self.manifest)
         counts = Counter[Pair]()
         for block in reader.blocks:
             counts[block.clip, block.configuration] += len(block.frames)
@@ -89,7 +89,7 @@ class FinishedRun:
             If there is no such frame, or a table is missing, damaged, of another version, or has lost frames.
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
-        reader = ColumnReader(self.directory)
+        reader = ColumnReader(self.directory, self.manifest)
         for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}):
             yield reader.read(pair, names[pair[0]])
 

@@ -155,7 +155,7 @@ def read_run(path: Path) -> Any:
     run = _run(once(path, _run))
     shutil.copyfile(path, _table(run, path.name))
     directory = RunDirectory(run)
-    reader = ColumnReader(directory)
+    reader = ColumnReader(directory, directory.read_manifest())
     columns = [reader.read(pair) for pair in reader.pairs]
     return list(read_records(directory)), columns
 

@@ -149,7 +149,8 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
         if chosen is None:
             continue
         clip, of = clips[chosen.clip], (chosen.clip, chosen.configuration)
-        reader = TableReader(RunDirectory(each.run), [chosen.clip])
+        directory = RunDirectory(each.run)
+        reader = TableReader(directory, directory.read_manifest(), [chosen.clip])
         near = [frame for frame in clip.frames if abs(frame - chosen.frame) <= _AROUND]
         blocks = [block for block in reader.blocks if (block.clip, block.configuration) == of]
         content = read_frame(clip, chosen.configuration, chosen.subject, chosen.frame)

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import sys
 
 import pytest
 
 from harness.cli import main
-from harness.cli.view import describe, next_place, wrong_verdicts
+from harness.cli.view import browse_failures, describe, next_place, wrong_verdicts
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.directory import RunDirectory
 from harness.score.reference import Reference
@@ -83,6 +84,24 @@ def test_without_a_terminal_or_with_a_frame_it_is_one_line(more, said, tmp_path,
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_the_page_of_failures_is_scored_anew_only_after_it_was_shown(tmp_path, monkeypatch):
+    from harness.score import finished_run
+
+    (tmp_path / "b__two.rrd").touch()
+    clips = [{"name": "b", "frames": [1, 3, 7]}]
+    write_manifest(RunDirectory(tmp_path), {"clips": clips, "configurations": {"two": {}}})
+    scored, served = [], []
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory: scored.append(directory) or SCORES)
+    monkeypatch.setattr(sys.modules["harness.cli.view"], "browse", lambda recordings, paths, more: served.extend(more))
+    browse_failures(tmp_path, None, None)
+    (listed,) = (route.endpoint for route in served if route.path == "/failures.json")
+    counts = []
+    for _ in range(3):
+        assert [row["frame"] for row in json.loads(listed(None).body)] == [3, 7]
+        counts.append(len(scored))
+    assert counts == [1, 2, 3]
 
 
 def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys):

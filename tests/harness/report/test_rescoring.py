@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from harness.report.write import rescore
-from harness.run import tables
+from harness.run import columns, tables
 from harness.run.directory import RunDirectory
+from harness.run.manifest import RunManifest
 from harness.run.records import FrameRecord
+from harness.score.finished_run import read_scores
 from tests import large_run
 from tests.records import write_manifest, write_run
 from vfoa.types import DirectionFit
@@ -80,6 +85,28 @@ def test_another_record_and_another_label_change_the_tables_and_back_again(run: 
         tables_of.append(_written(run)["frr.csv"])
     assert len({*tables_of}) == 4
     assert all(_written(run)[name] == before[name] for name in ("frr.csv", "comparisons.csv", "measures.csv"))
+
+
+def test_scoring_reads_the_manifest_and_every_table_once(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifests, read = list[RunDirectory](), Counter[tuple[str, ...]]()
+
+    def read_manifest(directory: RunDirectory) -> RunManifest:
+        manifests.append(directory)
+        return read_before(directory)
+
+    def read_arrow(path: Path, table: str, names: Sequence[str]) -> Any:
+        read[path.as_posix(), *names] += 1
+        return tables.read_arrow(path, table, names)
+
+    read_before = RunDirectory.read_manifest
+    monkeypatch.setattr(RunDirectory, "read_manifest", read_manifest)
+    monkeypatch.setattr(columns, "read_arrow", read_arrow)
+    reader = columns.ColumnReader(run, read_before(run))
+    assert [reader.frames(pair) for pair in reader.pairs] == [FRAMES] * CONFIGURATIONS
+    assert not read
+    assert len(read_scores(run).judged_subjects) == CONFIGURATIONS * 2
+    assert manifests == [run]
+    assert {*read.values()} == {1}
 
 
 def test_scoring_imports_what_it_needs_alone() -> None:
