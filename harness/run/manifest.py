@@ -8,6 +8,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
 from harness.files.parsing import differing_keys
+from harness.run.notes import NoteKind
 from vfoa.settings import Settings
 
 MOST = 3
@@ -91,6 +92,18 @@ class ClipOfRun(_Table):
         return tuple(self.names.targets) if self.names else ()
 
 
+class NoteOfRun(_Table):
+    """A note of the experiment. Older runs have texts alone, which are taken for facts."""
+
+    text: str
+    kind: NoteKind = Field(default=NoteKind.FACT, strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _text_alone(cls, value: Any) -> Any:
+        return {"text": value} if isinstance(value, str) else value
+
+
 class AnswerTraits(_Table):
     """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
 
@@ -119,7 +132,7 @@ class RunManifest(_Table):
     """
 
     experiment: str = ""
-    notes: list[str] = []
+    notes: list[NoteOfRun] = []
     published: Published | None = None
     annotator: str | None = None
     recording: str | None = None

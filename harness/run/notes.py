@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import Enum, auto
-
-_ON_REPORTED = "FITTED ON WHAT IS REPORTED"
+from enum import StrEnum, auto
 
 
-class NoteKind(Enum):
-    """What a note says."""
+class NoteKind(StrEnum):
+    """What a note says, in a word that a run's manifest holds."""
 
     FACT = auto()
     """How clips, settings or scores are."""
@@ -37,15 +35,11 @@ class Note:
     def __str__(self) -> str:
         return self.text
 
-    @classmethod
-    def of_run(cls, text: str) -> Note:
-        """Return a note of a run's manifest, which holds texts alone."""
-        return cls(text, NoteKind.FITTED_ON_REPORTED if text.startswith(f"{_ON_REPORTED}:") else NoteKind.FACT)
-
 
 def fitted_on_reported(weights: str, clips: Iterable[str]) -> Note:
     """Return the warning that weights, such as "the default weights", were fitted on clips that are reported."""
-    return Note(f"{_ON_REPORTED}: {weights} were fitted on {', '.join(clips)}.", NoteKind.FITTED_ON_REPORTED)
+    text = f"FITTED ON WHAT IS REPORTED: {weights} were fitted on {', '.join(clips)}."
+    return Note(text, NoteKind.FITTED_ON_REPORTED)
 
 
 def unlabelled(clip: str, reason: str) -> Note:

@@ -25,7 +25,7 @@ from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
-from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, RunManifest
+from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
 from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
@@ -209,7 +209,7 @@ def describe(plan: Plan) -> RunManifest:
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
     return RunManifest(
         experiment=plan.experiment.name,
-        notes=[note.text for note in plan.experiment.notes],
+        notes=[NoteOfRun(text=note.text, kind=note.kind) for note in plan.experiment.notes],
         published=plan.experiment.published,
         annotator=plan.experiment.annotator,
         clips=[_describe_clip(prepared, plan.experiment) for prepared in plan.clips],

@@ -162,7 +162,7 @@ class FinishedRun:
             frames={clip.name: clip.frames for clip in run.clips},
             notes=(
                 *map(Note, _left_out(run)[2]),
-                *map(Note.of_run, run.notes),
+                *(Note(note.text, note.kind) for note in run.notes),
                 *map(Note, carried_mask_notes(run.configurations)),
                 *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
                 *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,7 +32,11 @@ def test_what_is_no_run_says_where_runs_are(place: str, found: str) -> None:
     assert str(error.value) == f"{place}: expected a run's directory, {found}"
 
 
-def test_a_commit_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    write_manifest(RunDirectory(tmp_path), {"commit": 5})
-    with pytest.raises(VfoaError, match="commit"):
+@pytest.mark.parametrize(
+    ("manifest", "key"),
+    [({"commit": 5}, "commit"), ({"notes": [{"text": "Ours.", "kind": "doubts"}]}, "notes.0.kind: .*'doubts'")],
+)
+def test_a_key_of_another_kind_is_refused(manifest: dict[str, Any], key: str, tmp_path: Path) -> None:
+    write_manifest(RunDirectory(tmp_path), manifest)
+    with pytest.raises(VfoaError, match=key):
         RunDirectory(tmp_path).read_manifest()

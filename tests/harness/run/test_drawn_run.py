@@ -79,7 +79,8 @@ def test_four_key_frames_are_enough_for_a_clip_without_masks(drawn_clip: Path, m
     assert rates["(all)"][0] == 42
     assert min(rate for _, rate in rates.values()) > 0.9
     manifest = json.loads(directory.manifest.read_text())
-    assert manifest["notes"] == [f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."]
+    note = f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."
+    assert manifest["notes"] == [{"text": note, "kind": "fact"}]
 
 
 def test_answers_from_scenes_are_those_of_the_loop(drawn_clip: Path) -> None:

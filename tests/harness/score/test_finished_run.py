@@ -12,7 +12,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from harness.run.directory import RunDirectory
 from harness.run.manifest import AnswerTraits, RunManifest
-from harness.run.notes import NoteKind
+from harness.run.notes import Note, NoteKind
 from harness.score.finished_run import FinishedRun, read_scores
 from tests.disk import write_text
 from tests.records import answers, write_run
@@ -52,11 +52,15 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
         {"name": name, "manifest": "", "frames": [1], "notes": notes}
         for name, notes in (("studio_table", ["Rendered."]), ("studio_talk", ["Rendered.", "Two people."]))
     ]
-    manifest = {"notes": ["Ours."], "clips": clips, "configurations": {"one": {}}, "finished": "now"}
+    ours = ["Of an older run.", {"text": "Ours.", "kind": "doubt"}]
+    manifest = {"notes": ours, "clips": clips, "configurations": {"one": {}}, "finished": "now"}
     run = _finished(tmp_path, **manifest)
-    assert [note.text for note in run.reference().notes] == [
-        *("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")
-    ]
+    assert run.reference().notes == (
+        Note("Of an older run."),
+        Note("Ours.", NoteKind.DOUBT),
+        Note("studio_table, studio_talk: Rendered."),
+        Note("studio_talk: Two people."),
+    )
 
 
 def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(

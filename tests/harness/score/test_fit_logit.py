@@ -20,7 +20,7 @@ from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
-from harness.run.notes import Note, NoteKind
+from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.score.fit_logit import folds_of
 from harness.score.labelled_run import labelled_people, read_labelled
@@ -129,7 +129,6 @@ def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path)
     (on_itself,) = load_experiment("talk.toml", preset=str(fitted)).notes
     assert on_itself.kind is NoteKind.FITTED_ON_REPORTED
     assert on_itself.text == "FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two."
-    assert Note.of_run(on_itself.text) == on_itself
 
 
 def test_a_wrong_weight_is_named(fitted: Path) -> None:
