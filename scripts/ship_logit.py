@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,8 +29,8 @@ from harness.files.io import atomic_write
 from harness.report.fit import fitted_text
 from harness.run.directory import RunDirectory
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
-from harness.score.fit_logit import Person, answers, is_on_target, score
-from harness.score.labelled_run import read_features
+from harness.score.fit_logit import answers, is_on_target, score
+from harness.score.labelled_run import Person, read_features
 from vfoa.logit import Cases, LogitSettings, LogitWeights, Weights
 from vfoa.logit_cues import ROWS, Case
 from vfoa.logit_fit import (
@@ -124,11 +124,20 @@ def _left_out(settings: Settings, designs: Mapping[str, Designs]) -> Iterator[Me
     for name, people in settings.items():
         weights = _fitted([of_other for other, of_other in designs.items() if other != name])
         for case in ROWS:
-            chosen = [each for person in people if (each := _with(person, case)).labelled]
+            chosen = _distinct(each for person in people if (each := _with(person, case)).labelled)
             for smoothing in SMOOTHINGS if chosen else ():
                 outcomes = np.concatenate([answers(person, weights, smoothing) for person in chosen])
                 targets = np.concatenate([is_on_target(person) for person in chosen])
                 yield score(f"{name} left out, {case}, {smoothing}", outcomes, targets)
+
+
+def _distinct(people: Iterable[Person]) -> list[Person]:
+    """Everyone once: runs of several gaze errors have the same heads."""
+    found: dict[tuple[object, ...], Person] = {}
+    for person in people:
+        frames = b"".join(seen.now.tobytes() for seen in person.sequence.seen)
+        found.setdefault((person.sequence.group, frames), person)
+    return list(found.values())
 
 
 def _with(person: Person, case: Case) -> Person:
