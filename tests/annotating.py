@@ -152,12 +152,15 @@ def _records() -> list[FrameRecord]:
     return records
 
 
-def wait_for(condition: Callable[[], object], *, at_most_s: float = 120.0) -> None:
-    """Wait until something holds; fail if it does not within a time that only a fault can take."""
+def wait_for(condition: Callable[[], object], *, at_most_s: float = 120.0, every_s: float = 0.02) -> None:
+    """Wait until something holds; fail if it does not within a time that only a fault can take.
+
+    A page that software draws answers between two pictures: ask it less often than it draws.
+    """
     end = time.monotonic() + at_most_s
     while not condition():
         assert time.monotonic() < end, "it did not come to hold"
-        time.sleep(0.02)
+        time.sleep(every_s)
 
 
 def shown(browser: Chrome) -> int | None:
