@@ -21,7 +21,8 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import RecordingKind, load_experiment
 from harness.run.manifest import MOST, Failure
-from harness.run.tables import TABLES, make_table, read_table
+from harness.run.table_files import make_table, read_table
+from harness.run.tables import TABLES
 from harness.score.compared_runs import compare_runs as _compare_runs
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig

@@ -13,7 +13,7 @@ from harness.pipeline.perception import Followed, Perception, pose_frames
 from harness.run.attend import attend_scenes
 from harness.run.directory import RunDirectory
 from harness.run.plan import PreparedClip
-from harness.run.tables import find_tables
+from harness.run.table_files import find_tables
 from harness.sources import MeasuredClip
 from vfoa.pipeline import Attending
 from vfoa.types import Attention, FrameResult

@@ -22,7 +22,8 @@ from harness.run.columns import (
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scenes import FolderWriter, key_of, remove_unused
-from harness.run.tables import TABLES, Row, TableWriter, make_table
+from harness.run.table_files import Row, TableWriter, make_table
+from harness.run.tables import TABLES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -86,6 +86,7 @@ DOORS = {
     ),
     "pyarrow": (
         "harness/record/",
+        "harness/run/table_files.py",
         "harness/run/tables.py",
         "harness/pipeline/stage_files/answer_tables.py",
         "harness/report/stages.py",

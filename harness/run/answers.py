@@ -19,7 +19,7 @@ from harness.files.io import take_lock
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
-from harness.run.tables import Row, TableWriter
+from harness.run.table_files import Row, TableWriter
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, DirectionFit
 

@@ -24,8 +24,8 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import Camera, ClipContext, FinishedFrame, FrameSink, SinkContext, SinkFactory
 from harness.run.records import TargetRecord, to_record
 from harness.run.scenes import Keys, paths_of
-from harness.run.table_records import frames_of, rows_by_frame, target_record
-from harness.run.tables import Row, find_tables, read_columns
+from harness.run.table_files import Row, find_tables, frames_of, read_columns
+from harness.run.table_records import rows_by_frame, target_record
 from harness.sources import Clip, MeasuredClip
 from vfoa.config import dotted_tables, read_steps
 from vfoa.errors import StageError, VfoaError, check_known
@@ -74,7 +74,7 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
     Parameters
     ----------
     paths
-        The files of the tables, as :func:`harness.run.tables.find_tables` gives them.
+        The files of the tables, as :func:`harness.run.table_files.find_tables` gives them.
 
     Raises
     ------

@@ -18,7 +18,8 @@ from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
-from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, check_ascending, count_rows, find_tables, read_arrow
+from harness.run.table_files import check_ascending, count_rows, find_tables, read_arrow
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, Float
 
@@ -152,7 +153,7 @@ class Tables:
         return cls({table: folder / f"{table}.parquet" for table in tables})
 
     def read(self, table: str, columns: Sequence[str]) -> Any:
-        """Columns of a table, as a table of Arrow. Raises as :func:`harness.run.tables.open_table` does."""
+        """Columns of a table, as a table of Arrow. Raises as :func:`harness.run.table_files.open_table` does."""
         return read_arrow(self.paths[table], table, columns)
 
 
@@ -222,8 +223,8 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
         instance_at=instance_at,
         instance_ids=ids,
         names=_words(instances, "name", words, names_now),
-        boxes_px=_vectors(instances, "box_px", 4, tables.paths["instances"]),
-        centers_m=_vectors(instances, "center_m", 3, tables.paths["instances"]),
+        boxes_px=_vectors(instances, "box_px", 4),
+        centers_m=_vectors(instances, "center_m", 3),
         person_at=person_at,
         tracks=_numbers(people, "track_id"),
         person_names=_words(people, "name", words),
@@ -236,7 +237,7 @@ def look_columns(scene: SceneColumns, tables: Tables, words: Words) -> LookColum
     path = tables.paths["directions"]
     names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m")
     table = _of_people(scene, tables.read("directions", names), path)
-    eyes_m, gaze, head = (_vectors(table, name, 3, path) for name in ("eye_origin_m", "gaze", "head"))
+    eyes_m, gaze, head = (_vectors(table, name, 3) for name in ("eye_origin_m", "gaze", "head"))
     return LookColumns(
         eyes_m=eyes_m,
         gaze=gaze,
@@ -269,7 +270,7 @@ def answer_columns(
     columns = (*_ANSWERS, *(f"{cue}_filtered" for cue in filtered))
     table = _of_people(scene, tables.read("answers", columns), path)
     after = {"gaze": looks.gaze, "head": looks.head}
-    after |= {cue: _vectors(table, f"{cue}_filtered", 3, path) for cue in filtered}
+    after |= {cue: _vectors(table, f"{cue}_filtered", 3) for cue in filtered}
     attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
     ids = _flat(table, "targets").to_numpy()
     gaze, head, total = (_flat(table, name).to_numpy(zero_copy_only=False) for name in (*CUES, "total"))
@@ -411,12 +412,10 @@ def _flat(table: Any, name: str) -> Any:
     return _column(table, name).flatten()
 
 
-def _vectors(table: Any, name: str, length: int, path: Path) -> Float:
+def _vectors(table: Any, name: str, length: int) -> Float:
     """Vectors (n, length); NaN stands for unknown ones."""
     column = _column(table, name)
     is_known = column.is_valid().to_numpy(zero_copy_only=False)
-    if (_lengths(table, name)[is_known] != length).any():
-        raise VfoaError(f"{path}: {name}: expected lists of {length} numbers")
     vectors = np.full((len(table), length), np.nan)
     vectors[is_known] = column.flatten().to_numpy().reshape(-1, length)
     return vectors

@@ -22,7 +22,7 @@ from harness.run.frame_sink import lacks_files
 from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.scenes import Keys, paths_of
-from harness.run.tables import answer_tables
+from harness.run.table_files import answer_tables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings

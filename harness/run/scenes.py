@@ -34,16 +34,8 @@ from harness.pipeline.stage_runner import timed
 from harness.run.answers import time_rows
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import head_width_m
-from harness.run.tables import (
-    DIRECTIONS_TABLES,
-    SCENE_TABLES,
-    Row,
-    TableWriter,
-    directions_tables,
-    find_tables,
-    scene_tables,
-    write_again,
-)
+from harness.run.table_files import Row, TableWriter, find_tables, write_again
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES, directions_tables, scene_tables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -101,7 +93,7 @@ _PLACED_BY = ("vfoa.reconstruction", "vfoa.tracking", "vfoa.drawn", "vfoa.visibl
 """Code that decides the values of a scene, with all that it imports."""
 _WRITTEN_BY = (
     *("vfoa.pipeline", "harness.pipeline.perception", "harness.pipeline.drawn_stage", "harness.pipeline.measures"),
-    *("harness.run.scenes", "harness.run.tables"),
+    *("harness.run.scenes", "harness.run.tables", "harness.run.table_files"),
 )
 """Code that decides them alone: among what it imports are the methods of attention, which do not."""
 

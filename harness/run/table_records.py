@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from pathlib import Path
+
+import numpy as np
 
 from harness.files.digests import file_digest
 from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.tables import Row, check_ascending, find_tables, read_columns, read_numbers
+from harness.run.table_files import Row, find_tables, frames_of, read_arrow, read_columns
 from vfoa.errors import VfoaError
 from vfoa.types import Cue
 
@@ -104,15 +105,8 @@ def most_people(directory: RunDirectory, clips: Collection[str]) -> dict[str, in
 
 
 def _most_people(path: Path) -> int:
-    counts = Counter(frame for frames in read_numbers(path, "people") for frame in frames)
-    return max(counts.values(), default=0)
-
-
-def frames_of(path: Path) -> list[tuple[int, ...]]:
-    """The frames of each row group of ``frames.parquet``."""
-    groups = read_numbers(path, "frames")
-    check_ascending(path, chain.from_iterable(groups))
-    return groups
+    _, counts = np.unique(read_arrow(path, "people", ["frame"]).column("frame").to_numpy(), return_counts=True)
+    return int(counts.max(initial=0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -266,7 +266,7 @@ def left_out_weights(
     ----------
     tables
         The scene and directions of each (clip, configuration), which give the features
-        (:func:`harness.run.tables.find_tables`).
+        (:func:`harness.run.table_files.find_tables`).
     labels
         Those of each clip that has some, in the order of the experiment.
 

@@ -155,7 +155,7 @@ def test_only_layers_that_change_are_written(shared):
 
 
 def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stays(shared, read_back, monkeypatch):
-    monkeypatch.setattr("harness.run.tables.GROUP_FRAMES", 2)  # blocks of frames 10 and 11, 13 and 14
+    monkeypatch.setattr("harness.run.table_files.GROUP_FRAMES", 2)  # blocks of frames 10 and 11, 13 and 14
     directory, read, real = RunDirectory(shared.run), [], TableReader.read
     records = list(read_records(directory))
     by_pair = {

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from harness.report.write import rescore
-from harness.run import columns, tables
+from harness.run import columns, table_files
 from harness.run.directory import RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.records import FrameRecord
@@ -28,7 +28,7 @@ FRAMES, GROUP, CONFIGURATIONS = 90, 30, 2
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     """A run of two configurations, one of them with probabilities, in three row groups each; scored once."""
-    monkeypatch.setattr(tables, "GROUP_FRAMES", GROUP)
+    monkeypatch.setattr(table_files, "GROUP_FRAMES", GROUP)
     directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
     manifest = directory.read_manifest().plain()
     manifest["methods"] = {"configuration-1": {"probabilistic": True, "says_nowhere": True}}
@@ -64,7 +64,7 @@ def _written(directory: RunDirectory) -> dict[str, bytes]:
 def test_several_row_groups_give_the_tables_of_one(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
     rescore(run)  # the page shows the labels that the first scoring noted in the manifest
     in_groups = _written(run)
-    monkeypatch.setattr(tables, "GROUP_FRAMES", FRAMES)
+    monkeypatch.setattr(table_files, "GROUP_FRAMES", FRAMES)
     write_run(run.path, _records())
     rescore(run)
     assert _written(run) == in_groups
@@ -96,7 +96,7 @@ def test_scoring_reads_the_manifest_and_every_table_once(run: RunDirectory, monk
 
     def read_arrow(path: Path, table: str, names: Sequence[str]) -> Any:
         read[path.as_posix(), *names] += 1
-        return tables.read_arrow(path, table, names)
+        return table_files.read_arrow(path, table, names)
 
     read_before = RunDirectory.read_manifest
     monkeypatch.setattr(RunDirectory, "read_manifest", read_manifest)

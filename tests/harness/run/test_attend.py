@@ -20,8 +20,8 @@ from harness.run.experiment import load_experiment
 from harness.run.plan import Plan
 from harness.run.records import TargetRecord
 from harness.run.runner import prepare, run_plan
+from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
-from harness.run.tables import find_tables, read_table
 from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of

@@ -13,11 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.run import tables
+from harness.run import table_files
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
+from harness.run.table_files import read_table
 from harness.run.table_records import read_records
-from harness.run.tables import TABLES, read_table
+from harness.run.tables import TABLES
 from tests.drawn_records import records
 from tests.record_tables import write_tables
 from tests.records import frame_record, subject_record, target_record, write_manifest
@@ -65,7 +66,7 @@ def test_a_number_of_a_frame_is_kept(record: FrameRecord, tmp_path_factory: pyte
 
 
 def test_row_groups_have_the_same_frames_in_all_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "GROUP_FRAMES", 2)
+    monkeypatch.setattr(table_files, "GROUP_FRAMES", 2)
     people = ((), (), (GIRL,), (), (GIRL, replace(GIRL, track_id=2)))
     written = [frame_record([CUP, CAN], each, frame=frame) for frame, each in enumerate(people, start=1)]
     directory = _run(tmp_path, _paired(*written))
@@ -181,7 +182,7 @@ def _with_column(name: str, values: Iterable[object]):
 )
 def test_a_damaged_table_is_one_line_with_the_file(tmp_path: Path, place: str, damage, expected: str) -> None:
     directory = _run(tmp_path, _paired(*(frame_record([CUP, CAN], [GIRL], frame=frame) for frame in (1, 2))))
-    ((_, paths),) = tables.find_tables(directory)
+    ((_, paths),) = table_files.find_tables(directory)
     damage(paths[place])
     with pytest.raises(VfoaError, match=expected) as caught:
         list(read_records(directory))
@@ -192,7 +193,7 @@ def test_a_damaged_table_is_one_line_with_the_file(tmp_path: Path, place: str, d
 def test_a_flipped_bit_is_an_error_or_without_effect(tmp_path: Path) -> None:
     written = [frame_record([CUP, CAN], [GIRL], frame=frame) for frame in range(1, 40)]
     directory = _run(tmp_path, _paired(*written))
-    ((_, paths),) = tables.find_tables(directory)
+    ((_, paths),) = table_files.find_tables(directory)
     whole, chance = paths["answers"].read_bytes(), np.random.default_rng(4)
     found = 0
     for _ in range(200):

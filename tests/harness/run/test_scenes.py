@@ -15,8 +15,8 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.scenes import SceneWriters, key_of
+from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
-from harness.run.tables import find_tables, read_table
 from tests.disk import write_text
 from tests.records import write_manifest
 from vfoa.bayes import RAYS
