@@ -165,6 +165,12 @@ def test_figures_in_documents_are_those_of_the_reports() -> None:
     assert stale == []
 
 
+def test_every_report_is_listed_with_the_command_that_made_it() -> None:
+    reports = REPOSITORY / "reports"
+    listed = re.findall(r"^\| `(\w+\.md)` \| .*`.+`", (reports / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == sorted({path.name for path in reports.glob("*.md")} - {"README.md"})
+
+
 def test_a_figure_that_differs_from_its_report_is_replaced() -> None:
     source = "figure: reports/demo.md | Focus recognition rate | (all), sgbm-two | FRR %"
     stale = f"right in <!-- {source} -->1.2<!-- end --> %"
