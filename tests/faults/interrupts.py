@@ -3,7 +3,8 @@
 Every run gets one signal, as a terminal, a closed terminal, a batch system or a full memory sends it; half of them
 while recordings are being closed. A trial holds if all processes end within 5 s without a traceback, and if the run,
 continued after some interrupts, writes the tables and the recordings of a run without any. Tracebacks of Python's own
-start, before it imports anything of this program, are not counted.
+start, before it imports anything of this program, are not counted. ``--cluster`` does so on a Dask cluster of two
+workers, which outlive the runs.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
+from scripts.measure.many_clips import local_cluster
 from tests.alley import write_matching
 from tests.recorded import values_of
 from tests.repository import REPOSITORY
@@ -52,8 +54,11 @@ class Trial:
 class Runs:
     """Runs of one experiment."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, scheduler: str | None) -> None:
         self._folder, self._experiment = folder, write_matching(folder, FRAMES, "second")
+        self._places = {workers: ("--workers", str(workers)) for workers in (1, 2, 4)}
+        if scheduler is not None:
+            self._places[2] = ("--scheduler", scheduler)
         self.seconds: dict[int, float] = {}
         self._expected = self._written(self._finish(1))
         for workers in (2, 4):
@@ -62,7 +67,7 @@ class Runs:
     def start(self, out: Path, workers: int, rng: Random) -> subprocess.Popen[bytes]:
         """Start a run in a process group of its own."""
         cache = rng.choice([["--no-cache"], ["--cache", str(self._folder / f"cache{rng.random()}")]])
-        words = ["run", str(self._experiment), "--out", str(out), "--workers", str(workers)]
+        words = ["run", str(self._experiment), "--out", str(out), *self._places[workers]]
         return subprocess.Popen(
             [Path(sys.executable).with_name("vfoa"), *words, *cache],
             env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
@@ -181,10 +186,12 @@ def main(words: Sequence[str] | None = None) -> int:
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
     options.add_argument("--load", type=int, default=0, help="Processes that keep processors busy.")
+    options.add_argument("--cluster", action="store_true", help="Runs with 2 workers go to a Dask cluster.")
     given = options.parse_args(words)
     rng, trials, differing = Random(given.seed), [], []
-    with tempfile.TemporaryDirectory() as folder, load(given.load):
-        runs = Runs(Path(folder))
+    cluster = local_cluster(2) if given.cluster else nullcontext()
+    with tempfile.TemporaryDirectory() as folder, load(given.load), cluster as scheduler:
+        runs = Runs(Path(folder), scheduler)
         while len(trials) < given.times:
             out, workers = Path(folder) / f"out-{len(trials)}", rng.choice(given.workers)
             for _ in range(IN_A_ROW):
