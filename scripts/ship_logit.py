@@ -51,6 +51,8 @@ CARRIED = 0.1
 settings, and the posterior's answer less so."""
 SPREAD = 2.0
 """Spread of the constant in a setting that nobody labelled."""
+POOLED = 0.5
+"""Share of the posterior in a setting that nobody labelled: equal shares, since four settings tell no better ones."""
 HEAD = """# The weights that ship with vfoa, as `python -m scripts.ship_logit` wrote them: fitted on several settings
 # at once, each of the same weight. held_out: scores on each setting with weights fitted on the others alone.
 """
@@ -115,7 +117,7 @@ def _fitted(settings: Sequence[Designs]) -> LogitWeights:
         spreads = np.array([CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat(carried, scales)])
         design = joined([each[case, smoothing] for each in settings if (case, smoothing) in each])
         vector = maximised(design, spreads**-2.0).round(4).tolist()
-        cases[smoothing][case] = Weights.of(case, vector).model_copy(update={"spread": SPREAD})
+        cases[smoothing][case] = Weights.of(case, vector).model_copy(update={"spread": SPREAD, "pooled": POOLED})
     return LogitWeights(**{smoothing: Cases(**of_each) for smoothing, of_each in cases.items()})
 
 

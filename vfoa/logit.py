@@ -10,7 +10,8 @@ f grows with the angle between cue and target, the means are running means over 
 head alone have weights of their own. One cue is the posterior's answer (:mod:`vfoa.bayes`).
 
 How much people look at nothing differs most between settings. Weights for a setting that nobody labelled have a
-``spread``: the probabilities are means over a normal distribution of the constant.
+``spread``: the probabilities are means over a normal distribution of the constant. And they are ``pooled`` with the
+posterior's, which was fitted to none of these settings: a linear opinion pool (Stone 1961).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pydantic import Field, model_validator
 
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe, posterior_chances
 from vfoa.methods import MethodSettings, seconds_between
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
@@ -62,6 +63,8 @@ class Weights(Settings):
     """Weights of the posterior's log odds."""
     spread: float = Field(default=0.0, ge=0, le=5)
     """Standard deviation of the constant between settings; 0 for weights that were fitted in the setting itself."""
+    pooled: float = Field(default=0.0, ge=0, le=1)
+    """Share of the posterior's own probabilities in the answer; 0 for weights fitted in the setting itself."""
 
     @property
     def vector(self) -> Float:
@@ -310,7 +313,10 @@ def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[
 
 def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
     """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
-    return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
+    fitted = probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
+    if weights.pooled == 0:
+        return fitted
+    return (1 - weights.pooled) * fitted + weights.pooled * posterior_chances(seen)
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:

@@ -205,6 +205,13 @@ def _odds_of_nowhere(chance: Float) -> Float:
     return np.asarray(np.log(max(1 - chance.sum(), 0.0) + _LEAST_CHANCE) - np.log(chance + _LEAST_CHANCE))
 
 
+def posterior_chances(seen: Seen) -> Float:
+    """Probabilities (T,) of the targets of a frame by the posterior, which its log odds hold."""
+    odds = np.exp(-seen.now[LOGIT_CUES.index("posterior")])
+    nowhere = (1 + _LEAST_CHANCE * (len(odds) - odds.sum())) / (1 + odds.sum())
+    return np.maximum((nowhere + _LEAST_CHANCE) * odds - _LEAST_CHANCE, 0.0)
+
+
 def _decay(gap_s: float) -> Float:
     """Factors (C, 1) of the running means over a time, by cue."""
     return np.exp(-gap_s / MEAN_S)[:, None]

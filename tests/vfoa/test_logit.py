@@ -14,10 +14,11 @@ from vfoa.logit import (
     Weights,
     probabilities,
     shipped_weights,
+    target_probabilities,
     weigh_again,
     weigh_attentions,
 )
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, Seen, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, Seen, later_means, observe, posterior_chances
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
@@ -186,6 +187,18 @@ def test_the_posterior_is_a_cue_of_its_own() -> None:
     assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
 
 
+@given(parts=st.lists(st.floats(0, 1), min_size=3, max_size=3), pooled=st.floats(0, 1))
+def test_the_posterior_is_pooled_with_what_was_fitted(parts: list[float], pooled: float) -> None:
+    """The posterior's probabilities come back from its log odds, and the answer is between both."""
+    chance = np.array(parts[:2]) / max(sum(parts), 1e-3)
+    seen, _ = observe(looking(LEFT, LEFT), TARGETS, {}, Means(), 0.1, dict(zip((2, 3), chance.tolist(), strict=True)))
+    assert seen.ids == (2, 3)
+    assert posterior_chances(seen) == pytest.approx(chance, abs=1e-9)
+    weights = shipped_weights().forward.both
+    alone, mixed = (target_probabilities(seen, weights.model_copy(update={"pooled": share})) for share in (0.0, pooled))
+    assert mixed == pytest.approx(alone + pooled * (chance - alone), abs=1e-9)
+
+
 def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
     generator = np.random.default_rng(1)
     true = np.array([1.0, 0.5, 2.0, -1.0])
@@ -221,7 +234,7 @@ def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> No
 def test_weights_survive_their_vector() -> None:
     for case, rows in ROWS.items():
         weights = getattr(shipped_weights().both, case)
-        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0})
+        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0, "pooled": 0.0})
         assert {name for name in LOGIT_CUES if getattr(weights, name)} == {LOGIT_CUES[row] for row in rows}
 
 
