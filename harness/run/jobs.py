@@ -1,13 +1,9 @@
-"""Divide a plan into jobs, run them and collect their outcomes.
-
-With more workers than clips, the workers perceive a clip in stretches and fill the cache (the warm-up), and the main
-process follows behind them with the steps that need an order.
-"""
+"""Divide a plan into jobs, run them and collect their outcomes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,14 +11,14 @@ from harness.files.digests import KNOWN
 from harness.pipeline.cache import Account, open_cache
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration, clouds_of
-from harness.pipeline.perception import Perception
 from harness.run.directory import Pair, RunDirectory, new_run_id
-from harness.run.executors import Executor, InProcess, Progress, compute_with
+from harness.run.executors import Executor, Progress, compute_with
 from harness.run.frame_sink import lacks_files
 from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
 from harness.run.scenes import Keys, paths_of
 from harness.run.table_files import answer_tables
+from harness.run.warm_up import GivenUpError, WarmUp, lost
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -32,14 +28,6 @@ CLIPS_PER_WORKER = 2
 
 PREFETCHED = 2
 """Frames that one thread reads, and another one perceives, in advance."""
-
-STRETCHES_PER_WORKER = 4
-"""Stretches per worker in what remains of a clip. Stretches are long at first, so that little is opened and sought, and
-short at the end, so that all workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
-
-LONGEST_STRETCH = 32
-"""Most frames of a stretch, so that nobody waits long for it."""
-
 
 Fit = Callable[[Mapping[Pair, Mapping[str, Path]]], Mapping[str, MethodSettings]]
 """Fits the weights that configurations lack, by name, from the tables of each (clip, configuration) that has some."""
@@ -97,14 +85,14 @@ def run_jobs(
     if cache and few:
         units = _share(jobs, executor, results, progress)
         progress = _silent
-    for job, outcome in zip(units, executor.run(run_clip, units, progress, _lost), strict=True):
+    for job, outcome in zip(units, executor.run(run_clip, units, progress, lost), strict=True):
         results.add(job, outcome)
     if fit and (unfitted := [each for each in plan.experiment.configurations if each.attend.attention.is_unfitted]):
         pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in unfitted]
         results.fitted.update(fit(_tables(directory, pairs, results)))
         fitted = [_with_weights(results.left(job), results.fitted) for job, _ in jobs]
         units = [unit for job in fitted for unit in _dealt(job, executor.workers if few else 1)]
-        for job, outcome in zip(units, executor.run(run_clip, units, _silent, _lost), strict=True):
+        for job, outcome in zip(units, executor.run(run_clip, units, _silent, lost), strict=True):
             results.add(job, outcome)
     if cache and any(job.cache is None for job, _ in jobs):  # these have not kept to the limit themselves
         cache.trim()
@@ -151,7 +139,7 @@ def _share(
     warm_up.finish()
     for job in deadly:
         apart = [replace(job, configurations=(each,), sinks=()) for each in job.configurations]
-        for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, _lost), strict=True):
+        for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, lost), strict=True):
             results.add(part, outcome)
         units.append(results.left(job))  # at once: they share recordings
     return [job for job in units if job.configurations]
@@ -169,10 +157,6 @@ def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
     """Divide the configurations of a clip that is perceived into this many jobs, or fewer."""
     dealt = (replace(job, configurations=job.configurations[hand::hands]) for hand in range(hands))
     return [each for each in dealt if each.configurations]
-
-
-def _lost(job: ClipJob, why: str) -> ClipResult:
-    return ClipResult(failures=dict.fromkeys(job.pairs, VfoaError(why)))
 
 
 def _silent(clip: str) -> None:
@@ -222,125 +206,3 @@ def _job(
     if store is None or isinstance(prepared.clip, MeasuredClip):  # poses: nothing to perceive
         return job
     return replace(job, cache=open_cache(store, clip, prepared.clip, job.configurations, prepared.digest))
-
-
-Unchanged = Callable[[], AbstractContextManager[None]]
-
-_opened: tuple[object, Perception, Unchanged] | None = None
-"""The last job of this process, its perception and the check of its files: the next stretch is usually of that clip."""
-
-
-def warm_clip(job: ClipJob, progress: Progress) -> ClipResult:
-    """Perceive the job's frames, in any order, so that the cache holds the outputs that :func:`run_clip` needs.
-
-    Clip, models and matchers stay open for the next job if it differs only in its frames.
-    """
-    try:
-        perception, unchanged = _open(job)
-    except VfoaError:  # run_clip will report it
-        return ClipResult(failures={})
-    with unchanged():
-        for number in job.frames:
-            perception.warm(number)
-            progress(job.manifest.name)
-    return ClipResult(failures={}, tallies=perception.take_tallies())
-
-
-def _open(job: ClipJob) -> tuple[Perception, Unchanged]:
-    global _opened
-    wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
-    if _opened is None or _opened[0] != wanted:
-        _opened = None  # two sets of models may not fit into memory
-        clip = job.manifest.open_images()
-        unchanged = job.unchanged(clip)
-        _opened = (wanted, Perception(job.configurations, clip, job.cache, drawn=job.drawn), unchanged)
-    return _opened[1:]
-
-
-class GivenUpError(Exception):
-    """A frame killed every worker that perceived it."""
-
-
-class WarmUp:
-    """Workers perceive the frames of these jobs that the cache lacks; they begin when the first frame is requested."""
-
-    def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
-        self._account, self._lost = account, set[tuple[str, int]]()
-        parts: list[ClipJob] = []
-        for job in jobs:
-            lacking = job.cache.lacking(job.frames) if job.cache else []
-            for _ in range(len(job.frames) - len(lacking)):
-                progress(job.manifest.name)
-            parts += [replace(job, frames=frames) for frames in stretches(lacking, executor.workers)]
-        self._waiting = {(part.manifest.name, frame) for part in parts for frame in part.frames}
-        self.clips = {part.manifest.name for part in parts}
-        self._arriving = zip(parts, executor.run(warm_clip, parts, progress, _lost), strict=True)
-
-    def frames(self, job: ClipJob) -> Iterator[int]:
-        """Yield a job's frames, each as soon as it is perceived.
-
-        Raises
-        ------
-        GivenUpError
-            At a stretch that killed its worker every time.
-        """
-        for number in job.frames:
-            while (job.manifest.name, number) in self._waiting:
-                self._take(*next(self._arriving))
-            if (job.manifest.name, number) in self._lost:
-                raise GivenUpError
-            yield number
-
-    def finish(self) -> None:
-        """Wait for the stretches that nobody requested."""
-        for part, outcome in self._arriving:
-            self._take(part, outcome)
-
-    def _take(self, part: ClipJob, outcome: ClipResult) -> None:
-        self._account.add(outcome.tallies)
-        frames = {(part.manifest.name, frame) for frame in part.frames}
-        self._waiting -= frames
-        if outcome.failures:
-            self._lost |= frames
-
-
-def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
-    """Divide frames into stretches for this many workers, which take them one after the other."""
-    at = 0
-    while at < len(frames):
-        length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))
-        yield tuple(frames[at : at + length])
-        at += length
-
-
-@contextmanager
-def executor(
-    workers: int,
-    scheduler: str | None = None,
-    *,
-    threads: int = 1,
-    modules: tuple[str, ...] = (),
-    sees: Path | None = None,
-) -> Iterator[Executor]:
-    """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
-
-    ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
-    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
-
-    Raises
-    ------
-    VfoaError
-        If the scheduler does not answer, has no workers, or has workers that would compute other results.
-    """
-    if scheduler is not None:
-        from harness.run.executors.cluster import Cluster, connect
-
-        with connect(scheduler) as client:
-            yield Cluster(client, modules, sees)
-    elif workers == 1:
-        yield InProcess(threads)
-    else:
-        from harness.run.executors.pool import Pool
-
-        with Pool(workers) as pool:
-            yield pool

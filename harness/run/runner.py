@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from harness.files.folders import read_value, write_value
 from harness.pipeline.cache import cache_lines
 from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory, locked, missing_of, new_run_id, removed_if_refused
-from harness.run.executors import Progress
+from harness.run.executors import Executor, InProcess, Progress
 from harness.run.frame_sink import lacks_files
-from harness.run.jobs import Fit, Results, executor, run_jobs, skip
+from harness.run.jobs import Fit, Results, run_jobs, skip
 from harness.run.manifest import RunManifest, differences
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
@@ -188,3 +189,36 @@ def _differences(directory: RunDirectory, identity: RunManifest) -> str:
 def _now() -> str:
     """The current time, in the manifest's format."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@contextmanager
+def executor(
+    workers: int,
+    scheduler: str | None = None,
+    *,
+    threads: int = 1,
+    modules: tuple[str, ...] = (),
+    sees: Path | None = None,
+) -> Iterator[Executor]:
+    """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
+
+    ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
+    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
+
+    Raises
+    ------
+    VfoaError
+        If the scheduler does not answer, has no workers, or has workers that would compute other results.
+    """
+    if scheduler is not None:
+        from harness.run.executors.cluster import Cluster, connect
+
+        with connect(scheduler) as client:
+            yield Cluster(client, modules, sees)
+    elif workers == 1:
+        yield InProcess(threads)
+    else:
+        from harness.run.executors.pool import Pool
+
+        with Pool(workers) as pool:
+            yield pool

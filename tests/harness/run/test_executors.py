@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from harness.run.executors import InProcess
-from harness.run.jobs import executor
+from harness.run.runner import executor
 from tests import tasks
 from tests.repository import REPOSITORY
 
@@ -105,7 +105,7 @@ def test_workers_that_do_not_answer_end_with_an_interrupted_run(tmp_path: Path) 
 
 def test_workers_do_not_outlive_a_run_that_was_killed(tmp_path: Path) -> None:
     code = (
-        "from pathlib import Path; from harness.run.jobs import executor\n"
+        "from pathlib import Path; from harness.run.runner import executor\n"
         "from tests.tasks import linger\n"
         "if __name__ == '__main__':\n"
         "    with executor(2) as pool:\n"

@@ -24,9 +24,8 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import Cluster, connect
 from harness.run.experiment import load_experiment
-from harness.run.jobs import executor
 from harness.run.loop import run_clip
-from harness.run.runner import prepare, run_plan
+from harness.run.runner import executor, prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.many_clips import local_cluster
 from tests import tasks
