@@ -199,7 +199,7 @@ class RunResults:
         VfoaError
             If there is no such recording, or the notebook viewer is not installed.
         """
-        from harness.record.notebook import show_recording
+        from harness.record.viewer import show_recording
 
         return show_recording(self._recording(clip, configuration), frame)
 

@@ -61,7 +61,7 @@ DOORS = {
     "filterpy": ("vfoa/gaze_filter.py",),
     "open3d": ("harness/studio/raycast.py",),
     "fsspec": ("harness/files/remote.py",),
-    "httpx": ("harness/files/download.py", "harness/record/web_viewer.py"),
+    "httpx": ("harness/files/download.py", "harness/record/viewer.py"),
     "starlette": (
         "harness/annotate/",
         "harness/record/web_app.py",

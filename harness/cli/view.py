@@ -248,8 +248,8 @@ def browse(
     no_open: bool = False,
 ) -> None:
     """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
+    from harness.record.viewer import web_viewer_files
     from harness.record.web_app import site
-    from harness.record.web_viewer import web_viewer_files
     from harness.server.local_server import LocalServer, open_browser
 
     with ended_by_signals():

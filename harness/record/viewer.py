@@ -1,7 +1,14 @@
-"""The real Rerun viewer: opened at a frame, on this machine only, and stopped by its caller."""
+"""Rerun's viewer, opened at a frame: in a window, in a file, in a notebook, and as files for a browser.
+
+By default the program sends usage statistics and looks up the newest version, and there is no option against either: it
+is started without any network, and stopped by its caller. Its own server of the web viewer sends no content policy, and
+its page makes three requests to the network, so that only the files are taken from it.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import socket
 import subprocess
 import tempfile
@@ -9,19 +16,31 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
+import httpx
+import rerun as rr
+import rerun_cli
 from rerun.experimental import ViewerClient
 
 from harness.files.io import atomic_write
-from harness.record import program
 from harness.record.composed import Composed
+from harness.record.reading import reading
 from harness.server.local_server import HOST
 from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from rerun.notebook import Viewer
 
 _CONNECT_S = 30.0
 _DRAWN_S = 120.0
 _POLL_S = 0.3
+_NOTEBOOK_PX = 640
+_NOWHERE = "http://127.0.0.1:9"
+"""A proxy that does not answer, so that network requests fail at once."""
+_WEB_FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
+_RETRIES = 7
+"""Attempts to connect, after pauses of 0, 0.5, 1, 2 ... 16 s: 30 s in all."""
 
 INSTEAD = "--web shows a recording in a browser, --screenshot PNG draws it into a file"
 """Advice for a machine without a display."""
@@ -91,6 +110,30 @@ def screenshot(recording: Composed, frame: int | None, png: Path, *, size: tuple
         atomic_write(png, _settled_picture(client))
 
 
+def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
+    """Return a viewer that shows a recording, as the last value of a cell; with ``frame``, it opens there.
+
+    Raises
+    ------
+    VfoaError
+        If the notebook part of Rerun is not installed, or the recording cannot be read.
+    """
+    from rerun.notebook import HAS_NOTEBOOK, Viewer
+
+    if not HAS_NOTEBOOK:
+        raise VfoaError('the notebook viewer is not installed; install it: pip install "vfoa[notebook]"')
+    stream = rr.RecordingStream(recording.application_id)
+    viewer = Viewer(width="auto", height=_NOTEBOOK_PX, recording=stream)
+    with tempfile.TemporaryDirectory() as scratch:
+        for file in recording.files_to_open(Path(scratch)):
+            with reading(file):
+                stream.log_file_from_path(file)
+        stream.flush()
+    if frame is not None:
+        viewer.set_time_ctrl(timeline="frame", sequence=frame)
+    return viewer
+
+
 def _open(client: ViewerClient, recordings: Sequence[Composed], frame: int | None) -> None:
     # the one opened last is in front
     for recording in reversed(recordings):
@@ -149,7 +192,7 @@ def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[su
     port = free_port()
     arguments = ["--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
     # a file, since a full pipe that nobody reads would block the viewer
-    with tempfile.TemporaryFile() as said, program.started(arguments, said) as process:
+    with tempfile.TemporaryFile() as said, started(arguments, said) as process:
         try:
             yield process, _connect(process, port, said, instead)
         except TimeoutError as error:
@@ -180,3 +223,62 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
+
+
+def web_viewer_files() -> dict[str, bytes]:
+    """Return the page ``viewer.html`` and the files that it loads, by name, as read from Rerun's own server.
+
+    Raises
+    ------
+    VfoaError
+        If it does not answer, or has other files (another version of Rerun).
+    """
+    port = free_port()
+    ports = ["--port", str(free_port()), "--web-viewer-port", str(port)]
+    address = f"http://{HOST}:{port}"
+    with (
+        started(["--serve-web", "--bind", HOST, *ports]),
+        httpx.Client(base_url=address, trust_env=False, transport=httpx.HTTPTransport(retries=_RETRIES)) as client,
+    ):
+        return page_files() | {name: _fetched(client, name) for name in _WEB_FILES}
+
+
+def page_files() -> dict[str, bytes]:
+    """Return the files of the page itself."""
+    return {file.name: file.read_bytes() for file in Path(__file__).with_name("viewer_page").iterdir()}
+
+
+def _fetched(client: httpx.Client, name: str) -> bytes:
+    try:
+        response = client.get(f"/{name}")
+        response.raise_for_status()
+    except httpx.HTTPError as error:
+        raise VfoaError(f"the Rerun web viewer: expected a file {name}, found none: {error}") from None
+    return response.content
+
+
+def viewer_binary() -> Path:
+    """The viewer inside the Rerun package. Ending the ``rerun`` command, a wrapper, would leave the viewer running."""
+    return Path(rerun_cli.__file__).with_name("rerun")
+
+
+@contextmanager
+def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the program with these arguments until the block ends, for whatever reason; ``said`` receives its stderr."""
+    with tempfile.TemporaryDirectory(prefix="vfoa-") as folder:
+        analytics = Path(folder) / "rerun" / "analytics.json"
+        analytics.parent.mkdir()
+        off = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+        paths = {"config_file_path": str(analytics), "data_dir_path": str(analytics.parent)}
+        analytics.write_text(json.dumps(off | paths), encoding="utf-8")
+        inherited = {name: value for name, value in os.environ.items() if name.lower() != "no_proxy"}
+        proxies = ("all_proxy", "http_proxy", "https_proxy")
+        nowhere = dict.fromkeys([*proxies, *map(str.upper, proxies)], _NOWHERE)
+        environment = inherited | nowhere | {"XDG_CONFIG_HOME": folder}
+        command = [str(viewer_binary()), *arguments]
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
+        try:
+            yield process
+        finally:
+            process.kill()  # it has nothing to save
+            process.wait()

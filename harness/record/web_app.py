@@ -66,7 +66,7 @@ def site(
     recordings
         By the names in requests.
     viewer
-        From :func:`harness.record.web_viewer.web_viewer_files`.
+        From :func:`harness.record.viewer.web_viewer_files`.
     page
         Makes the page anew for each request, from the conditions on labelled frames of ``/?where=CONDITIONS``.
     more

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.studio.mesh import Surface
 from harness.studio.people import (
     EYE_CENTERS_HEAD,
     EYE_ORIGIN_HEAD,
@@ -20,7 +21,6 @@ from harness.studio.people import (
     room_from_look,
 )
 from harness.studio.scenario import MEAN_FIXATION_S, Actor, Point, Scenario, ScriptedLook, Thing
-from harness.studio.surface import Surface
 from harness.studio.things import BALL_RADIUS_M
 from vfoa.geometry import angle_between, unit
 from vfoa.types import Float

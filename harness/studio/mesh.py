@@ -1,4 +1,4 @@
-"""Triangle meshes with smooth normals: lofted rings, tubes and boxes. All studio objects are made of them."""
+"""Triangle meshes with smooth normals: lofted rings, tubes and boxes, of which all studio objects are made."""
 
 from __future__ import annotations
 
@@ -126,3 +126,33 @@ def _from_grid(grid: Float) -> Mesh:
         normals=unit(normals.reshape(-1, 3)) * (1.0 if outwards >= 0 else -1.0),
         triangles=triangles.reshape(-1, 3),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The surface of a body, at whose points a gaze can rest.
+
+    ``corners`` are its triangles (T, 3, 3) in its own frame, metres, and ``area_m2`` is the running sum (T,) of their
+    areas.
+    """
+
+    corners: Float
+    area_m2: Float
+
+    @classmethod
+    def of(cls, meshes: list[Mesh]) -> Surface:
+        """The surface of meshes of one body."""
+        corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in meshes])
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        return cls(corners, np.cumsum(np.linalg.norm(np.cross(first, second), axis=1) / 2))
+
+    def point(self, shares: Float) -> Float:
+        """Return a point (3,), uniform over the area, for three numbers in [0, 1).
+
+        One chooses the triangle, two the place on it.
+        """
+        place = np.searchsorted(self.area_m2, shares[0] * self.area_m2[-1], side="right")
+        a, b, c = self.corners[min(int(place), len(self.corners) - 1)]
+        root = np.sqrt(shares[1])
+        point: Float = (1 - root) * a + root * (1 - shares[2]) * b + root * shares[2] * c
+        return point

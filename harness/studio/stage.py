@@ -9,9 +9,9 @@ import numpy as np
 from harness.sources import PersonTruth
 from harness.studio import people
 from harness.studio.choreography import ActorPose, Choreography, Pose
+from harness.studio.mesh import Surface
 from harness.studio.room import room
 from harness.studio.scenario import CAMERA, Scenario
-from harness.studio.surface import Surface
 from harness.studio.things import THINGS, Parts
 from vfoa.geometry import project
 from vfoa.types import Box3D, Float, Instance, StereoRig

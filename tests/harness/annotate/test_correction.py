@@ -30,8 +30,8 @@ from harness.record import entities, viewer
 from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles, RecordingIds
 from harness.record.reading import ids_of
+from harness.record.viewer import page_files
 from harness.record.web_app import failures_routes, open_path, site
-from harness.record.web_viewer import page_files
 from harness.report.write import report_page
 from harness.score.finished_run import read_scores
 from tests.annotating import wait_for

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
-from harness.record import program
+from harness.record import viewer as rerun_viewer
 from tests import graphs
 from tests.annotating import share_rendered_frames
 from tests.disk import write_text
@@ -100,8 +100,8 @@ def test_the_viewers_program_has_no_way_out(
     monkeypatch.setattr(os, "environ", environment | {"NO_PROXY": "*", "HTTPS_PROXY": "http://proxy.example:3128"})
     viewer = write_text(tmp_path / "viewer", "#!/bin/sh\nenv >&2\n")
     viewer.chmod(0o755)
-    monkeypatch.setattr(program, "viewer_binary", lambda: viewer)
-    with (tmp_path / "said").open("wb") as stderr, program.started([], stderr) as process:
+    monkeypatch.setattr(rerun_viewer, "viewer_binary", lambda: viewer)
+    with (tmp_path / "said").open("wb") as stderr, rerun_viewer.started([], stderr) as process:
         process.wait(timeout=60)
     said = dict(line.split("=", 1) for line in (tmp_path / "said").read_text().splitlines() if "=" in line)
     assert {said[name] for name in said if name.lower().endswith("_proxy")} == {"http://127.0.0.1:9"}
@@ -112,7 +112,7 @@ def test_the_viewers_program_has_no_way_out(
 @pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 def test_the_viewer_looks_up_no_host(tmp_path: Path, environment: dict[str, str]) -> None:
     """Rerun's own server of the web viewer told a host of its maker at once that it was started."""
-    code = "from harness.record.web_viewer import web_viewer_files; print(len(web_viewer_files()))"
+    code = "from harness.record.viewer import web_viewer_files; print(len(web_viewer_files()))"
     command = _traced(tmp_path, sys.executable, "-c", code)
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert int(done.stdout) > 3
@@ -135,7 +135,7 @@ def test_processes_are_started_in_one_way() -> None:
     files = [*(REPOSITORY / "harness").rglob("*.py"), *(REPOSITORY / "vfoa").rglob("*.py")]
     calls = {file.name: {_called(node) for node in ast.walk(ast.parse(file.read_text("utf-8")))} for file in files}
     assert [name for name in calls if "get_context" in calls[name]] == ["processes.py"]
-    assert [name for name in calls if calls[name] & {"Popen", "fork", "spawnv", "startfile"}] == ["program.py"]
+    assert [name for name in calls if calls[name] & {"Popen", "fork", "spawnv", "startfile"}] == ["viewer.py"]
 
 
 def _called(node: ast.AST) -> str:

@@ -11,7 +11,7 @@ from harness.cli import app
 from harness.record import entities
 from harness.record.composed import find_clips
 from harness.record.excerpt import write_excerpt
-from harness.record.program import viewer_binary
+from harness.record.viewer import viewer_binary
 from tests.harness.record.conftest import CONFIGURATION
 from vfoa.errors import VfoaError
 

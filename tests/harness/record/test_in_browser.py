@@ -17,8 +17,8 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from harness.record.composed import RecordedClip, find_clips, find_recordings
+from harness.record.viewer import page_files, web_viewer_files
 from harness.record.web_app import failures_routes, site
-from harness.record.web_viewer import page_files, web_viewer_files
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.write import run_tables

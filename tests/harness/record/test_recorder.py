@@ -22,8 +22,8 @@ from harness.record.appearance import attention_by_name
 from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
 from harness.record.layers import ClipFiles, recording_ids
-from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder, SharedRecorder
+from harness.record.viewer import viewer_binary
 from harness.run.directory import new_run_id
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, shared, verdict
 from vfoa.errors import VfoaError

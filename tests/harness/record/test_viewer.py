@@ -228,7 +228,7 @@ def test_a_viewer_does_not_outlive_the_command_that_opened_it(tmp_path, options,
     binary = tmp_path / "rerun"
     binary.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/started\nmv {tmp_path}/started {tmp_path}/pid\nexec sleep 60\n")
     binary.chmod(0o755)
-    fake = f"from harness.record import program; program.viewer_binary = lambda: {str(binary)!r}"
+    fake = f"from harness.record import viewer; viewer.viewer_binary = lambda: {str(binary)!r}"
     command = [sys.executable, "-c", f"{fake}; from harness.cli import main; main()", "view", str(recording), *options]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:

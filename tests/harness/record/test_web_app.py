@@ -8,8 +8,8 @@ import httpx
 import pytest
 
 from harness.record.composed import Composed, find_clips
+from harness.record.viewer import page_files
 from harness.record.web_app import open_path, site
-from harness.record.web_viewer import page_files
 from harness.server.guard import TOKEN_HEADER
 from tests.harness.record.conftest import CONFIGURATION, four_frames, write_run
 from tests.web import running

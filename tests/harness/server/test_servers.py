@@ -19,8 +19,8 @@ from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
 from harness.record.composed import Composed
+from harness.record.viewer import page_files
 from harness.record.web_app import open_path, site
-from harness.record.web_viewer import page_files
 from harness.server import guard
 from harness.server.local_server import MOST_CONNECTIONS
 from tests import annotating
