@@ -28,7 +28,6 @@ from harness.run.columns import ColumnReader
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
-from harness.run.results import answer_traits
 from harness.run.table_records import Block, TableReader
 from harness.score import picks, verdict_columns
 from harness.score import verdicts as scored
@@ -88,7 +87,7 @@ def write_verdict_layers(
         if attention.is_file():
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
             names = (names_now or {}).get(clip, {})
-            traits = answer_traits(manifest, configuration, directory.manifest)
+            traits = manifest.traits(configuration, directory.manifest)
             layer = _Layer(reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits)
             layer.write(its_blocks)
 

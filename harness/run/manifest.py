@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
 from harness.files.parsing import differing_keys
 from harness.run.notes import NoteKind
+from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 
 MOST = 3
@@ -169,6 +171,21 @@ class RunManifest(_Table):
             if not isinstance(every, int):
                 raise ValueError(f"{name}.segmentation.every: found {every!r}; expected a whole number")
         return configurations
+
+    def traits(self, configuration: str, path: Path) -> AnswerTraits:
+        """What the answers of a configuration are. ``path`` is the manifest's file, for the error.
+
+        Raises
+        ------
+        VfoaError
+            If the manifest does not say it: an earlier version of this program wrote it.
+        """
+        traits = self.methods.get(configuration)
+        if traits is None and "method" in self.configurations.get(configuration, {}).get("attention", {}):
+            raise VfoaError(
+                f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
+            )
+        return traits or AnswerTraits()
 
     @property
     def failed_pairs(self) -> set[tuple[str, str]]:

@@ -9,7 +9,6 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
-from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
 from vfoa.errors import VfoaError, check_known
@@ -27,22 +26,6 @@ class ClipRecords:
     all: list[FrameRecord]
     has_probabilities: bool
     says_nowhere: bool
-
-
-def answer_traits(manifest: RunManifest, configuration: str, path: Path) -> AnswerTraits:
-    """Return what the answers of a configuration are, by its run's manifest, a file at ``path``.
-
-    Raises
-    ------
-    VfoaError
-        If the manifest does not say it: an earlier version of this program wrote it.
-    """
-    traits = manifest.methods.get(configuration)
-    if traits is None and "method" in manifest.configurations.get(configuration, {}).get("attention", {}):
-        raise VfoaError(
-            f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
-        )
-    return traits or AnswerTraits()
 
 
 def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
@@ -73,7 +56,7 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     names = list(dict.fromkeys(record.configuration for record in records))
     chosen = choose(names, configuration, run)
     by_frame = {record.frame: record for record in records if record.configuration == chosen}
-    traits = answer_traits(manifest, chosen, directory.manifest)
+    traits = manifest.traits(chosen, directory.manifest)
     return ClipRecords(
         configuration=chosen,
         by_frame=by_frame,

@@ -18,10 +18,11 @@ from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
 from harness.run.columns import ColumnReader, PairColumns
 from harness.run.directory import Pair, RunDirectory
+from harness.run.grid import base_of
 from harness.run.manifest import ClipOfRun, RunManifest, differences
 from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import answer_traits, has_images
+from harness.run.results import has_images
 from harness.run.table_records import TableReader, most_people
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
@@ -65,17 +66,17 @@ class FinishedRun:
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         return cls(directory=directory, manifest=manifest)
 
-    def records(self) -> Iterator[FrameRecord]:
+    def records(self, configurations: Collection[str] | None = None) -> Iterator[FrameRecord]:
         """Yield the comparable records: those of every configuration that ran on every clip, on these clips.
 
-        Renamed targets have their present names.
+        Renamed targets have their present names. ``configurations``: of these alone, by their names without seeds.
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
         reader = TableReader(self.directory, self.manifest)
         counts = Counter[Pair]()
         for block in reader.blocks:
             counts[block.clip, block.configuration] += len(block.frames)
-        scored = {*self._scored(counts)}
+        scored = {pair for pair in self._scored(counts) if configurations is None or base_of(pair[1]) in configurations}
         for block in reader.blocks:
             if (block.clip, block.configuration) in scored:
                 yield from (renamed(record, names[block.clip]) for record in reader.read(block))
@@ -135,7 +136,7 @@ class FinishedRun:
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
-        traits = {name: answer_traits(run, name, self.directory.manifest) for name in run.configurations}
+        traits = {name: run.traits(name, self.directory.manifest) for name in run.configurations}
         annotator = annotator or run.annotator
         manifests = self._manifests(annotator)
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}

@@ -98,8 +98,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
-    answers = _answers(run, reference)
-    return labelled_runs(run.manifest.experiment, run.records(), reference.labels, [chosen], tuple(ROWS), answers)[0]
+    records, answers = run.records([chosen]), _answers(run, reference)
+    return labelled_runs(run.manifest.experiment, records, reference.labels, [chosen], tuple(ROWS), answers)[0]
 
 
 def read_features(
@@ -115,7 +115,9 @@ def read_features(
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
     run = FinishedRun.read(directory)
-    return labelled_runs(run.manifest.experiment, run.records(), run.reference().labels, configurations, cases)
+    return labelled_runs(
+        run.manifest.experiment, run.records(configurations), run.reference().labels, configurations, cases
+    )
 
 
 Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
