@@ -145,7 +145,7 @@ class FinishedRun:
         if where:
             frames = {clip.name: clip.frames for clip in run.clips}
             times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
-            labels = subset(labels, where, frames, times_ns, self.records)
+            labels = subset(labels, where, frames, times_ns, self.columns)
         of_clips: dict[str, list[str]] = {}
         changed: list[str] = []
         for clip in run.clips:

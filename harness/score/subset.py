@@ -9,9 +9,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
+import numpy as np
+
 from harness.labels.labels import Label, LabelRange, Labels, ranges_of
-from harness.run.records import FrameRecord
-from harness.score.verdicts import true_targets
+from harness.run.columns import UNKNOWN, PairColumns
+from harness.score.picks import view_of
+from harness.score.verdict_columns import LabelColumns, named_by
 from vfoa.errors import VfoaError, did_you_mean
 
 _SIGNS: dict[str, Callable[[float, float], bool]] = {
@@ -87,7 +90,7 @@ def subset(
     conditions: Sequence[Condition],
     frames: Mapping[str, Sequence[int]],
     times_ns: Mapping[str, Sequence[int]],
-    records: Callable[[], Iterable[FrameRecord]],
+    columns: Callable[[], Iterable[PairColumns]],
 ) -> dict[str, Labels]:
     """The labels of the frames that meet all conditions, by clip; other frames are without a label, so not scored.
 
@@ -95,8 +98,8 @@ def subset(
     ----------
     frames, times_ns
         The frames of the run by clip, and their times.
-    records
-        Gives the run's records; called only for a condition on a distance.
+    columns
+        Gives the run's columns; called only for a condition on a distance.
 
     Raises
     ------
@@ -109,7 +112,7 @@ def subset(
             if len(times_ns.get(clip, ())) != len(frames[clip]):
                 raise VfoaError(f"--where: time: the run has no times of {clip}; expected them: run it again, or frame")
     has_distances = any(condition.key in DISTANCES for condition in conditions)
-    distances = measured_distances(records(), labels) if has_distances else {}
+    distances = measured_distances(columns(), labels) if has_distances else {}
     found: dict[str, Labels] = {}
     for clip, of_clip in labels.items():
         ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ()), distances))
@@ -143,18 +146,21 @@ def _ranges(
         yield from ranges_of(subject, met)
 
 
-def measured_distances(records: Iterable[FrameRecord], labels: Mapping[str, Labels]) -> Distances:
+def measured_distances(columns: Iterable[PairColumns], labels: Mapping[str, Labels]) -> Distances:
     """The distances in the labelled frames: medians over the configurations that measured them, so the same for all."""
     measured: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
-    for record in records:
-        of_clip = labels.get(record.clip)
-        for person in record.subjects if of_clip else ():
-            label = of_clip.at(record.frame, person.name) if of_clip and person.name else None
-            if label is not None and person.eye_origin_m is not None:
-                eyes = person.eye_origin_m
-                centers = [target.box.center_m for target in true_targets(record, label) if target.box]
+    for each in columns:
+        scene, view, eyes_m = each.scene, view_of(each.scene), each.looks.eyes_m
+        of_clip = labels.get(each.clip, Labels(()))
+        for subject in of_clip.subjects:
+            own = np.flatnonzero((scene.person_names == each.words.code(subject)) & ~np.isnan(eyes_m[:, 0]))
+            frames = scene.frames[scene.person_at[own]]
+            label = LabelColumns(of_clip.of(subject), of_clip.places(subject, frames), each.words)
+            named = named_by(label, view, own) & view.has_box[own]
+            for row in np.flatnonzero(label.truth != UNKNOWN).tolist():
+                eyes, centers = eyes_m[own[row]].tolist(), view.centers_m[own[row], named[row]].tolist()
                 to_target = min((math.dist(eyes, center) for center in centers), default=math.nan)
-                key = record.clip, record.frame, str(person.name)
+                key = each.clip, int(frames[row]), subject
                 measured.setdefault(key, []).append((math.hypot(*eyes), to_target))
     return {key: (_median(own for own, _ in pairs), _median(to for _, to in pairs)) for key, pairs in measured.items()}
 

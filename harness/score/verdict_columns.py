@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from harness.labels.labels import IGNORED, NOWHERE, LabelRange, Labels
 from harness.run.columns import NO_ID, UNKNOWN, PairColumns, SceneColumns, Words
 from harness.run.manifest import AnswerTraits
-from harness.score.picks import picks_of, view_of
+from harness.score.picks import View, picks_of, view_of
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import (
     ANOTHER,
@@ -222,11 +222,11 @@ class _Pair:
         order = np.argsort(frames, kind="stable")
         none = np.full(len(missed), UNKNOWN, dtype=np.intp)
         at, person = (np.concatenate([each, none])[order] for each in (at, person_in[at]))
-        label = _LabelColumns(labels.of(subject), labels.places(subject, frames := frames[order]), self.words)
+        label = LabelColumns(labels.of(subject), labels.places(subject, frames := frames[order]), self.words)
         return self._judged(subject, frames, at, person, label)
 
     def _judged(
-        self, subject: str, frames: NDArray[np.int64], at: Codes, person: Codes, label: _LabelColumns
+        self, subject: str, frames: NDArray[np.int64], at: Codes, person: Codes, label: LabelColumns
     ) -> tuple[Judged, Codes, Float]:
         code, n = self.words.code, len(frames)
         seen = np.flatnonzero(person != UNKNOWN)
@@ -272,7 +272,7 @@ class _Pair:
         return judged, at[seen][is_compared & is_known], aims[is_compared & is_known]
 
 
-class _LabelColumns:
+class LabelColumns:
     """The labels of a subject's frames (n,). ``points_px`` (n, 2) are NaN where a label has none."""
 
     def __init__(self, ranges: Sequence[LabelRange], places: Codes, words: Words) -> None:
@@ -282,8 +282,9 @@ class _LabelColumns:
         self.is_blocked = np.array([*(label.is_blocked for label in labels), False], dtype=np.bool_)[places]
         self.points_px = np.array([*(label.point_px or unknown for label in labels), unknown])[places]
         self.is_scored = (self.truth != UNKNOWN) & (self.truth != words.code(IGNORED))
+        self.is_nowhere = self.truth == words.code(NOWHERE)
 
-    def at(self, chosen: Codes) -> _LabelColumns:
+    def at(self, chosen: Codes) -> LabelColumns:
         """Those of the chosen frames."""
         part = copy(self)
         for name, column in vars(self).items():
@@ -294,7 +295,7 @@ class _LabelColumns:
 class _Answers:
     """The answers about one subject in the n frames in which the person was seen."""
 
-    def __init__(self, pair: _Pair, of: Codes, label: _LabelColumns) -> None:
+    def __init__(self, pair: _Pair, of: Codes, label: LabelColumns) -> None:
         columns, view, self.code = pair.columns, pair.view, pair.words.code
         self.pair, self.of, self.label = pair, of, label
         self.names, self.ids, self.totals = view.names[of], view.ids[of], pair.totals[of]
@@ -302,11 +303,7 @@ class _Answers:
         self.missing, self.no_gaze = columns.missing[of], columns.looks.no_gaze[of]
         self.is_given = (self.missing == UNKNOWN) | (self.missing == self.code(NO_OBJECT))
         self.focus = np.where(columns.focus[of] == UNKNOWN, UNKNOWN, columns.focus[of] - view.firsts[of])
-        self.truly_nowhere = label.truth == self.code(NOWHERE)
-        self.right = (self.names == label.truth[:, None]) & view.is_there[of] & ~self.truly_nowhere[:, None]
-        several = np.flatnonzero(~np.isnan(label.points_px[:, 0]) & (self.right.sum(axis=1) > 1))
-        if several.size:
-            self.right[several] = _nearest(self.right[several], view.boxes_px[of[several]], label.points_px[several])
+        self.truly_nowhere, self.right = label.is_nowhere, named_by(label, view, of)
 
     def predicted(self) -> Codes:
         """The code of what is predicted, UNKNOWN without an answer."""
@@ -381,6 +378,15 @@ class _Answers:
         centers = np.take_along_axis(self.centers_m, first[:, None, None], axis=1)[:, 0]
         aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.of]], axis=1)
         return aims, with_box.any(axis=1) & ~np.isnan(aims).any(axis=(1, 2))
+
+
+def named_by(label: LabelColumns, view: View, people: Codes) -> Flags:
+    """The instances (n, K) that the labels name in the frames of people; of several the one nearest to the point."""
+    named = (view.names[people] == label.truth[:, None]) & view.is_there[people] & ~label.is_nowhere[:, None]
+    several = np.flatnonzero(~np.isnan(label.points_px[:, 0]) & (named.sum(axis=1) > 1))
+    if several.size:
+        named[several] = _nearest(named[several], view.boxes_px[people[several]], label.points_px[several])
+    return named
 
 
 def _nearest(named: Flags, boxes_px: Float, points_px: Float) -> Flags:

@@ -18,6 +18,7 @@ from harness.score.subset import Condition, measured_distances
 from tests.command import vfoa
 from tests.records import (
     answers,
+    columns_by_pair,
     frame_record,
     labels,
     subject_record,
@@ -110,7 +111,7 @@ def test_distances_are_medians_over_the_configurations_that_measured_them() -> N
         record("c", (0.0, 0.0, 3.0), [(0.0, 0.0, 6.0)]),
         record("d", None, [(0.0, 0.0, 6.0)]),
     ]
-    assert measured_distances(records, {"clip": labels("cup")}) == {("clip", 1, "girl"): (3.0, 2.0)}
+    assert measured_distances(columns_by_pair(records), {"clip": labels("cup")}) == {("clip", 1, "girl"): (3.0, 2.0)}
 
 
 def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:
