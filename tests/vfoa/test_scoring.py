@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.metrics import brier_score_loss, cohen_kappa_score, f1_score, log_loss
 
 import vfoa
 from vfoa.errors import VfoaError
@@ -21,6 +20,8 @@ CHANCES = {"book": [0.25, 0.5, 0.0], "cup": [0.5, 0.5, 0.0], "none": [0.25, 0.0,
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=200))
 def test_kappa_and_macro_f1_are_those_of_scikit_learn(pairs: list[tuple[int, int]]) -> None:
+    from sklearn.metrics import cohen_kappa_score, f1_score
+
     truth, predicted = np.array(pairs, dtype=np.intp).T
     confusion = confusion_matrix(truth, predicted, 5)
     labels = np.unique(truth)
@@ -44,6 +45,8 @@ def test_measures_of_nothing_are_unknown() -> None:
     )
 )
 def test_scores_of_probabilities_are_those_of_scikit_learn(frames: list[tuple[str, list[int]]]) -> None:
+    from sklearn.metrics import brier_score_loss, log_loss
+
     truth = [name for name, _ in frames]
     weights = np.array([weights for _, weights in frames], dtype=np.float64)
     chances = weights / weights.sum(axis=1, keepdims=True)

@@ -6,7 +6,6 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.metrics import cohen_kappa_score
 
 from harness.labels.labels import Label, LabelRange, Labels, ranges_of
 from harness.report.agreement import agreement_tables
@@ -67,6 +66,8 @@ def test_by_hand() -> None:
 
 @given(said=st.lists(st.tuples(*[st.sampled_from("bcn")] * 2), min_size=2, max_size=60))
 def test_kappa_is_that_of_scikit_learn(said: list[tuple[str, str]]) -> None:
+    from sklearn.metrics import cohen_kappa_score
+
     first, second = ("".join(column) for column in zip(*said, strict=True))
     found = _pair(first, second)
     if len({*first, *second}) > 1:

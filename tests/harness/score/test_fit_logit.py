@@ -56,7 +56,7 @@ def fitted_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two clips in which heads and gaze point exactly where people look, and weights fitted on them."""
     folder = tmp_path_factory.mktemp("fitted")
     with contextlib.chdir(folder):
-        labelled_clips(folder, ("one", "two"), 60)
+        labelled_clips(folder, ("one", "two"), 30)
         fit("talk.toml", Path("fitted.toml"))
     return folder
 
@@ -74,7 +74,7 @@ def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
     assert (found.fit.experiment, found.fit.configuration, found.fit.clips) == ("talk", "forward", ("one", "two"))
     scores = {each.method: each for each in found.fit.held_out}
     assert {"commonest", "nearest within a limit", "two cones", "cones", "fitted, both"} <= set(scores)
-    assert scores["fitted, forward"].n == scores["commonest"].n == 240
+    assert scores["fitted, forward"].n == scores["commonest"].n == 120
     assert scores["nearest within a limit"].frr == 1
     assert scores["nearest within a limit"].log_loss is None
     assert scores["fitted, forward"].log_loss < scores["default weights, forward"].log_loss
@@ -240,7 +240,7 @@ def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, mon
 
 def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one", "two", "three"), 60)
+    labelled_clips(tmp_path, ("one", "two", "three"), 24)
     text = Path("talk.toml").read_text()
     write_text(tmp_path / "talk.toml", text + 'attention.weights = "left-out"\n')
     first = _fitted(tmp_path / "first")
@@ -248,7 +248,7 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
     assert all(isinstance(each, LogitWeights) for each in first.by_clip.values())
     assert not list(tmp_path.glob("*-fit"))
     # labels of a clip do not reach its own weights
-    write_text(tmp_path / "annotations" / "one.csv", true_labels(60).replace("robot", "none"))
+    write_text(tmp_path / "annotations" / "one.csv", true_labels(24).replace("robot", "none"))
     other = _fitted(tmp_path / "other")
     assert other.by_clip["one"] == first.by_clip["one"]
     assert other.by_clip["two"] != first.by_clip["two"]
@@ -270,7 +270,7 @@ def _fitted(out: Path) -> LogitSettings:
 def left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A working directory with an experiment on two labelled clips, whose second configuration has left-out weights."""
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one", "two"), 40)
+    labelled_clips(tmp_path, ("one", "two"), 16)
     with Path("talk.toml").open("a", encoding="utf-8") as file:
         file.write('attention.weights = "left-out"\n')
 

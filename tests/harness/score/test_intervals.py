@@ -7,12 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.stats import beta, bootstrap, norm, permutation_test
-from scipy.stats import t as student
 
 from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
@@ -44,6 +41,8 @@ def _of_clips(units: Units) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_standard_error_is_that_of_a_clustered_regression(seed: int) -> None:
+    import statsmodels.api as sm
+
     rng = np.random.default_rng(seed)
     units = _run(rng, clips=6 + 2 * seed, signed=seed % 2 == 1)
     frames = units.frames.astype(int)
@@ -62,6 +61,8 @@ def test_the_standard_error_is_that_of_a_clustered_regression(seed: int) -> None
 @pytest.mark.parametrize("seed", range(4))
 def test_resampling_clips_is_that_of_scipy(seed: int) -> None:
     """With one look in every clip the second stage has nothing to draw."""
+    from scipy.stats import bootstrap
+
     rng = np.random.default_rng(seed)
     units = _run(rng, clips=12).merged()
     found = resampled_rates(units)
@@ -96,6 +97,8 @@ def test_resampling_is_that_of_a_plain_loop(clips: int) -> None:
 
 @given(hnp.arrays(np.int64, st.integers(1, 10), elements=st.integers(-30, 30)))
 def test_the_sign_flip_test_is_scipys_exact_permutation_test(differences: np.ndarray) -> None:
+    from scipy.stats import permutation_test
+
     found = sign_flip_p(differences)
     if len(differences) < 2:
         assert found == 1.0
@@ -129,6 +132,8 @@ def test_the_unit_of_an_interval_follows_the_number_of_clips() -> None:
 
 @pytest.mark.parametrize("n", [3, 7, 12])
 def test_where_all_is_right_the_interval_is_the_exact_one_of_the_units(n: int) -> None:
+    from scipy.stats import beta
+
     units = Units(clips=np.arange(n), frames=np.full(n, 30.0), values=np.full(n, 30.0))
     found = rate_interval(units)
     assert (found.low, found.high) == (pytest.approx(beta.ppf(0.025, n, 1)), 1.0)
@@ -262,6 +267,9 @@ def test_a_plan_is_that_of_brute_force(between: float, within: float, difference
 
 @pytest.mark.parametrize(("n", "df"), [(6, 5), (10, 9), (16, 12)])
 def test_percentiles_are_expanded_as_far_as_students_t_and_the_spread_of_few_units_ask(n: int, df: int) -> None:
+    from scipy.stats import norm
+    from scipy.stats import t as student
+
     uniform = np.linspace(0, 1, 100_001)
     tail = norm.cdf(np.sqrt(n / df) * student.ppf(0.025, df))  # Hesterberg (2015), section 4.3
     assert tail < 0.016

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import phases_table
@@ -101,6 +100,8 @@ def test_the_order_of_frames_in_the_file_does_not_matter() -> None:
 
 
 def test_agreement_is_that_of_scikit_learn_on_the_names() -> None:
+    from sklearn.metrics import cohen_kappa_score, f1_score
+
     rng = np.random.default_rng(5)
     truth = rng.choice(["cup", "can", "none"], 300).tolist()
     said = [t if rng.random() < 0.4 else rng.choice(["cup", "can", "none", "jar", "pen", None]) for t in truth]
@@ -404,6 +405,8 @@ def test_always_none_has_the_frr_of_nowhere_and_half_the_balanced_one() -> None:
 
 def test_losses_are_those_of_scikit_learn_and_no_answer_is_the_worst() -> None:
     """Of bird, cup and nowhere: (.5, .3, .2), (0, .25, .75), then no answer, and a truth of probability 0."""
+    from sklearn.metrics import log_loss
+
     shown = ({1: 0.5, 2: 0.3}, {1: 0.0, 2: 0.25}, None, {1: 0.0, 2: 0.25})
     targets = (target_record(1, "bird"), target_record(2, "cup"))
     records = [

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest
-from statsmodels.stats.multitest import multipletests
-from statsmodels.stats.proportion import proportion_confint
 
 from harness.score.statistics import holm, wilson_interval
 
 
 @given(n=st.integers(1, 10_000), share=st.floats(0, 1))
 def test_wilson_is_that_of_the_libraries(n: int, share: float) -> None:
+    from scipy.stats import binomtest
+    from statsmodels.stats.proportion import proportion_confint
+
     correct = round(share * n)
     found = wilson_interval(correct, n)
     assert (found.low, found.high) == pytest.approx(proportion_confint(correct, n, method="wilson"), abs=1e-12)
@@ -37,6 +37,8 @@ def test_nothing_measured_has_no_interval() -> None:
 
 
 def test_holm_is_that_of_statsmodels() -> None:
+    from statsmodels.stats.multitest import multipletests
+
     rng = np.random.default_rng(4)
     for n in (1, 2, 6, 20, 66):
         p_values = np.round(rng.random(n) ** 3, 2).tolist()  # rounded, so that some are equal
