@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
+from harness.run.records import BoxPx, Vector
 from harness.score.statistics import Flags
 from vfoa.types import Float
 
@@ -55,18 +55,6 @@ class Choices(NamedTuple):
     central: int | None = None
     in_angle: int | None = None
     angle_rad: float = math.nan
-
-
-def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
-    """Apply the baselines to a subject of a frame. Ties go to the lower instance id."""
-    if subject is None:
-        return Choices()
-    others = [
-        (target.instance_id, None if target.box is None else target.box.center_m, target.box_px)
-        for target in record.targets
-        if target.instance_id != subject.instance_id
-    ]
-    return choose_among(others, subject.eye_origin_m, subject.gaze or subject.head)
 
 
 def choose_among(

@@ -76,12 +76,12 @@ class FinishedRun:
         counts = Counter[Pair]()
         for block in reader.blocks:
             counts[block.clip, block.configuration] += len(block.frames)
-        scored = {pair for pair in self._scored(counts) if configurations is None or base_of(pair[1]) in configurations}
+        scored = {*self._scored(counts, configurations)}
         for block in reader.blocks:
             if (block.clip, block.configuration) in scored:
                 yield from (renamed(record, names[block.clip]) for record in reader.read(block))
 
-    def columns(self) -> Iterator[PairColumns]:
+    def columns(self, configurations: Collection[str] | None = None) -> Iterator[PairColumns]:
         """Yield the columns of what :meth:`records` yields, a (clip, configuration) at a time.
 
         Raises
@@ -91,7 +91,7 @@ class FinishedRun:
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
         reader = ColumnReader(self.directory, self.manifest)
-        for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}):
+        for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}, configurations):
             yield reader.read(pair, names[pair[0]])
 
     def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
@@ -105,8 +105,10 @@ class FinishedRun:
             for clip in self.manifest.clips
         }
 
-    def _scored(self, counts: Mapping[Pair, int]) -> list[Pair]:
+    def _scored(self, counts: Mapping[Pair, int], wanted: Collection[str] | None) -> list[Pair]:
         """Those (clip, configuration) that can be compared, of the numbers of frames in the tables of all.
+
+        ``wanted``: of these configurations alone, by their names without seeds.
 
         Raises
         ------
@@ -126,7 +128,8 @@ class FinishedRun:
                     f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
                 )
-        return [pair for pair in counts if pair[0] not in clips and pair[1] not in configurations]
+        scored = [pair for pair in counts if pair[0] not in clips and pair[1] not in configurations]
+        return scored if wanted is None else [pair for pair in scored if base_of(pair[1]) in wanted]
 
     def reference(
         self, annotator: str | None = None, *, compare_content: bool = False, where: Sequence[Condition] = ()

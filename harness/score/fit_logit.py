@@ -18,6 +18,7 @@ import numpy as np
 from harness.labels.labels import Labels
 from harness.pipeline.configuration import Configuration
 from harness.run.attend import attend_scenes
+from harness.run.columns import Tables, Words, look_columns, scene_columns
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
@@ -25,7 +26,7 @@ from harness.run.grid import base_of
 from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledRun, Person, labelled_runs
+from harness.score.labelled_run import LabelledRun, Person, Truths, labelled_runs, truths_of
 from harness.score.statistics import Flags
 from vfoa import __version__
 from vfoa.errors import VfoaError
@@ -279,8 +280,10 @@ def left_out_weights(
     shared = _first_with_the_stages(unfitted)
     read = [each for each in unfitted if base_of(each.name) in shared.values()]
     fitted: dict[str, dict[str, Any]] = {}
-    records = _measured(read, tables, labels)
-    for labelled in labelled_runs(experiment.name, records, labels, dict.fromkeys(shared.values())):
+    pairs = [pair for clip in labels for each in read if (pair := (clip, each.name)) in tables]
+    truths = {pair: _truths(Tables(tables[pair]), labels[pair[0]]) for pair in pairs}
+    records = _measured({each.name: each for each in read}, tables, pairs)
+    for labelled in labelled_runs(experiment.name, records, truths, dict.fromkeys(shared.values())):
         users = [each for each in unfitted if shared[base_of(each.name)] == labelled.configuration]
         smoothings = sorted({_logit(each).smoothing for each in users})
         fitted[labelled.configuration] = _left_out_weights(labelled.people, smoothings, experiment.name)
@@ -291,17 +294,19 @@ def _logit(configuration: Configuration) -> LogitSettings:
     return cast("LogitSettings", configuration.attend.attention)
 
 
+def _truths(tables: Tables, labels: Labels) -> Truths:
+    scene = scene_columns(tables, words := Words(), {})
+    return truths_of(scene, look_columns(scene, tables, words), labels, words)
+
+
 def _measured(
-    configurations: Sequence[Configuration], tables: Mapping[Pair, Mapping[str, Path]], clips: Iterable[str]
+    configurations: Mapping[str, Configuration], tables: Mapping[Pair, Mapping[str, Path]], pairs: Iterable[Pair]
 ) -> Iterator[FrameRecord]:
     """Yield what is measured in each frame: filtered directions and targets; answers are of the simplest method."""
-    for clip in clips:
-        for configuration in configurations:
-            pair = clip, configuration.name
-            settings = configuration.attend.model_copy(update={"attention": NearestSettings(method="nearest")})
-            attended = attend_scenes(tables[pair], {pair[1]: settings}) if pair in tables else ()
-            for name, frame, result in attended:
-                yield to_record(clip, name, result, targets=frame.targets)
+    for pair in pairs:
+        settings = configurations[pair[1]].attend.model_copy(update={"attention": NearestSettings(method="nearest")})
+        for name, frame, result in attend_scenes(tables[pair], {pair[1]: settings}):
+            yield to_record(pair[0], name, result, targets=frame.targets)
 
 
 def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:

@@ -9,16 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, Labels
-from harness.run.directory import RunDirectory
+from harness.labels.labels import Labels
+from harness.run.columns import LookColumns, SceneColumns, Words
+from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.baselines import choose
 from harness.score.finished_run import FinishedRun
+from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
 from harness.score.score import judged_part
-from harness.score.verdict_columns import Judged
-from harness.score.verdicts import find_subject, right_answers
+from harness.score.verdict_columns import Judged, LabelColumns, hits_of, named_by
+from harness.score.verdicts import find_subject
 from vfoa import types
 from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
@@ -98,8 +99,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
-    records, answers = run.records([chosen]), _answers(run, reference)
-    return labelled_runs(run.manifest.experiment, records, reference.labels, [chosen], tuple(ROWS), answers)[0]
+    truths, answers = _truths(run, reference.labels, [chosen]), _answers(run, reference)
+    return labelled_runs(run.manifest.experiment, run.records([chosen]), truths, [chosen], tuple(ROWS), answers)[0]
 
 
 def read_features(
@@ -115,9 +116,47 @@ def read_features(
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
     run = FinishedRun.read(directory)
-    return labelled_runs(
-        run.manifest.experiment, run.records(configurations), run.reference().labels, configurations, cases
-    )
+    truths = _truths(run, run.reference().labels, configurations)
+    return labelled_runs(run.manifest.experiment, run.records(configurations), truths, configurations, cases)
+
+
+class Truth(NamedTuple):
+    """What is right for a person in a frame: instances, None for nowhere; nothing without a label.
+
+    ``angle_rad`` is that of the target nearest to the measured direction, and ``is_nearest`` says whether it is right.
+    """
+
+    answers: tuple[int | None, ...]
+    angle_rad: float
+    is_nearest: bool
+
+
+Truths = Mapping[str, Mapping[int, Truth]]
+"""The truth by labelled person and frame in which the person was found."""
+
+
+def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Words) -> Truths:
+    """What is right in a clip under one configuration."""
+    view, picks, truths = view_of(scene), picks_of(scene, looks), dict[str, dict[int, Truth]]()
+    for subject in labels.subjects:
+        people = np.flatnonzero(scene.person_names == words.code(subject))[::-1]  # the first, if tracks share the name
+        frames = scene.frames[scene.person_at[people]]
+        label = LabelColumns(labels.of(subject), labels.places(subject, frames), words)
+        named = named_by(label, view, people)
+        rows = zip(view.ids[people], named, label.is_nowhere.tolist(), strict=True)
+        answers = ((None,) if is_nowhere else tuple(ids[right].tolist()) for ids, right, is_nowhere in rows)
+        is_nearest = hits_of(named, picks.picks[people, 3:])[:, 0].tolist()
+        of_frames = map(Truth, answers, picks.angles_rad[people].tolist(), is_nearest)
+        truths[subject] = dict(zip(frames.tolist(), of_frames, strict=True))
+    return truths
+
+
+def _truths(run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str]) -> dict[Pair, Truths]:
+    return {
+        (each.clip, each.configuration): truths_of(each.scene, each.looks, labels[each.clip], each.words)
+        for each in run.columns(configurations)
+        if each.clip in labels
+    }
 
 
 Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
@@ -127,33 +166,32 @@ Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
 def labelled_runs(
     experiment: str,
     records: Iterable[FrameRecord],
-    labels: Mapping[str, Labels],
+    truths: Mapping[Pair, Truths],
     configurations: Collection[str],
     cases: Collection[Case] | None = None,
     others: Answers | None = None,
 ) -> list[LabelledRun]:
     """Return the features and labels of configurations, by their names without seeds, from records in one pass.
 
-    ``labels`` are those of each clip that has some; ``cases`` as in :func:`read_features`; ``others`` are the answers
-    of all configurations.
+    ``truths`` are those of each labelled clip under each of them; ``cases`` as in :func:`read_features`; ``others`` are
+    the answers of all configurations.
 
     Raises
     ------
     VfoaError
         If no labelled frame of a configuration has a measured direction.
     """
-    records_of: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
+    records_of: dict[str, dict[Pair, list[FrameRecord]]] = {name: {} for name in configurations}
     for record in records:
-        base = base_of(record.configuration)
-        if record.clip in labels and base in records_of:
-            records_of[base].setdefault((record.clip, record.configuration), []).append(record)
+        if (pair := (record.clip, record.configuration)) in truths:
+            records_of[base_of(record.configuration)].setdefault(pair, []).append(record)
     runs = []
     for name, by_run in records_of.items():
         seeds = len({configuration for _, configuration in by_run})
         people = [
             person
-            for (clip, _), records in by_run.items()
-            for person in labelled_people(clip, records, labels[clip], others, 1 / seeds, cases)
+            for pair, records in by_run.items()
+            for person in labelled_people(pair[0], records, truths[pair], others, 1 / seeds, cases)
         ]
         if not any(person.labelled for person in people):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
@@ -164,15 +202,15 @@ def labelled_runs(
 def labelled_people(
     clip: str,
     records: Sequence[FrameRecord],
-    labels: Labels,
+    truths: Truths,
     others: Answers | None,
     weight: float,
     cases: Collection[Case] | None = None,
 ) -> list[Person]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
-    Without the answers of ``others``, those of simple rules are left out, too: NaN, and none. ``cases``: those that
-    will be fitted; without it, those that the clip has.
+    Without the answers of ``others``, those of two cones are left out, too. ``cases``: those that will be fitted;
+    without it, those that the clip has.
     """
     measured = list(_seen(records, None))
     found = {seen.case for by_track in measured for seen in by_track.values()}
@@ -182,17 +220,14 @@ def labelled_people(
     alone = {case: list(_seen(records, case)) for case in sorted(single)}
     rows_of: dict[str, list[_Row]] = {}
     for number, record in enumerate(records):
-        for name in labels.subjects:
+        for name, of_person in truths.items():
             person = find_subject(record, name)
             if person is None or (seen := measured[number].get(person.track_id)) is None:
                 continue
-            label = labels.at(record.frame, name)
-            right = () if label is None or label.target == IGNORED else right_answers(record, label)
+            right, *nearest = of_person[record.frame]
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
-            nearest, answers = (math.nan, False), dict[str, ScoredAnswer]()
+            answers = dict[str, ScoredAnswer]()
             if others is not None:
-                pick = choose(record, person)
-                nearest = pick.angle_rad, pick.in_angle in right and pick.in_angle is not None
                 answers = dict(others.get((clip, name, record.frame), {}))
                 if target != UNKNOWN:
                     cones = pay_attention(_subject(person), tuple(map(_target, record.targets)), _CONES)
@@ -226,7 +261,7 @@ class _Row(NamedTuple):
     seen: Seen
     alone: Mapping[Case, Seen | None]
     target: int | None
-    nearest: tuple[float, bool]
+    nearest: Sequence[float]
     answers: Mapping[str, ScoredAnswer]
 
 

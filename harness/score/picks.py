@@ -1,4 +1,4 @@
-"""What each baseline picks for every person of a clip, as :func:`harness.score.baselines.choose` does for one."""
+"""What each baseline picks for every person of a clip, as :func:`harness.score.baselines.choose_among` does for one."""
 
 from __future__ import annotations
 

@@ -249,7 +249,7 @@ class _Pair:
             confidence[seen] = np.where(answers.is_given, chance, np.nan)
             is_worth = answers.missing == UNKNOWN
             worth[seen[is_worth]] = answers.worths(chance)[is_worth]
-        hits[seen] = answers.hits(self.baselines.picks[of])
+        hits[seen] = hits_of(answers.right, self.baselines.picks[of])
         angles_rad[seen] = self.baselines.angles_rad[of]
         judged = Judged(
             words=self.words,
@@ -367,10 +367,6 @@ class _Answers:
         sizes = np.where(has_set, size, np.nan)
         return np.stack([chances, on_truth, (1 - on_truth) ** 2 + wrong, sizes, is_covered & has_set], axis=1)
 
-    def hits(self, picks: Codes) -> Flags:
-        """Whether what each baseline picks (n, 4) is right."""
-        return np.take_along_axis(self.right, picks % self.right.shape[1], axis=1) & (picks != UNKNOWN)
-
     def aims(self, directions: Float) -> tuple[Float, Flags]:
         """Each direction with the vector from the eyes to what the label says (n, 2, 3), and whether both are known."""
         with_box = self.right & self.has_box
@@ -387,6 +383,11 @@ def named_by(label: LabelColumns, view: View, people: Codes) -> Flags:
     if several.size:
         named[several] = _nearest(named[several], view.boxes_px[people[several]], label.points_px[several])
     return named
+
+
+def hits_of(named: Flags, picks: Codes) -> Flags:
+    """Whether what baselines pick (n, B) is among the named instances (n, K)."""
+    return np.take_along_axis(named, picks % named.shape[1], axis=1) & (picks != UNKNOWN)
 
 
 def _nearest(named: Flags, boxes_px: Float, points_px: Float) -> Flags:

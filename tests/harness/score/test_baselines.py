@@ -6,7 +6,8 @@ from math import acos, inf, nan, sqrt
 import numpy as np
 import pytest
 
-from harness.score.baselines import Choices, best_limit_rad, choose, commonest
+from harness.score.baselines import Choices, best_limit_rad, commonest
+from tests.frame_by_frame import choose
 from tests.records import frame_record, subject_record, target_record
 
 NEAR = target_record(1, "near", center=(1.0, 0.0, 1.2), box_px=(0, 0, 10, 10))

@@ -23,11 +23,11 @@ from harness.run.fitted import read_fitted
 from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.score.fit_logit import folds_of
-from harness.score.labelled_run import labelled_people, read_labelled
+from harness.score.labelled_run import labelled_people, read_labelled, truths_of
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
-from tests.records import frame_record, subject_record, tables_of, target_record, write_manifest
+from tests.records import columns_by_pair, frame_record, subject_record, tables_of, target_record, write_manifest
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.bayes import BayesSettings
@@ -324,8 +324,10 @@ def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
         replace(record, subjects=tuple(replace(subject, gaze=None) for subject in record.subjects))
         for record in records
     ]
-    (both,) = labelled_people("talk", records, labels, None, 1.0, tuple(ROWS))
-    (alone,) = labelled_people("talk", heads, labels, None, 1.0)
+    (seen,) = columns_by_pair(records)
+    truths = truths_of(seen.scene, seen.looks, labels, seen.words)
+    (both,) = labelled_people("talk", records, truths, None, 1.0, tuple(ROWS))
+    (alone,) = labelled_people("talk", heads, truths, None, 1.0)
     for masked, measured in zip(both.sequence.alone["head"], alone.sequence.seen, strict=True):
         assert masked is not None
         np.testing.assert_array_equal(masked.now, measured.now)
