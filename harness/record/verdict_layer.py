@@ -31,7 +31,7 @@ from harness.run.records import renamed
 from harness.run.table_records import Block, TableReader
 from harness.score import picks, verdict_columns
 from harness.score import verdicts as scored
-from harness.score.verdict_columns import JudgedPart, judge_columns
+from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
@@ -191,7 +191,7 @@ class _Layer:
         )
 
     @cached_property
-    def _judged(self) -> JudgedPart:
+    def _judged(self) -> PairVerdicts:
         columns = self._columns.read((self._files.clip, self._configuration), self._names_now)
         return judge_columns(columns, self._labels, (), self._traits, {})
 

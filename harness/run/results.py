@@ -1,4 +1,4 @@
-"""The records of one clip of a finished run, and what its answers are."""
+"""The records of one clip of a finished run, under one of its configurations."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.statistics import UNKNOWN, Codes, Interval
-from harness.score.verdict_columns import JudgedPart
+from harness.score.verdict_columns import PairVerdicts
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.scoring import BINS, bins
 from vfoa.types import Float
@@ -156,7 +156,7 @@ def coverages(subjects: Iterable[JudgedSubject]) -> list[SetCoverage]:
     return found
 
 
-def direction_checks(judged: Mapping[Pair, JudgedPart]) -> list[DirectionCheck]:
+def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck]:
     """One check for each clip and configuration with a posterior, over the named subjects."""
     fits: dict[Pair, list[Float]] = {}
     for (clip, name), part in judged.items():

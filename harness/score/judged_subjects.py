@@ -18,7 +18,7 @@ from harness.score.baselines import BASELINES, best_limit_rad, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.reference import Reference
 from harness.score.statistics import Codes, Flags
-from harness.score.verdict_columns import Judged, JudgedPart
+from harness.score.verdict_columns import PairVerdicts, SubjectVerdicts
 from harness.score.verdicts import NO_HIT
 from vfoa.types import Float
 
@@ -45,7 +45,7 @@ class JudgedSubject:
     clip: str
     configuration: str
     subject: str
-    judged: Judged
+    judged: SubjectVerdicts
     frames: NDArray[np.int64]
     positions: Codes
     looks: Codes
@@ -76,7 +76,7 @@ class JudgedSubject:
         return self.judged.words.counts(self.judged.error_type)
 
 
-def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
+def axis_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
     """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
@@ -86,7 +86,7 @@ def axis_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
     return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
-def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
+def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
     """A note for each clip whose heads have no usual size in metres, under the first configuration."""
     notes: dict[str, str] = {}
     for (clip, configuration), part in judged.items():
@@ -101,7 +101,7 @@ def unit_notes(judged: Mapping[Pair, JudgedPart]) -> tuple[Note, ...]:
 
 
 def judged_subjects(
-    judged: Mapping[Pair, JudgedPart], reference: Reference, phase: str | None = None
+    judged: Mapping[Pair, PairVerdicts], reference: Reference, phase: str | None = None
 ) -> list[JudgedSubject]:
     """The subjects of all judged records, and of every labelled frame without a record; or of one phase's records.
 
@@ -122,7 +122,7 @@ def judged_subjects(
     return _with_limits(_with_commonest(_with_longer_looks(subjects), judged, codes))
 
 
-def _rate_hz(parts: Sequence[JudgedPart]) -> float | None:
+def _rate_hz(parts: Sequence[PairVerdicts]) -> float | None:
     """The frame rate by the median step between frames that have a time; None if all times are equal."""
     frames, times_ns = (np.concatenate([getattr(part, name) for part in parts]) for name in ("frames", "times_ns"))
     _, last = np.unique(frames[::-1], return_index=True)
@@ -144,7 +144,7 @@ def _with_longer_looks(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
     ]
 
 
-def _judged_subject(judged: Judged, frames: Codes, rate: float | None, codes: dict[str, int]) -> JudgedSubject:
+def _judged_subject(judged: SubjectVerdicts, frames: Codes, rate: float | None, codes: dict[str, int]) -> JudgedSubject:
     """The columns of a subject. ``frames`` are all of the clip, ``codes`` the numbers of names in the whole run."""
     scored, words = judged.where(judged.is_scored), judged.words
     truth = _coded(scored.truth, words, codes)
@@ -179,7 +179,7 @@ def _judged_subject(judged: Judged, frames: Codes, rate: float | None, codes: di
 
 
 def _with_commonest(
-    subjects: list[JudgedSubject], judged: Mapping[Pair, JudgedPart], codes: Mapping[str, int]
+    subjects: list[JudgedSubject], judged: Mapping[Pair, PairVerdicts], codes: Mapping[str, int]
 ) -> list[JudgedSubject]:
     """The subjects with the hits of the commonest label of the other clips, by configuration."""
     counts: dict[tuple[str, str], Codes] = {}

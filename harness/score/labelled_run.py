@@ -17,8 +17,8 @@ from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRec
 from harness.score.finished_run import FinishedRun
 from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
-from harness.score.score import judged_part
-from harness.score.verdict_columns import Judged, LabelColumns, hits_of, named_by
+from harness.score.score import pair_verdicts
+from harness.score.verdict_columns import LabelColumns, SubjectVerdicts, hits_of, named_by
 from harness.score.verdicts import find_subject
 from vfoa import types
 from vfoa.cones import ConesSettings, pay_attention
@@ -288,13 +288,13 @@ def _answers(run: FinishedRun, reference: Reference) -> Answers:
     for columns in run.columns():
         name, base = columns.configuration, base_of(columns.configuration)
         if columns.clip in reference.labels and (base == name or name.endswith(".seed1")):
-            for subject, judged in judged_part(columns, reference).by_subject.items():
+            for subject, judged in pair_verdicts(columns, reference).by_subject.items():
                 for frame, outcome in _scored_answers(judged):
                     answers.setdefault((columns.clip, subject, frame), {})[base] = outcome
     return answers
 
 
-def _scored_answers(judged: Judged) -> Iterator[tuple[int, ScoredAnswer]]:
+def _scored_answers(judged: SubjectVerdicts) -> Iterator[tuple[int, ScoredAnswer]]:
     """Yield the scored frames of a subject."""
     scored = judged.where(judged.is_scored)
     columns = scored.frames, ~scored.is_wrong, *scored.worth[:, :2].T

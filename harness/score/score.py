@@ -29,7 +29,7 @@ from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.reference import Reference
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
-from harness.score.verdict_columns import JudgedPart, judge_columns
+from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Float
 
@@ -191,27 +191,10 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
-    judged, measured = dict[Pair, JudgedPart](), dict[Pair, Measured]()
+    judged, measured = dict[Pair, PairVerdicts](), dict[Pair, Measured]()
     for each in columns:
         pair = each.clip, each.configuration
-        judged[pair], measured[pair] = judged_part(each, reference), each.measured
-    return score_parts(judged, measured, reference)
-
-
-def judged_part(columns: PairColumns, reference: Reference) -> JudgedPart:
-    """The verdicts of a configuration on a clip."""
-    clip = columns.clip
-    return judge_columns(
-        columns,
-        reference.labels.get(clip),
-        reference.wanted_frames(clip),
-        reference.traits.get(columns.configuration, PLAIN),
-        reference.phases.get(clip, {}),
-    )
-
-
-def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measured], reference: Reference) -> Scores:
-    """Score judged records; ``measured`` are the measures of the same ones."""
+        judged[pair], measured[pair] = pair_verdicts(each, reference), each.measured
     subjects, directions = judged_subjects(judged, reference), direction_checks(judged)
     clips = tuple(dict.fromkeys(of_subject.clip for of_subject in subjects))
     configurations = tuple(dict.fromkeys(of_subject.configuration for of_subject in subjects))
@@ -236,6 +219,18 @@ def score_parts(judged: Mapping[Pair, JudgedPart], measured: Mapping[Pair, Measu
         settings=reference.settings,
         has_answers_of_file=any(traits.from_file for traits in reference.traits.values()),
         phases={phase: _phase_scores(judged_subjects(judged, reference, phase), metrics) for phase in phases},
+    )
+
+
+def pair_verdicts(columns: PairColumns, reference: Reference) -> PairVerdicts:
+    """The verdicts of a configuration on a clip."""
+    clip = columns.clip
+    return judge_columns(
+        columns,
+        reference.labels.get(clip),
+        reference.wanted_frames(clip),
+        reference.traits.get(columns.configuration, PLAIN),
+        reference.phases.get(clip, {}),
     )
 
 

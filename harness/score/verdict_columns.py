@@ -38,7 +38,7 @@ COMPARED_EVERY = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judged:
+class SubjectVerdicts:
     """A subject's frames in order, as columns (n,): verdicts, and what the answers are worth.
 
     ``truth``, ``predicted`` and ``error_type`` are codes of ``words``, :data:`harness.run.columns.UNKNOWN` without a
@@ -63,7 +63,7 @@ class Judged:
     hits: Flags
     angles_rad: Float
 
-    def where(self, chosen: Flags | Codes) -> Judged:
+    def where(self, chosen: Flags | Codes) -> SubjectVerdicts:
         """The chosen frames."""
         columns = (
             "frames",
@@ -119,7 +119,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JudgedPart:
+class PairVerdicts:
     """The verdicts of a configuration on a clip by subject, and what notes and checks take from its F frames.
 
     ``phase_of`` (F,) are codes of phases. ``fits`` (n, 4) are those of all frames of named subjects, labelled or not.
@@ -128,7 +128,7 @@ class JudgedPart:
     """
 
     words: Words
-    by_subject: Mapping[str, Judged]
+    by_subject: Mapping[str, SubjectVerdicts]
     frames: NDArray[np.int64]
     times_ns: NDArray[np.int64]
     phase_of: Codes
@@ -148,7 +148,7 @@ def judge_columns(
     wanted: Iterable[int],
     traits: AnswerTraits,
     phases: Mapping[int, str],
-) -> JudgedPart:
+) -> PairVerdicts:
     """Judge every labelled or named subject of a configuration on a clip.
 
     Parameters
@@ -161,7 +161,7 @@ def judge_columns(
     scene, looks, words = columns.scene, columns.looks, columns.words
     named = {word: code for code in np.unique(scene.person_names).tolist() if (word := words.word(code)) is not None}
     pair = _Pair(columns, traits)
-    judged, at, aims = dict[str, Judged](), [np.zeros(0, dtype=np.intp)], list[Float]([np.zeros((0, 2, 3))])
+    judged, at, aims = dict[str, SubjectVerdicts](), [np.zeros(0, dtype=np.intp)], list[Float]([np.zeros((0, 2, 3))])
     absent = np.setdiff1d(np.array([*wanted], dtype=np.int64), scene.frames)
     for subject in sorted({*named, *(labels.subjects if labels else ())}):
         found, places, of_subject = pair.judge(subject, labels, absent)
@@ -170,7 +170,7 @@ def judge_columns(
         at.append(places)
         aims.append(of_subject)
     compared = looks.head_widths_m[scene.person_at % COMPARED_EVERY == 0]
-    return JudgedPart(
+    return PairVerdicts(
         words=words,
         by_subject=judged,
         frames=scene.frames,
@@ -208,7 +208,9 @@ class _Pair:
         # np.bincount adds one after the other, as for one frame, so that bits are equal
         self.nowhere = np.maximum(0.0, 1 - np.bincount(columns.attending, columns.total, people))
 
-    def judge(self, subject: str, labels: Labels | None, absent: NDArray[np.int64]) -> tuple[Judged, Codes, Float]:
+    def judge(
+        self, subject: str, labels: Labels | None, absent: NDArray[np.int64]
+    ) -> tuple[SubjectVerdicts, Codes, Float]:
         """The verdicts of a subject; the aims in some frames (n, 2, 3), and the places of these frames (n,)."""
         scene = self.columns.scene
         labels = labels or Labels(())
@@ -227,7 +229,7 @@ class _Pair:
 
     def _judged(
         self, subject: str, frames: NDArray[np.int64], at: Codes, person: Codes, label: LabelColumns
-    ) -> tuple[Judged, Codes, Float]:
+    ) -> tuple[SubjectVerdicts, Codes, Float]:
         code, n = self.words.code, len(frames)
         seen = np.flatnonzero(person != UNKNOWN)
         of, label_of = person[seen], label.at(seen)
@@ -251,7 +253,7 @@ class _Pair:
             worth[seen[is_worth]] = answers.worths(chance)[is_worth]
         hits[seen] = hits_of(answers.right, self.baselines.picks[of])
         angles_rad[seen] = self.baselines.angles_rad[of]
-        judged = Judged(
+        judged = SubjectVerdicts(
             words=self.words,
             clip=self.columns.clip,
             configuration=self.columns.configuration,

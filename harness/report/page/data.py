@@ -31,7 +31,7 @@ from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import Codes
-from harness.score.verdict_columns import Judged
+from harness.score.verdict_columns import SubjectVerdicts
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
 
 STATES = ("correct", "unscored", *ERROR_TYPES)
@@ -221,7 +221,7 @@ def _clip_data(
     return {"tracks": tracks, "colours": _colours(target_colours(attention, clip), tracks, names)}
 
 
-def _numbered(verdicts: Judged, names: NameCodes) -> Codes:
+def _numbered(verdicts: SubjectVerdicts, names: NameCodes) -> Codes:
     """The numbers (3, n) of truths, predictions and answers; they are given in the order in which words are shown."""
     words = verdicts.words
     no_hit = words.code(NO_HIT)
@@ -235,7 +235,7 @@ def _numbered(verdicts: Judged, names: NameCodes) -> Codes:
     return numbers[places.reshape(shown.shape)].T
 
 
-def _states(verdicts: Judged) -> Codes:
+def _states(verdicts: SubjectVerdicts) -> Codes:
     """The places of the frames' states in :data:`STATES`."""
     codes, places = np.unique(verdicts.error_type, return_inverse=True)
     states = np.array([_STATE_CODES[verdicts.words.word(code) or "correct"] for code in codes.tolist()], dtype=np.intp)
@@ -263,7 +263,7 @@ def _pictures(
     return {"pictures": pictures, "seen": seen}
 
 
-def _seen(verdicts: Judged, thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
+def _seen(verdicts: SubjectVerdicts, thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
     """By frame, the marks drawn over the picture of a subject who was judged wrong."""
     drawn = {}
     for frame in verdicts.frames[verdicts.is_wrong].tolist():

@@ -24,7 +24,7 @@ from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair
 from harness.score.statistics import Codes
-from harness.score.verdict_columns import Judged
+from harness.score.verdict_columns import SubjectVerdicts
 from vfoa.types import Float
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -89,7 +89,7 @@ MOST_BYTES = 3_000_000
 """Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
 values."""
 
-BySubject = dict[str, Judged]
+BySubject = dict[str, SubjectVerdicts]
 """A subject's verdicts by configuration."""
 
 
