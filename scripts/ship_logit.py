@@ -30,7 +30,7 @@ from harness.report.fit import fitted_text
 from harness.run.directory import RunDirectory
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.score.fit_logit import answers, is_on_target, score
-from harness.score.labelled_run import Person, read_features
+from harness.score.labelled_run import LabelledPerson, read_features
 from vfoa.logit import Cases, LogitSettings, LogitWeights, Weights
 from vfoa.logit_cues import ROWS, Case
 from vfoa.logit_fit import (
@@ -57,7 +57,7 @@ HEAD = """# The weights that ship with vfoa, as `python -m scripts.ship_logit` w
 # at once, each of the same weight. held_out: scores on each setting with weights fitted on the others alone.
 """
 
-Settings = Mapping[str, Sequence[Person]]
+Settings = Mapping[str, Sequence[LabelledPerson]]
 Designs = dict[tuple[Case, Smoothing], Design]
 
 
@@ -86,7 +86,7 @@ def main(words: Sequence[str]) -> None:
         print(f"{each.method:<48} n {each.n:6} log loss {each.log_loss:.3f} ECE {each.calibration_error:.3f}")  # noqa: T201
 
 
-def _people(paths: Sequence[str]) -> Iterator[Person]:
+def _people(paths: Sequence[str]) -> Iterator[LabelledPerson]:
     """Yield everyone of the runs, once for each configuration with stages of its own."""
     for path in paths:
         directory = RunDirectory(Path(path))
@@ -97,7 +97,7 @@ def _people(paths: Sequence[str]) -> Iterator[Person]:
             yield from run.people
 
 
-def _designs(people: Sequence[Person]) -> Designs:
+def _designs(people: Sequence[LabelledPerson]) -> Designs:
     """The frames of a setting by case and smoothing, of the same total weight in every setting."""
     found = {}
     for case, smoothing in itertools.product(ROWS, SMOOTHINGS):
@@ -133,16 +133,16 @@ def _left_out(settings: Settings, designs: Mapping[str, Designs]) -> Iterator[Me
                 yield score(f"{name} left out, {case}, {smoothing}", outcomes, targets)
 
 
-def _distinct(people: Iterable[Person]) -> list[Person]:
+def _distinct(people: Iterable[LabelledPerson]) -> list[LabelledPerson]:
     """Everyone once: runs of several gaze errors have the same heads."""
-    found: dict[tuple[object, ...], Person] = {}
+    found: dict[tuple[object, ...], LabelledPerson] = {}
     for person in people:
         frames = b"".join(seen.now.tobytes() for seen in person.sequence.seen)
         found.setdefault((person.sequence.group, frames), person)
     return list(found.values())
 
 
-def _with(person: Person, case: Case) -> Person:
+def _with(person: LabelledPerson, case: Case) -> LabelledPerson:
     """A person in the frames of a case alone."""
     sequence = person.sequence
     shown = sequence.alone.get(case, sequence.seen)

@@ -19,10 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfoa.errors import VfoaError
-from vfoa.types import Float
-
-Flags = NDArray[np.bool_]
-Codes = NDArray[np.intp]
+from vfoa.types import Codes, Flags, Float
 
 NOWHERE = "none"
 """The label, and the answer, "looks at none of the targets"."""

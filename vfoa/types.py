@@ -29,6 +29,9 @@ Float = NDArray[np.float64]
 Map = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+Flags = NDArray[np.bool_]
+Codes = NDArray[np.intp]
+"""Numbers for names, or places in another array."""
 
 Cue = Literal["gaze", "head"]
 CUES: tuple[Cue, ...] = ("gaze", "head")

@@ -26,7 +26,7 @@ from vfoa.weights import cache_directory, directories, is_lfs_pointer, locate, w
 if TYPE_CHECKING:
     from vfoa.onnx import RuntimeSettings, Signature
 
-Progress = Callable[[int, int | None], None]
+DownloadProgress = Callable[[int, int | None], None]
 """Called with the bytes received, and the bytes of the whole file if known."""
 
 
@@ -128,7 +128,9 @@ def find_model(name: str) -> CatalogueEntry:
     return models[name]
 
 
-def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
+def fetch_model(
+    name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: DownloadProgress | None = None
+) -> Path:
     """Download a model's file, if it is not on this machine yet, and return its path.
 
     A network that is published in OpenVINO's format, or as a checkpoint of PyTorch, is converted to ONNX.
@@ -176,7 +178,7 @@ def _fetch_converted(
     target: Path,
     *,
     sha256: str | None,
-    progress: Progress | None,
+    progress: DownloadProgress | None,
 ) -> None:
     """Download published files, convert them to ``target``, and remove what was downloaded."""
     from harness.files.download import download
@@ -200,9 +202,6 @@ def _fetch_converted(
             path.unlink(missing_ok=True)
 
 
-Verdict = Literal["ok", "fails", "absent"]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCheck:
     """The result of checking one model.
@@ -212,7 +211,7 @@ class ModelCheck:
     """
 
     name: str
-    verdict: Verdict
+    verdict: Literal["ok", "fails", "absent"]
     provider: str | None = None
     inference_ms: float | None = None
     checksum_known: bool = False

@@ -38,8 +38,7 @@ from harness.score.comparison import (
 from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, pair
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import SIGNIFICANCE, wilson_interval
-from harness.score.statistics import UNKNOWN as NO_INTERVAL
+from harness.score.statistics import NO_INTERVAL, SIGNIFICANCE, wilson_interval
 
 _TITLE = "Configurations compared on the same frames"
 _FACTORS = "Factors of the grid compared over all values of the others"

@@ -20,7 +20,7 @@ from harness.report.comparisons import (
 from harness.report.csv_tables import scores_table
 from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
-from harness.report.page.packing import Attention, AttentionPart
+from harness.report.page.packing import AttentionPart, RunAttention
 from harness.report.page.render import RunTables, render_page
 from harness.report.stages import (
     StageTimes,
@@ -61,7 +61,7 @@ class Scored(NamedTuple):
     """The scores of a run, and what else its page shows: the attention, and the present names of renamed targets."""
 
     scores: Scores
-    attention: Attention
+    attention: RunAttention
     names_now: Mapping[str, Mapping[str, str]]
 
 

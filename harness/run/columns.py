@@ -21,10 +21,8 @@ from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
 from harness.run.table_files import check_ascending, count_rows, find_tables, read_arrow
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
 from vfoa.errors import VfoaError
-from vfoa.types import CUES, Cue, Float
+from vfoa.types import CUES, Codes, Cue, Flags, Float
 
-Codes = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 UNKNOWN = -1
 """The code of no word, and the row of nothing."""
 NO_ID = np.iinfo(np.int64).min

@@ -16,8 +16,9 @@ import numpy as np
 from harness.labels.labels import IGNORED, Labels
 from harness.score.intervals import LEAST_UNITS, draw, expanded_percentiles
 from harness.score.looks import number_looks
-from harness.score.statistics import UNKNOWN, Codes, Counts, Interval
+from harness.score.statistics import NO_INTERVAL, Counts, Interval
 from vfoa.scoring import cohen_kappa
+from vfoa.types import Codes
 
 
 class TargetAgreement(NamedTuple):
@@ -170,11 +171,11 @@ def _interval(subjects: Codes, by_look: Counts) -> Interval:
     """Interval of kappa from resampled looks of the first annotator, per subject; unknown with few looks."""
     n, df = len(subjects), len(subjects) - len(np.unique(subjects))
     if n < LEAST_UNITS or df < 1:
-        return UNKNOWN
+        return NO_INTERVAL
     sums = draw(subjects, by_clip=False).astype(np.intp) @ by_look.reshape(n, -1)
     kappas = np.array([cohen_kappa(confusion) for confusion in sums.reshape(-1, *by_look.shape[1:])])
     kappas = kappas[np.isfinite(kappas)]
     if not len(kappas) or np.ptp(kappas) == 0:
-        return UNKNOWN
+        return NO_INTERVAL
     low, high = expanded_percentiles(kappas, n, df)
     return Interval(low=low, high=high, unit="look")

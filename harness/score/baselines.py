@@ -25,8 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.run.records import BoxPx, Vector
-from harness.score.statistics import Flags
-from vfoa.types import Float
+from vfoa.types import Flags, Float
 
 BASELINES = {
     "commonest": "the commonest label of the other clips",

@@ -26,11 +26,11 @@ from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.judged_subjects import JudgedSubject
-from harness.score.statistics import UNKNOWN, Codes, Interval
+from harness.score.statistics import NO_INTERVAL, Interval
 from harness.score.verdict_columns import PairVerdicts
 from vfoa.posterior.grid import PLAUSIBLE_SHARE
 from vfoa.scoring import BINS, bins
-from vfoa.types import Float
+from vfoa.types import Codes, Float
 
 SMALL_TAIL = 0.05
 """A smaller tail probability is a surprise; if the model is right, this share of the frames has one."""
@@ -212,7 +212,7 @@ def _interval(gaps: Float, places: Codes, clips: Codes) -> Interval:
     """The interval of the calibration error, from the gaps (n,) between confidence and outcome and their bins."""
     n = int(clips.max()) + 1
     if n < LEAST_CLIPS:
-        return UNKNOWN
+        return NO_INTERVAL
     sums = np.bincount(clips * BINS + places, gaps, minlength=n * BINS).reshape(n, BINS)
     drawn = draw(np.zeros(n, dtype=np.intp), by_clip=False).astype(np.float64)
     errors = np.abs(drawn @ sums).sum(axis=1) / (drawn @ np.bincount(clips, minlength=n))

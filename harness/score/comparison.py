@@ -12,8 +12,8 @@ import numpy as np
 
 from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, difference_interval, pair, standard_error
 from harness.score.statistics import (
+    NO_INTERVAL,
     SIGNIFICANCE,
-    UNKNOWN,
     Interval,
     holm,
     inferiority_p,
@@ -54,7 +54,7 @@ class Comparison:
     better: int
     worse: int
     difference: float
-    interval: Interval = UNKNOWN
+    interval: Interval = NO_INTERVAL
     unit: Literal["clip", "look"]
     p: float
     p_holm: float = 1.0
@@ -161,7 +161,7 @@ def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
             comparison,
             p_holm=p,
             family=family,
-            interval=UNKNOWN if comparison.units is None else difference_interval(comparison.units, levels[index]),
+            interval=NO_INTERVAL if comparison.units is None else difference_interval(comparison.units, levels[index]),
             detectable=math.nan if comparison.units is None else detectable_difference(comparison.units, family),
         )
         for index, (comparison, p) in enumerate(zip(comparisons, corrected, strict=True))

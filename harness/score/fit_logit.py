@@ -26,8 +26,7 @@ from harness.run.grid import base_of
 from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledRun, Person, Truths, labelled_runs, truths_of
-from harness.score.statistics import Flags
+from harness.score.labelled_run import LabelledPerson, LabelledRun, LabelTruths, labelled_runs, truths_of
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
@@ -35,7 +34,7 @@ from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
 from vfoa.nearest import NearestSettings
 from vfoa.scoring import log_loss
-from vfoa.types import Float
+from vfoa.types import Flags, Float
 
 BLOCK_S = 10.0
 """Shortest block that is left out of a single clip, seconds: a look must not be on both sides of a border."""
@@ -50,8 +49,8 @@ COMMONEST, NEAREST = "commonest", "nearest within a limit"
 class Fold(NamedTuple):
     """People, or parts of them, to fit on, and those to score."""
 
-    train: Sequence[Person]
-    test: Sequence[Person]
+    train: Sequence[LabelledPerson]
+    test: Sequence[LabelledPerson]
 
 
 def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
@@ -135,7 +134,9 @@ def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = 
 
 
 def fitted_to(
-    people: Sequence[Person], smoothings: Collection[Smoothing] = SMOOTHINGS, answering: Sequence[Person] | None = None
+    people: Sequence[LabelledPerson],
+    smoothings: Collection[Smoothing] = SMOOTHINGS,
+    answering: Sequence[LabelledPerson] | None = None,
 ) -> LogitWeights:
     """Return weights fitted to people; rounded as in the file, so that a file gives the same answers.
 
@@ -182,12 +183,12 @@ def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
         yield score(f"{seconds} s", np.concatenate(outcomes), on_target)
 
 
-def is_on_target(person: Person) -> Flags:
+def is_on_target(person: LabelledPerson) -> Flags:
     """Return which labelled frames (n,) have a true target; the others are nowhere."""
     return np.array([person.sequence.targets[k] is not None for k in person.labelled], dtype=np.bool_)
 
 
-def answers(person: Person, weights: LogitWeights, smoothing: Smoothing) -> Float:
+def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing) -> Float:
     """Return the outcome of the logit in each labelled frame: (labelled, 3)."""
     sequence, cases = person.sequence, getattr(weights, smoothing)
     after: Sequence[Float | None] = [None] * len(sequence.seen)
@@ -226,26 +227,26 @@ def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
     )
 
 
-def _limit_rad(people: Sequence[Person]) -> float:
+def _limit_rad(people: Sequence[LabelledPerson]) -> float:
     angles, hits = np.concatenate([np.zeros((0, 2)), *(person.nearest[person.labelled] for person in people)]).T
     nowhere = np.concatenate([np.zeros(0, dtype=np.bool_), *(~is_on_target(person) for person in people)])
     return best_limit_rad(angles, hits.astype(np.bool_), nowhere)
 
 
-def _within(person: Person, limit_rad: float) -> Float:
+def _within(person: LabelledPerson, limit_rad: float) -> Float:
     """The outcomes of the nearest target within a limit, or nowhere."""
     angles, hits = person.nearest[person.labelled].T
     right = np.where(angles <= limit_rad, hits, ~is_on_target(person))
     return np.column_stack([right, np.full((len(right), 2), math.nan)])
 
 
-def _share_nowhere(people: Sequence[Person]) -> float:
+def _share_nowhere(people: Sequence[LabelledPerson]) -> float:
     """Share of nowhere among the labels, by Laplace's rule."""
     on_target = np.concatenate([is_on_target(person) for person in people])
     return float((~on_target).sum() + 1) / (len(on_target) + 2)
 
 
-def _constant(person: Person, share: float) -> Float:
+def _constant(person: LabelledPerson, share: float) -> Float:
     """The outcomes of a constant share of nowhere, and equal probabilities of the targets."""
     outcomes = []
     for k in person.labelled:
@@ -294,7 +295,7 @@ def _logit(configuration: Configuration) -> LogitSettings:
     return cast("LogitSettings", configuration.attend.attention)
 
 
-def _truths(tables: Tables, labels: Labels) -> Truths:
+def _truths(tables: Tables, labels: Labels) -> LabelTruths:
     scene = scene_columns(tables, words := Words(), {})
     return truths_of(scene, look_columns(scene, tables, words), labels, words)
 
@@ -320,7 +321,9 @@ def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str,
     return shared
 
 
-def _left_out_weights(people: Sequence[Person], smoothings: Collection[Smoothing], experiment: str) -> dict[str, Any]:
+def _left_out_weights(
+    people: Sequence[LabelledPerson], smoothings: Collection[Smoothing], experiment: str
+) -> dict[str, Any]:
     """The settings with weights fitted to all people, and for each clip to the people of the others."""
     clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
     if len(clips) < 2:

@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.score.looks import joined
-from harness.score.statistics import LEVEL, REPLICATES, SIGNIFICANCE, UNKNOWN, Codes, Interval, sign_flip_interval
+from harness.score.statistics import LEVEL, NO_INTERVAL, REPLICATES, SIGNIFICANCE, Interval, sign_flip_interval
 from vfoa.errors import VfoaError
-from vfoa.types import Float
+from vfoa.types import Codes, Float
 
 LEAST_CLIPS = 6
 """Fewest clips for intervals and tests about other clips: with fewer, a sign flip cannot reach p < .05."""
@@ -100,7 +100,7 @@ def rate_interval(units: Units) -> Interval:
     """The 95 % interval of a pooled rate; unknown with fewer than two units."""
     units = units.stretched()
     if len(units.frames) < 2:
-        return UNKNOWN
+        return NO_INTERVAL
     share = units.rate
     if (ends := _resampled(units)) is None or share in (0.0, 1.0):
         low, high = _clopper_pearson(share, _effective(units))
@@ -116,14 +116,14 @@ def difference_interval(units: Units, alpha: float = SIGNIFICANCE) -> Interval:
     """
     merged = units.merged()
     if len(merged.frames) < 2:
-        return UNKNOWN
+        return NO_INTERVAL
     if not units.values.any():
         widest = _clopper_pearson(0.0, len(merged.frames), alpha)[1]
         return _interval(units, -widest, widest)
     if np.ptp(merged.values / merged.frames) == 0:
-        return UNKNOWN
+        return NO_INTERVAL
     ends = sign_flip_interval(merged.values, merged.frames, alpha)
-    return UNKNOWN if ends is None else _interval(units, *ends)
+    return NO_INTERVAL if ends is None else _interval(units, *ends)
 
 
 def standard_error(units: Units) -> float:

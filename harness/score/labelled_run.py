@@ -20,14 +20,13 @@ from harness.score.reference import Reference
 from harness.score.score import pair_verdicts
 from harness.score.verdict_columns import LabelColumns, SubjectVerdicts, hits_of, named_by
 from harness.score.verdicts import find_subject
-from vfoa import types
 from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
 from vfoa.logit import LogitSettings, Remembered
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_cues import ROWS, Case, Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
-from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Subject, Target
+from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Subject, Target
 
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -37,7 +36,7 @@ ScoredAnswer = tuple[bool, float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Person:
+class LabelledPerson:
     """One labelled person of a clip under one seed, by frame: the sequence, and the answers of other methods.
 
     ``nearest`` (frames, 2) is the angle of the target nearest to the measured direction, radians, and whether it is the
@@ -53,17 +52,17 @@ class Person:
         """The positions of the frames that are scored."""
         return [k for k, target in enumerate(self.sequence.targets) if target != UNKNOWN]
 
-    def only(self, chosen: Iterable[int]) -> Person:
+    def only(self, chosen: Iterable[int]) -> LabelledPerson:
         """Return the person with the labels of these frames alone."""
         wanted = set(chosen)
         targets = [target if k in wanted else UNKNOWN for k, target in enumerate(self.sequence.targets)]
         return replace(self, sequence=replace(self.sequence, targets=targets))
 
-    def without(self, chosen: Iterable[int]) -> Person:
+    def without(self, chosen: Iterable[int]) -> LabelledPerson:
         """Return the person without the labels of these frames."""
         return self.only(set(self.labelled) - set(chosen))
 
-    def first(self, seconds: float) -> Person:
+    def first(self, seconds: float) -> LabelledPerson:
         """Return the person with the first labelled seconds alone."""
         end = np.cumsum([min(self.sequence.gaps_s[k], 1.0) for k in self.labelled])
         return self.only([k for k, until in zip(self.labelled, end, strict=True) if until <= seconds + 1e-9])
@@ -81,7 +80,7 @@ class LabelledRun:
     experiment: str
     configuration: str
     seeds: int
-    people: Sequence[Person]
+    people: Sequence[LabelledPerson]
 
 
 def read_labelled(directory: RunDirectory, configuration: str | None = None) -> LabelledRun:
@@ -120,7 +119,7 @@ def read_features(
     return labelled_runs(run.manifest.experiment, run.records(configurations), truths, configurations, cases)
 
 
-class Truth(NamedTuple):
+class LabelTruth(NamedTuple):
     """What is right for a person in a frame: instances, None for nowhere; nothing without a label.
 
     ``angle_rad`` is that of the target nearest to the measured direction, and ``is_nearest`` says whether it is right.
@@ -131,13 +130,13 @@ class Truth(NamedTuple):
     is_nearest: bool
 
 
-Truths = Mapping[str, Mapping[int, Truth]]
+LabelTruths = Mapping[str, Mapping[int, LabelTruth]]
 """The truth by labelled person and frame in which the person was found."""
 
 
-def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Words) -> Truths:
+def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Words) -> LabelTruths:
     """What is right in a clip under one configuration."""
-    view, picks, truths = view_of(scene), picks_of(scene, looks), dict[str, dict[int, Truth]]()
+    view, picks, truths = view_of(scene), picks_of(scene, looks), dict[str, dict[int, LabelTruth]]()
     for subject in labels.subjects:
         people = np.flatnonzero(scene.person_names == words.code(subject))[::-1]  # the first, if tracks share the name
         frames = scene.frames[scene.person_at[people]]
@@ -146,12 +145,12 @@ def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Wo
         rows = zip(view.ids[people], named, label.is_nowhere.tolist(), strict=True)
         answers = ((None,) if is_nowhere else tuple(ids[right].tolist()) for ids, right, is_nowhere in rows)
         is_nearest = hits_of(named, picks.picks[people, 3:])[:, 0].tolist()
-        of_frames = map(Truth, answers, picks.angles_rad[people].tolist(), is_nearest)
+        of_frames = map(LabelTruth, answers, picks.angles_rad[people].tolist(), is_nearest)
         truths[subject] = dict(zip(frames.tolist(), of_frames, strict=True))
     return truths
 
 
-def _truths(run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str]) -> dict[Pair, Truths]:
+def _truths(run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str]) -> dict[Pair, LabelTruths]:
     return {
         (each.clip, each.configuration): truths_of(each.scene, each.looks, labels[each.clip], each.words)
         for each in run.columns(configurations)
@@ -166,7 +165,7 @@ Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
 def labelled_runs(
     experiment: str,
     records: Iterable[FrameRecord],
-    truths: Mapping[Pair, Truths],
+    truths: Mapping[Pair, LabelTruths],
     configurations: Collection[str],
     cases: Collection[Case] | None = None,
     others: Answers | None = None,
@@ -202,11 +201,11 @@ def labelled_runs(
 def labelled_people(
     clip: str,
     records: Sequence[FrameRecord],
-    truths: Truths,
+    truths: LabelTruths,
     others: Answers | None,
     weight: float,
     cases: Collection[Case] | None = None,
-) -> list[Person]:
+) -> list[LabelledPerson]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
     Without the answers of ``others``, those of two cones are left out, too. ``cases``: those that will be fitted;
@@ -255,7 +254,7 @@ def _seen(records: Sequence[FrameRecord], case: Case | None) -> Iterator[dict[in
 
 
 class _Row(NamedTuple):
-    """A person in a frame: features, true target, the nearest one as in :class:`Person`, and the answers."""
+    """A person in a frame: features, true target, the nearest one as in :class:`LabelledPerson`, and the answers."""
 
     time_s: float
     seen: Seen
@@ -265,10 +264,10 @@ class _Row(NamedTuple):
     answers: Mapping[str, ScoredAnswer]
 
 
-def _person(clip: str, rows: Sequence[_Row], weight: float) -> Person:
+def _person(clip: str, rows: Sequence[_Row], weight: float) -> LabelledPerson:
     missing: ScoredAnswer = (False, math.nan, math.nan)
     names = dict.fromkeys(name for row in rows for name in row.answers)
-    return Person(
+    return LabelledPerson(
         sequence=LabelledSequence(
             group=clip,
             times_s=[row.time_s for row in rows],
@@ -311,7 +310,7 @@ def _subject(record: SubjectRecord, case: Case | None = None) -> Subject:
         head = HeadPose(direction=np.array(record.head))
     origin = None if record.eye_origin_m is None else np.array(record.eye_origin_m)
     number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
-    person = types.Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
+    person = Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
     return Subject(track_id=record.track_id, person=person, gaze=gaze, head_pose=head)
 
 

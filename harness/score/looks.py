@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.score.statistics import Codes, Flags
-from vfoa.types import Float
+from vfoa.types import Codes, Flags, Float
 
 LEAST_S = 2.0
 """Shortest duration of a unit in seconds, unless the subject's frames last less."""

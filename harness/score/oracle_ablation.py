@@ -14,7 +14,7 @@ from harness.clips.manifest import load_manifest
 from harness.run.notes import Note
 from harness.score.intervals import difference_interval, pair
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import UNKNOWN, Interval
+from harness.score.statistics import NO_INTERVAL, Interval
 from harness.sources import Truth
 from vfoa.errors import VfoaError
 
@@ -135,7 +135,7 @@ def steps(scores: Scores) -> list[Step]:
                     replaced=name.removeprefix(f"{before}+"),
                     row=row,
                     gained=row.frr - scored[before].frr,
-                    interval=UNKNOWN if pairs.is_identical else interval,
+                    interval=NO_INTERVAL if pairs.is_identical else interval,
                     is_identical=pairs.is_identical,
                 )
             )

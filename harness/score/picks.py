@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from harness.run.columns import NO_ID, UNKNOWN, LookColumns, SceneColumns
 from harness.score.baselines import angle_rad, choose_among
-from harness.score.statistics import Codes, Flags
-from vfoa.types import Float
+from vfoa.types import Codes, Flags, Float
 
 
 class View:

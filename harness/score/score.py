@@ -28,10 +28,10 @@ from harness.score.judged_subjects import JudgedSubject, axis_notes, judged_subj
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.reference import Reference
-from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
-from vfoa.types import Float
+from vfoa.types import Flags, Float
 
 Beats = Literal["yes", "not shown", "no"]
 """Whether a configuration beats the best baseline: significantly, possibly by chance, or not at all."""

@@ -23,11 +23,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfoa.types import Float
+from vfoa.types import Codes, Float
 
-Codes = NDArray[np.intp]
 Counts = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 LEVEL = 0.95
 SIGNIFICANCE = 0.05
@@ -47,13 +45,13 @@ class Interval:
     unit: Literal["clip", "look", "frame"] = "frame"
 
 
-UNKNOWN = Interval(low=math.nan, high=math.nan)
+NO_INTERVAL = Interval(low=math.nan, high=math.nan)
 
 
 def wilson_interval(correct: int, n: int) -> Interval:
     """Wilson's score interval (Wilson 1927) of a share of independent trials, which frames are not."""
     if n == 0:
-        return UNKNOWN
+        return NO_INTERVAL
     z = NormalDist().inv_cdf((1 + LEVEL) / 2)
     share = correct / n
     center = (share + z**2 / (2 * n)) / (1 + z**2 / n)

@@ -18,7 +18,6 @@ from harness.labels.labels import IGNORED, NOWHERE, LabelRange, Labels
 from harness.run.columns import NO_ID, UNKNOWN, PairColumns, SceneColumns, Words
 from harness.run.manifest import AnswerTraits
 from harness.score.picks import View, picks_of, view_of
-from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import (
     ANOTHER,
     NO_HIT,
@@ -31,7 +30,7 @@ from harness.score.verdicts import (
     Outcome,
     Verdict,
 )
-from vfoa.types import Float
+from vfoa.types import Codes, Flags, Float
 
 COMPARED_EVERY = 4
 """Of every so many frames, one is looked at for what tells of other axes and units."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from harness.score.intervals import Units
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
-from harness.score.statistics import Codes, Flags
-from vfoa.types import Float
+from vfoa.types import Codes, Flags, Float
 
 HZ = 25
 _BIAS_SHARE = 0.5

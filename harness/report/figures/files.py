@@ -135,7 +135,7 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
     """Add the strip of one failure: of the first run that has a recording of one."""
     from harness.record.composed import find_clips
     from harness.record.frame_reading import read_frame
-    from harness.report.figures.strip import Failure, strip
+    from harness.report.figures.strip import WrongFrame, strip
 
     missing = "no such wrong frame has a recording"
     for each in shown:
@@ -154,7 +154,7 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
         near = [frame for frame in clip.frames if abs(frame - chosen.frame) <= _AROUND]
         blocks = [block for block in reader.blocks if (block.clip, block.configuration) == of]
         content = read_frame(clip, chosen.configuration, chosen.subject, chosen.frame)
-        failure = Failure(
+        failure = WrongFrame(
             verdict=chosen,
             content=content,
             records=[record for block in blocks for record in reader.read(block) if record.frame in near],

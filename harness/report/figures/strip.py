@@ -27,7 +27,7 @@ _SIGNS = np.array([[1 if corner >> axis & 1 else -1 for axis in range(3)] for co
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
+class WrongFrame:
     """A wrong frame: the verdict, what the recording shows, and the records and verdicts of frames around it, in order.
 
     ``targets`` are the names of the clip's targets in the order of their colours.
@@ -53,7 +53,7 @@ class Failure:
         return f"{where}: {v.subject} looks at {v.truth}, answered: {v.predicted or 'nothing'} ({error})"
 
 
-def strip(failure: Failure, width: float) -> Figure:
+def strip(failure: WrongFrame, width: float) -> Figure:
     """The three panels, side by side in two columns, below each other in one."""
     colours, wide = Colours(failure.targets), is_wide(width)
     shape = (436, 1024) if failure.content.image is None else failure.content.image.shape
@@ -88,14 +88,14 @@ def _css(colour: Colour) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _mark(failure: Failure, name: str) -> str | None:
+def _mark(failure: WrongFrame, name: str) -> str | None:
     """The colour that marks a target as the truth or as the answer; None for the others."""
     if name == failure.verdict.truth:
         return RIGHT
     return OFF if name == failure.verdict.predicted else None
 
 
-def _draw_image(axes: Any, failure: Failure, colours: Colours) -> None:
+def _draw_image(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     content, record = failure.content, failure.record
     axes.set_axis_off()
     axes.set_title("left image", loc="left")
@@ -131,7 +131,7 @@ def _rectangle(axes: Any, box_px: Sequence[float], colour: Any, width: float) ->
     axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, ec=colour, lw=width))
 
 
-def _draw_scene(axes: Any, failure: Failure, colours: Colours) -> None:
+def _draw_scene(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     """Boxes, clouds, and the person's cones, in metres: x right, z away from the camera, height up."""
     record, names = failure.record, target_names(failure.record)
     seen: list[Float] = []
@@ -180,7 +180,7 @@ def _corners(box: BoxRecord) -> Float:
     return np.array(box.center_m) + (_SIGNS * np.array(box.half_size_m)) @ np.array(box.axes)
 
 
-def _draw_curves(axes: Any, failure: Failure, colours: Colours) -> None:
+def _draw_curves(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     """The attention to each target, over what was true and what was answered."""
     who = failure.verdict.subject
     frames = [record.frame for record in failure.records]

@@ -14,8 +14,8 @@ from harness.files.parsing import flattened
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.packing import (
-    Attention,
     BySubject,
+    RunAttention,
     attended,
     frames_of,
     pack_attention,
@@ -30,9 +30,9 @@ from harness.run.directory import Pair
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.statistics import Codes
 from harness.score.verdict_columns import SubjectVerdicts
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
+from vfoa.types import Codes
 
 STATES = ("correct", "unscored", *ERROR_TYPES)
 """States of a frame of a timeline; the data holds the place in this list, -1 if there is no frame."""
@@ -94,7 +94,7 @@ class NameCodes(dict[str, int]):
 
 def page_data(
     scores: Scores,
-    attention: Attention,
+    attention: RunAttention,
     thumbnails: Thumbnails,
     served: Served | None,
     rates_hz: Mapping[str, float | None],
@@ -184,7 +184,7 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: NameCodes, attention: Attention
+    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: NameCodes, attention: RunAttention
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 

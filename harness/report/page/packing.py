@@ -23,9 +23,8 @@ from harness.record.appearance import Colours
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair
-from harness.score.statistics import Codes
 from harness.score.verdict_columns import SubjectVerdicts
-from vfoa.types import Float
+from vfoa.types import Codes, Float
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|function) (\w+))", re.MULTILINE)
@@ -94,14 +93,14 @@ BySubject = dict[str, SubjectVerdicts]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Attended:
+class TargetValues:
     """A subject's attention to the targets of one name over n frames: their numbers, and ``values`` (PARTS, n)."""
 
     frames: NDArray[np.int64]
     values: Bytes
 
 
-Track = dict[str, Attended]
+AttentionByTarget = dict[str, TargetValues]
 """A subject's attention by target, in the order of appearance."""
 
 
@@ -109,7 +108,7 @@ Track = dict[str, Attended]
 class AttentionPart:
     """The attention of each subject of one clip under one configuration, and all targets in order of appearance."""
 
-    tracks: dict[str, Track] = field(default_factory=dict)
+    by_subject: dict[str, AttentionByTarget] = field(default_factory=dict)
     targets: tuple[str, ...] = ()
 
     @classmethod
@@ -125,7 +124,7 @@ class AttentionPart:
         is_subject[named[first]] = True
         entries = np.flatnonzero(is_subject[columns.attending])
         people, targets = columns.attending[entries], scene.names[columns.attended[entries]]
-        tracks: dict[str, Track] = {}
+        tracks: dict[str, AttentionByTarget] = {}
         pairs = scene.person_names[people] * len(words) + targets
         _, begins, groups = np.unique(pairs, return_index=True, return_inverse=True)
         for group in np.argsort(begins).tolist():
@@ -134,7 +133,7 @@ class AttentionPart:
             chosen = entries[within]
             parts = (columns.total[chosen], columns.gaze[chosen], columns.head[chosen])
             subject, target = (str(words.word(code)) for code in divmod(int(pairs[begins[group]]), len(words)))
-            tracks.setdefault(subject, {})[target] = Attended(
+            tracks.setdefault(subject, {})[target] = TargetValues(
                 frames=scene.frames[scene.person_at[people[within]]], values=np.stack([*map(_bytes, parts)])
             )
         names, appears = np.unique(scene.names, return_index=True)
@@ -149,13 +148,13 @@ def _greatest(people: Codes, totals: Float) -> Codes:
     return order[np.diff(people[order], prepend=-1) > 0]
 
 
-Attention = Mapping[Pair, AttentionPart]
+RunAttention = Mapping[Pair, AttentionPart]
 """The attention of a run by clip and configuration."""
 
 
-def attended(attention: Attention, pair: Pair, subject: str) -> Track:
+def attended(attention: RunAttention, pair: Pair, subject: str) -> AttentionByTarget:
     """A subject's attention to the targets that got any; empty if there is none."""
-    of_subject = attention.get(pair, AttentionPart()).tracks.get(subject, {})
+    of_subject = attention.get(pair, AttentionPart()).by_subject.get(subject, {})
     totals = PARTS.index("total")
     return {
         name: found
@@ -164,7 +163,7 @@ def attended(attention: Attention, pair: Pair, subject: str) -> Track:
     }
 
 
-def target_colours(attention: Attention, clip: str) -> Colours:
+def target_colours(attention: RunAttention, clip: str) -> Colours:
     """The colours of a clip's targets, in order of appearance."""
     return Colours(name for (of, _), part in attention.items() if of == clip for name in part.targets)
 
@@ -174,7 +173,7 @@ def frames_of(judged: BySubject) -> NDArray[np.int64]:
     return np.unique(np.concatenate([each.frames for each in judged.values()]))
 
 
-def aligned(found: Attended, frames: NDArray[np.int64]) -> Bytes:
+def aligned(found: TargetValues, frames: NDArray[np.int64]) -> Bytes:
     """A target's values (:data:`PARTS`, frames) at these frames; :data:`UNKNOWN` if there are none."""
     _, here, there = np.intersect1d(found.frames, frames, assume_unique=True, return_indices=True)
     values = np.full((len(PARTS), len(frames)), UNKNOWN, dtype=np.uint8)
@@ -189,7 +188,7 @@ def _bytes(values: Float) -> Bytes:
 
 
 def pack_attention(
-    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, BySubject]], attention: Attention
+    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, BySubject]], attention: RunAttention
 ) -> tuple[int, dict[str, str]]:
     """Pack the attention of every frame or, if that is too much, of every second, third ...: stride, packs by clip."""
 
@@ -202,7 +201,7 @@ def pack_attention(
     return (stride, packed(stride)) if stride > 1 else (1, whole)
 
 
-def _values(clip: str, subjects: Mapping[str, BySubject], attention: Attention, stride: int) -> bytes:
+def _values(clip: str, subjects: Mapping[str, BySubject], attention: RunAttention, stride: int) -> bytes:
     """Totals, then gaze and head, of all timelines of a clip in the order of the page's data."""
     totals, cues = [], []
     for subject, judged in subjects.items():

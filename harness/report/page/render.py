@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
-from harness.report.page.packing import Attention, bundle, pack_json
+from harness.report.page.packing import RunAttention, bundle, pack_json
 from harness.report.stages import StageTimes
 from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
@@ -39,7 +39,7 @@ NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 def render_page(
     scores: Scores,
     tables: RunTables,
-    attention: Attention,
+    attention: RunAttention,
     manifest: RunManifest,
     *,
     times: StageTimes = NO_TIMES,

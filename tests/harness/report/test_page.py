@@ -16,7 +16,7 @@ import pytest
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page import packing
 from harness.report.page.data import LETTERS, STATES, differing_settings
-from harness.report.page.packing import Attention, bundle, runs, steps
+from harness.report.page.packing import RunAttention, bundle, runs, steps
 from harness.report.page.render import RunTables, render_page
 from harness.report.write import run_tables
 from harness.run.manifest import ClipOfRun, RunManifest
@@ -31,7 +31,7 @@ EVIL = "</script><script>alert(1)</script>"
 
 def _scored(
     records: Iterable[FrameRecord], truth: Mapping[str, Labels]
-) -> tuple[Scores, RunTables, Attention, dict[str, Any]]:
+) -> tuple[Scores, RunTables, RunAttention, dict[str, Any]]:
     """What a page is made of."""
     scores, attention, _ = scored_records(records, Reference(labels=truth))
     return scores, run_tables(scores), attention, run_manifest(scores.clips)

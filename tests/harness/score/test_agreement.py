@@ -17,7 +17,7 @@ from harness.score.agreement import (
     compare_annotators,
     differences,
 )
-from harness.score.statistics import UNKNOWN
+from harness.score.statistics import NO_INTERVAL
 
 
 def _labels(subject: str = "girl", first: int = 1, **more: str) -> Labels:
@@ -72,14 +72,14 @@ def test_kappa_is_that_of_scikit_learn(said: list[tuple[str, str]]) -> None:
     found = _pair(first, second)
     if len({*first, *second}) > 1:
         assert found.kappa == pytest.approx(cohen_kappa_score(list(first), list(second)))
-        assert found.interval == UNKNOWN or found.interval.low <= found.interval.high <= 1
+        assert found.interval == NO_INTERVAL or found.interval.low <= found.interval.high <= 1
     else:
         assert math.isnan(found.kappa)
 
 
 def test_an_interval_needs_looks_that_differ() -> None:
-    assert _pair("bbbcccnnn" * 5, "bbbcccnnn" * 5).interval == UNKNOWN  # no resample differs from another
-    assert _pair("b" * 40, "b" * 20 + "c" * 20).interval == UNKNOWN  # one look
+    assert _pair("bbbcccnnn" * 5, "bbbcccnnn" * 5).interval == NO_INTERVAL  # no resample differs from another
+    assert _pair("b" * 40, "b" * 20 + "c" * 20).interval == NO_INTERVAL  # one look
 
 
 def test_errors_that_lie_together_widen_the_interval() -> None:
@@ -88,7 +88,7 @@ def test_errors_that_lie_together_widen_the_interval() -> None:
     scattered = "".join(other[each] if k % 10 < 2 else each for k, each in enumerate(truth))
     lumped = "".join(other[each] if k < 16 else each for k, each in enumerate(truth))
     narrow, wide = _pair(truth, scattered).interval, _pair(truth, lumped).interval
-    assert (narrow == UNKNOWN) or narrow.high - narrow.low < wide.high - wide.low
+    assert (narrow == NO_INTERVAL) or narrow.high - narrow.low < wide.high - wide.low
     assert wide.low < _pair(truth, lumped).kappa < wide.high
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from harness.score.looks import LEAST_S, Event, MatchCounts, count_events, find_events, match_events, number_looks
-from harness.score.statistics import Codes
+from vfoa.types import Codes
 
 
 def _looks(letters: str, rate: float | None, positions: list[int] | None = None) -> str:

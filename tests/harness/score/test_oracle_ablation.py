@@ -19,7 +19,7 @@ from harness.run.notes import Note
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
 from harness.score.reference import Reference
-from harness.score.statistics import UNKNOWN
+from harness.score.statistics import NO_INTERVAL
 from harness.sources import PersonTruth, Truth
 from tests.records import answers, labels, score
 from vfoa.errors import VfoaError
@@ -168,7 +168,7 @@ def test_a_step_that_changes_no_frame_is_identical_and_has_no_interval() -> None
         for record in answers(["cup", "none", "cup", "none"], clip="c", configuration=name)
     ]
     _, above = steps(score(records, Reference(labels={"c": labels(*["cup"] * 4)})))
-    assert (above.reads, above.gained, above.interval) == ("identical", 0, UNKNOWN)
+    assert (above.reads, above.gained, above.interval) == ("identical", 0, NO_INTERVAL)
 
 
 def test_a_run_without_steps_has_no_ablation() -> None:
