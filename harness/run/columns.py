@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
-from harness.run.table_files import check_ascending, count_rows, find_tables, read_arrow
+from harness.run.table_files import check_ascending, find_tables, read_arrow
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Codes, Cue, Flags, Float
@@ -158,6 +158,8 @@ class Tables:
 class ColumnReader:
     """Reads the columns of a finished run. What configurations share is read once for those that follow.
 
+    ``paths`` are the files of the tables of each (clip, configuration), in the order of the experiment.
+
     Raises
     ------
     VfoaError
@@ -167,29 +169,20 @@ class ColumnReader:
 
     def __init__(self, directory: RunDirectory, manifest: RunManifest) -> None:
         self.words = Words()
-        self._paths = dict(find_tables(directory, manifest=manifest))
+        self.paths = dict(find_tables(directory, manifest=manifest))
         self._filtered = {name: filtered_cues(settings) for name, settings in manifest.configurations.items()}
-        self._count, kept = cache(count_rows), lru_cache(maxsize=_KEPT_SCENES)
+        kept = lru_cache(maxsize=_KEPT_SCENES)
         self._scene = kept(self._read_scene)
         self._looks = kept(self._read_looks)
         self._measured = kept(self._read_measured)
 
-    def frames(self, pair: Pair) -> int:
-        """The number of frames of a (clip, configuration)."""
-        return self._count(self._paths[pair]["frames"], "frames")
-
     def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
         """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""
-        paths = self._paths[pair]
+        paths = self.paths[pair]
         scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
         looks = self._looks(paths["directions"].parent, scene)
         measured = self._measured(paths["directions"].parent, paths["frames"].parent, scene)
         return answer_columns(pair, scene, looks, measured, Tables(paths), self.words, self._filtered[pair[1]])
-
-    @property
-    def pairs(self) -> list[Pair]:
-        """Every (clip, configuration), in the order of the experiment."""
-        return [*self._paths]
 
     def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
         return scene_columns(Tables.beside(folder, SCENE_TABLES), self.words, dict(names_now))

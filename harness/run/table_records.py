@@ -41,6 +41,8 @@ class Block:
 class TableReader:
     """Reads the records of a finished run. What configurations share is decoded once for those that follow.
 
+    ``paths`` are the files of the tables of each (clip, configuration), in the order of the experiment.
+
     Parameters
     ----------
     clips
@@ -54,7 +56,7 @@ class TableReader:
     """
 
     def __init__(self, directory: RunDirectory, manifest: RunManifest, clips: Collection[str] | None = None) -> None:
-        self._paths = dict(find_tables(directory, clips, manifest=manifest))
+        self.paths = dict(find_tables(directory, clips, manifest=manifest))
         self._filtered = {name: filtered_cues(settings) for name, settings in manifest.configurations.items()}
         kept = lru_cache(maxsize=_KEPT_GROUPS)
         self._scene, self._directions = kept(_read_scene), kept(rows_by_frame)
@@ -64,7 +66,7 @@ class TableReader:
         """All blocks, by clip, configuration and frame as the experiment has them. No record is read for them."""
         groups, digest = cache(frames_of), cache(file_digest)
         found = []
-        for pair, paths in self._paths.items():
+        for pair, paths in self.paths.items():
             files = [digest(path) for path in paths.values()]
             for group, frames in enumerate(groups(paths["frames"])):
                 of_group = hashlib.blake2b(repr((files, group)).encode(), digest_size=16).hexdigest()
@@ -74,7 +76,7 @@ class TableReader:
     def read(self, block: Block) -> Iterator[FrameRecord]:
         """Yield the records of a block."""
         pair, group = (block.clip, block.configuration), block.group
-        paths = self._paths[pair]
+        paths = self.paths[pair]
         seen = self._scene(paths["frames"].parent, group)
         looks = self._directions(paths["directions"], "directions", group, block.frames)
         answers = rows_by_frame(paths["answers"], "answers", group, block.frames)

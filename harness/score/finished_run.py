@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from harness.run.manifest import ClipOfRun, RunManifest, differences
 from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
+from harness.run.table_files import count_rows
 from harness.run.table_records import TableReader, most_people
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
@@ -73,10 +74,7 @@ class FinishedRun:
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
         reader = TableReader(self.directory, self.manifest)
-        counts = Counter[Pair]()
-        for block in reader.blocks:
-            counts[block.clip, block.configuration] += len(block.frames)
-        scored = {*self._scored(counts, configurations)}
+        scored = {*self._scored(reader.paths, configurations)}
         for block in reader.blocks:
             if (block.clip, block.configuration) in scored:
                 yield from (renamed(record, names[block.clip]) for record in reader.read(block))
@@ -91,7 +89,7 @@ class FinishedRun:
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
         reader = ColumnReader(self.directory, self.manifest)
-        for pair in self._scored({pair: reader.frames(pair) for pair in reader.pairs}, configurations):
+        for pair in self._scored(reader.paths, configurations):
             yield reader.read(pair, names[pair[0]])
 
     def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
@@ -105,8 +103,8 @@ class FinishedRun:
             for clip in self.manifest.clips
         }
 
-    def _scored(self, counts: Mapping[Pair, int], wanted: Collection[str] | None) -> list[Pair]:
-        """Those (clip, configuration) that can be compared, of the numbers of frames in the tables of all.
+    def _scored(self, paths: Mapping[Pair, Mapping[str, Path]], wanted: Collection[str] | None) -> list[Pair]:
+        """Those (clip, configuration) that can be compared, of the files of the tables of all.
 
         ``wanted``: of these configurations alone, by their names without seeds.
 
@@ -120,15 +118,14 @@ class FinishedRun:
             raise VfoaError(
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
-        frames, failed = {clip.name: len(clip.frames) for clip in run.clips}, run.failed_pairs
-        for clip, configuration in product(frames, run.configurations):
-            count = counts.get((clip, configuration), 0)
-            if (clip, configuration) not in failed and count != frames[clip]:
+        frames, counted = {clip.name: len(clip.frames) for clip in run.clips}, cache(count_rows)
+        for (clip, configuration), of_pair in paths.items():
+            if (count := counted(of_pair["frames"], "frames")) != frames[clip]:
                 raise VfoaError(
                     f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
                 )
-        scored = [pair for pair in counts if pair[0] not in clips and pair[1] not in configurations]
+        scored = [pair for pair in paths if pair[0] not in clips and pair[1] not in configurations]
         return scored if wanted is None else [pair for pair in scored if base_of(pair[1]) in wanted]
 
     def reference(

@@ -156,7 +156,7 @@ def read_run(path: Path) -> Any:
     shutil.copyfile(path, _table(run, path.name))
     directory = RunDirectory(run)
     reader = ColumnReader(directory, directory.read_manifest())
-    columns = [reader.read(pair) for pair in reader.pairs]
+    columns = [reader.read(pair) for pair in reader.paths]
     return list(read_records(directory)), columns
 
 
