@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from harness.annotate.drawing_store import Draw
-from harness.annotate.marks import Mark, Stretch, Track, counts, stretch_at, stretches
+from harness.annotate.marks import Mark, Stretch, SubjectMarks, counts, stretch_at, stretches
 from harness.labels.rows import parse_tags
 from vfoa.settings import Settings
 
@@ -128,7 +128,7 @@ def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: 
 
     Frames after the last one that was ``seen``, to which a mark was only carried on, count as unlabelled, too.
     """
-    filled: Track = [
+    filled: SubjectMarks = [
         mark if target is None or counts(mark, at, seen) else Mark(target=target, is_suggested=True)
         for at, (mark, target) in enumerate(zip(track, suggested, strict=True))
     ]

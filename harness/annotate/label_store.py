@@ -14,7 +14,7 @@ from harness.annotate.journal import Entry, JournaledStore
 from harness.annotate.marks import (
     Mark,
     Stretch,
-    Track,
+    SubjectMarks,
     from_labels,
     labelled,
     plain_stretches,
@@ -58,7 +58,7 @@ class LabelStore(JournaledStore[Labels]):
 
     def begin(self, base: Mapping[str, Sequence[Any]]) -> None:
         """Set all tracks; nothing of them was seen."""
-        self._tracks: dict[str, Track] = {name: [None] * len(self.frames) for name in self.subjects}
+        self._tracks: dict[str, SubjectMarks] = {name: [None] * len(self.frames) for name in self.subjects}
         self._seen = dict.fromkeys(self.subjects, -1)
         for subject, plain in base.items():
             self._place(subject, plain)

@@ -23,7 +23,7 @@ class Mark(Label):
     carried: bool = False
 
 
-Track = list[Mark | None]
+SubjectMarks = list[Mark | None]
 """One subject's marks, one per frame; None: unlabelled."""
 
 
@@ -106,12 +106,12 @@ def labelled(part: Stretch, seen: int) -> int:
     return max(last - part.first + 1, 0)
 
 
-def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
+def to_labels(tracks: dict[str, SubjectMarks], seen: dict[str, int], frames: Sequence[int]) -> Labels:
     """The labels for the file. Gaps between labels, which the file does not allow, become ``ignore`` with a note."""
     return Labels(row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
 
 
-def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
+def _rows(subject: str, track: SubjectMarks, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
     counted = [mark if counts(mark, at, seen) else None for at, mark in enumerate(track)]
     marked = [at for at, mark in enumerate(counted) if mark is not None]
     if not marked:
@@ -126,7 +126,7 @@ def _label(mark: Mark | None) -> Label:
     return Label(**{each.name: getattr(mark, each.name) for each in fields(Label)})
 
 
-def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
+def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> SubjectMarks:
     """A subject's track from the file."""
     return [_mark(labels.at(frame, subject)) for frame in frames]
 

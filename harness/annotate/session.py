@@ -14,7 +14,7 @@ from harness.annotate.actions import Action, edited
 from harness.annotate.clip_pictures import ClipPictures, PictureKind, RegionPx
 from harness.annotate.history import History
 from harness.annotate.journal import StaleRevisionError, StepBack
-from harness.annotate.suggestions import Predictions, Stretch, advice
+from harness.annotate.suggestions import LabelBlock, Predictions, advice
 from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
 from harness.files.digests import digest_files
@@ -269,7 +269,7 @@ class Session:
         records = self._predictions.records.values() if self._predictions else ()
         return sorted(known_categories(self._clip) | {target.label for record in records for target in record.targets})
 
-    def _label_first(self) -> list[Stretch]:
+    def _label_first(self) -> list[LabelBlock]:
         if self._predictions is None or self._blind:
             return []
         return self._predictions.label_first(self._store.subjects, self._frames, self._times_s)

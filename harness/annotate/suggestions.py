@@ -33,7 +33,7 @@ WANTED_S, SHORTEST_S, LONGEST_S = 20.0, 2.0, 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stretch:
+class LabelBlock:
     """A subject's frames from position ``first`` to ``last`` of the clip, both included."""
 
     subject: str
@@ -41,7 +41,7 @@ class Stretch:
     last: int
 
 
-def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequence[float]) -> list[Stretch]:
+def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequence[float]) -> list[LabelBlock]:
     """Choose about :data:`WANTED_S` to label, or the whole clip if it is shorter: by subject, then by position.
 
     ``answers`` has for each subject and frame the name that each configuration predicts (``none``: nowhere); no
@@ -59,10 +59,10 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     starts_s = [times_s[0] + whole_s * part / parts - step_s / 2 for part in range(parts + 1)]
     edges = [bisect_left(times_s, start_s) for start_s in starts_s]
     most = max(b - a for a, b in pairwise(edges))
-    left = [Stretch(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
+    left = [LabelBlock(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
     content = {block: _Answers.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
     left = [block for block in left if content[block].share]
-    chosen, seen = list[Stretch](), dict[str, float]()
+    chosen, seen = list[LabelBlock](), dict[str, float]()
     while left:
         missing = set(subjects) - {block.subject for block in chosen}
         best = max(
@@ -77,7 +77,7 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     return sorted(chosen, key=lambda block: (subjects.index(block.subject), block.first))
 
 
-def advice(blocks: Sequence[Stretch], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
+def advice(blocks: Sequence[LabelBlock], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
     """A line with the frames and times of the blocks to label first; None without any."""
     listed = [
         f"{block.subject} {frames[a]}-{frames[b]} ({times_s[a]:.1f}-{times_s[b]:.1f} s)"
@@ -133,7 +133,7 @@ class Predictions:
                     name = NOWHERE if subject.focus is None else record.target(subject.focus).name
                     self._answers[subject.name, record.frame].append(name if name in known else "")
 
-    def label_first(self, subjects: Sequence[str], frames: Sequence[int], times_s: Sequence[float]) -> list[Stretch]:
+    def label_first(self, subjects: Sequence[str], frames: Sequence[int], times_s: Sequence[float]) -> list[LabelBlock]:
         """The blocks of these frames that are worth a label most: :func:`label_first`."""
         answers = {name: [self._answers.get((name, frame), ()) for frame in frames] for name in subjects}
         return label_first(answers, times_s)

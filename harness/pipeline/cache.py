@@ -30,7 +30,7 @@ from vfoa.weights import locate, weights_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
+class StageIdentity:
     """A stage on a clip: everything that its outputs depend on, and the digest of that."""
 
     slot: str
@@ -52,7 +52,7 @@ def parts_of_clip(name: str, clip: Clip, digest: str | None = None) -> dict[str,
     return {"clip": name, "clip sha256": digest or clip.digest(), "clip code": code, "versions": versions}
 
 
-def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> Identity | None:
+def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> StageIdentity | None:
     """Return the identity of a stage on a clip, given the clip's parts; None if it reads more than its arguments."""
     slot = STAGES[choice.slot]
     if choice.name in slot.of_clip:
@@ -70,7 +70,7 @@ def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> Identity | None
     # a clip under another name is the same clip
     content = {name: value for name, value in parts.items() if name != "clip"}
     digest = hashlib.sha256(json.dumps([choice.slot, content], sort_keys=True).encode()).hexdigest()
-    return Identity(slot=choice.slot, parts=parts, digest=digest[:32])
+    return StageIdentity(slot=choice.slot, parts=parts, digest=digest[:32])
 
 
 _log = logging.getLogger(__name__)
@@ -83,7 +83,7 @@ class Tally:
     ``absent`` is the reason why there were none before; None if there were some.
     """
 
-    identity: Identity
+    identity: StageIdentity
     absent: str | None = None
     reused: set[str] = field(default_factory=set)
     computed: set[str] = field(default_factory=set)
@@ -94,7 +94,7 @@ class ClipCache:
     """The cache for a job on one clip: the store, and the identity of each stage. It is pickled to other processes."""
 
     store: Store
-    identities: Mapping[str, Identity]
+    identities: Mapping[str, StageIdentity]
 
     def outputs_of(self, choice: StageChoice) -> StoredOutputs | None:
         """Return the stored outputs of a stage; None for a stage that is not cached."""
@@ -139,7 +139,7 @@ def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) ->
 class StoredOutputs:
     """The stored outputs of one stage on one clip. Keys are the frame's number and the content of all other inputs."""
 
-    def __init__(self, store: Store, identity: Identity) -> None:
+    def __init__(self, store: Store, identity: StageIdentity) -> None:
         self._store, self._identity = store, identity
         self._folder = store.folder(identity.slot, identity.digest)
         stored = (parts for _, parts in store.described(identity.slot))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
-from harness.score.compared_runs import Change, ComparedRuns
+from harness.score.compared_runs import ComparedRuns, VerdictChange
 from harness.score.comparison import Comparison, identical_on
 from harness.score.verdicts import answered
 
@@ -79,7 +79,7 @@ def ranking_table(compared: ComparedRuns) -> Table:
     )
 
 
-def changes_table(changes: Iterable[Change], shared: str) -> Table:
+def changes_table(changes: Iterable[VerdictChange], shared: str) -> Table:
     """Frames that are right in one configuration and wrong in the other, a row for each stretch; ``shared`` is cut."""
     return Table.of(
         "Frames that changed their verdict",
@@ -103,6 +103,6 @@ def changes_table(changes: Iterable[Change], shared: str) -> Table:
     )
 
 
-def _frames(change: Change) -> str:
+def _frames(change: VerdictChange) -> str:
     first, last = change.frames[0], change.frames[-1]
     return str(first) if first == last else f"{first}–{last}"

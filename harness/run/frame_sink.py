@@ -133,7 +133,7 @@ class SceneSinkFactory(SinkFactory, Protocol):
 
 
 @runtime_checkable
-class ImageFiles(SceneSinkFactory, Protocol):
+class PictureSinkFactory(SceneSinkFactory, Protocol):
     """Opens a sink of a clip whose files show the images alone, so that a later run may take a copy of them."""
 
     def folder(self, context: ClipContext) -> Path:

@@ -15,8 +15,7 @@ from typing import Any
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
 from harness.files.unchanged import ChangedError, UnchangedFiles
-from harness.pipeline.cache import ClipCache, Tally
-from harness.pipeline.cache import Identity as StageIdentity
+from harness.pipeline.cache import ClipCache, StageIdentity, Tally
 from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn_stage import DrawnClip
@@ -26,7 +25,7 @@ from harness.pipeline.stage_runner import timed
 from harness.run.attend import attend_clip
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import GOES_ON, Progress
-from harness.run.frame_sink import ClipContext, ImageFiles, SceneSinkFactory, SinkFactory
+from harness.run.frame_sink import ClipContext, PictureSinkFactory, SceneSinkFactory, SinkFactory
 from harness.run.scene_cache import SceneCache
 from harness.run.scenes import Identity, Keys, SceneTimes, SceneWriters, has_scene, identities, keys_of
 from harness.sources import Clip, MeasuredClip
@@ -144,9 +143,9 @@ class ClipJob:
         return [factory for factory in self.sinks if isinstance(factory, SceneSinkFactory)]
 
     @property
-    def image_files(self) -> list[ImageFiles]:
+    def image_files(self) -> list[PictureSinkFactory]:
         """Those of them whose files show the images alone."""
-        return [factory for factory in self.sinks if isinstance(factory, ImageFiles)]
+        return [factory for factory in self.sinks if isinstance(factory, PictureSinkFactory)]
 
     def failures(self, errors: Mapping[str, VfoaError]) -> dict[Pair, VfoaError]:
         """The errors of configurations by name, in their order, as those of pairs."""

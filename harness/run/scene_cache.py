@@ -21,7 +21,7 @@ from uuid import uuid4
 from harness.files.digests import digest_files
 from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory
-from harness.run.frame_sink import ClipContext, ImageFiles
+from harness.run.frame_sink import ClipContext, PictureSinkFactory
 from harness.run.scenes import Identity, Keys, has_scene, key_of, keys_of, paths_of
 from vfoa.errors import VfoaError
 
@@ -50,7 +50,7 @@ class SceneCache:
         }
         return sum(self._fetch(name, keys) for name, keys in lacking.items()) > 0
 
-    def fetch_pictures(self, sinks: Iterable[ImageFiles], context: ClipContext) -> None:
+    def fetch_pictures(self, sinks: Iterable[PictureSinkFactory], context: ClipContext) -> None:
         """Copy the files of these sinks into the run's folder, if they are not whole there."""
         for sink in sinks:
             with self._draft() as draft:
@@ -58,7 +58,7 @@ class SceneCache:
                     shutil.rmtree(sink.folder(context), ignore_errors=True)  # a part, of an interrupted run
                     _place(draft, sink.folder(context))
 
-    def keep(self, final: Mapping[str, Keys], sinks: Iterable[ImageFiles], context: ClipContext) -> None:
+    def keep(self, final: Mapping[str, Keys], sinks: Iterable[PictureSinkFactory], context: ClipContext) -> None:
         """Copy the scenes with these keys into the cache, and the files of these sinks.
 
         If the cache cannot be written, this is logged, and a later run perceives the clip again.
@@ -112,7 +112,7 @@ class SceneCache:
         """The copy of the directions that were measured in the scene of this folder."""
         return self.store.folder("directions", keys["directions"]) / f"{digest_files(_files(scene).items())}.bin"
 
-    def _of_pictures(self, sink: ImageFiles) -> Path:
+    def _of_pictures(self, sink: PictureSinkFactory) -> Path:
         return self.store.folder("pictures", key_of({**self._images(), "code": sink.code()})) / "files.bin"
 
     def _images(self) -> Identity:

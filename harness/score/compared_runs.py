@@ -28,7 +28,7 @@ class RankedRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
+class VerdictChange:
     """Frames of a subject, one after the other, that two configurations judge differently, with the same answers.
 
     ``reference`` and ``configuration`` are the names in :class:`Comparison`; ``before`` and ``after`` are their
@@ -75,7 +75,7 @@ class ComparedRuns:
         compared = {name for comparison in self.comparisons for name in comparison.names}
         return [name for name in self.places if name not in compared]
 
-    def changes(self) -> Iterator[Change]:
+    def changes(self) -> Iterator[VerdictChange]:
         """Yield the frames that are right in one configuration of a comparison and wrong in the other, in order.
 
         Seeds are compared one by one.
@@ -91,7 +91,7 @@ class ComparedRuns:
                     if is_change:
                         found = list(stretch)
                         frames = tuple(first.frame for first, _ in found)
-                        yield Change(
+                        yield VerdictChange(
                             reference=comparison.reference,
                             configuration=comparison.configuration,
                             frames=frames,

@@ -16,7 +16,7 @@ from harness.annotate.label_store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Timeline, timeline_of
-from harness.pipeline.cache import Identity, StoredOutputs, difference
+from harness.pipeline.cache import StageIdentity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.openvino_ir import convert
 from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings
@@ -189,7 +189,7 @@ def _wrong() -> Any:
 # The cache: nothing in it may stop a run
 
 
-_IDENTITY = Identity(slot="stereo", parts={"stage": "bm", "clip": "mine", "settings": {}}, digest="abc")
+_IDENTITY = StageIdentity(slot="stereo", parts={"stage": "bm", "clip": "mine", "settings": {}}, digest="abc")
 
 
 def write_entry(path: Path) -> None:
