@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib.machinery import ModuleSpec
-from importlib.metadata import Distribution, distributions, version
+from importlib.metadata import Distribution, distributions
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from pkgutil import get_importer
@@ -185,7 +185,7 @@ def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
     """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
+    for node in _statements(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             names += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -195,11 +195,26 @@ def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _statements(module: ast.Module) -> Iterator[ast.AST]:
+    """Every statement of a module, without its expressions, which ``ast.walk`` visits for most of its time."""
+    pending: list[ast.AST] = [module]
+    while pending:
+        node = pending.pop()
+        yield node
+        for block in ("body", "handlers", "cases", "orelse", "finalbody"):
+            pending += getattr(node, block, ())
+
+
 def _versions(packages: set[str]) -> dict[str, str]:
     """Versions of the distributions of these packages, of Python, and the kind of machine."""
-    names = {distribution.name for distribution, provided in _installed() if provided & packages}
-    versions = {name: version(name) for name in sorted(names)}
+    named = {_name_and_version(distribution) for distribution, provided in _installed() if provided & packages}
+    versions = dict(sorted(named))
     return {**versions, "python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+
+
+@cache
+def _name_and_version(distribution: Distribution) -> tuple[str, str]:
+    return distribution.name, distribution.version
 
 
 @cache
