@@ -186,7 +186,7 @@ def test_images_that_decode_and_cannot_be_right(tmp_path: Path) -> None:
     assert "the brightest value of 3 frames is 15 of 255" in str(_check("wall")[1]["problems"])
 
 
-@pytest.mark.parametrize("bits", [9, 10, 12, 14])
+@pytest.mark.parametrize("bits", [9, 14])
 def test_pictures_of_fewer_bits_than_their_files_are_noted(tmp_path: Path, bits: int) -> None:
     _clip(tmp_path)
     pictures = {path: cv2.imread(str(path)) for path in (tmp_path / "datasets" / "wall").rglob("*.png")}

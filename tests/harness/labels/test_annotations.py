@@ -279,9 +279,9 @@ def test_the_labels_of_bandage_2_are_canonical(tmp_path: Path) -> None:
     assert (tmp_path / "a.csv").read_bytes() == source.read_bytes()
 
 
-def test_a_hundred_thousand_rows_are_read(tmp_path: Path) -> None:
-    rows = "".join(f"{n},{n},girl,{TARGETS[n % 2]},\n" for n in range(1, 100_001))
-    labels = _read(write_text(tmp_path / "a.csv", HEAD + rows), range(1, 100_001))
-    assert len(labels.ranges) == 100_000
-    with pytest.raises(VfoaError, match=r"a\.csv:100003: .* two labels in frame 7: overlaps with .*:9"):
-        _read(write_text(tmp_path / "a.csv", HEAD + rows + "7,7,girl,bird,\n"), range(1, 100_001))
+def test_tens_of_thousands_of_rows_are_read(tmp_path: Path) -> None:
+    rows = "".join(f"{n},{n},girl,{TARGETS[n % 2]},\n" for n in range(1, 30_001))
+    labels = _read(write_text(tmp_path / "a.csv", HEAD + rows), range(1, 30_001))
+    assert len(labels.ranges) == 30_000
+    with pytest.raises(VfoaError, match=r"a\.csv:30003: .* two labels in frame 7: overlaps with .*:9"):
+        _read(write_text(tmp_path / "a.csv", HEAD + rows + "7,7,girl,bird,\n"), range(1, 30_001))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from contextlib import suppress
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.table_records import TableReader, read_records
-from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, under, write_run
+from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, four_frames, under, write_run
 from tests.harness.record.conftest import shared as seen_by
 from tests.record_tables import write_tables
 from tests.records import write_manifest
@@ -33,10 +34,18 @@ def test_a_layer_is_named_after_the_first_configuration_that_has_it():
     }
 
 
-@pytest.fixture
-def shared(frames, tmp_path):
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
     """Three configurations, of which the last two share a reconstruction and the last has not seen the last frame."""
-    return write_run(tmp_path / "run", {"one": frames, "two": frames, "three": frames[:3]})
+    frames = four_frames()
+    run = tmp_path_factory.mktemp("written") / "run"
+    return write_run(run, {"one": frames, "two": frames, "three": frames[:3]})
+
+
+@pytest.fixture
+def shared(written, tmp_path):
+    """A copy of that run, which the test may change."""
+    return replace(written, run=shutil.copytree(written.run, tmp_path / "run"))
 
 
 def test_what_is_shared_is_written_once(shared, frames, read_back):

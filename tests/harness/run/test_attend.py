@@ -91,7 +91,7 @@ name = "logit"
 attention.method = "logit"
 """
 SHARING = ("off", "both")
-FRAMES = 10
+FRAMES = 7
 
 
 @dataclass(frozen=True)

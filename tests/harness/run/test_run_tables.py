@@ -50,19 +50,13 @@ def _files(directory: RunDirectory) -> list[str]:
     return sorted(path.relative_to(directory.path).as_posix() for path in directory.path.rglob("*") if path.is_file())
 
 
-@given(drawn=st.lists(records(), min_size=1, max_size=4))
+@given(drawn=st.lists(records(), min_size=1, max_size=4, unique_by=lambda record: record.frame))
 def test_what_is_written_is_read_back_exactly(
     drawn: list[FrameRecord], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    written = [replace(each, clip="alley", configuration="one", frame=frame) for frame, each in enumerate(drawn)]
+    written = [replace(each, clip="alley", configuration="one") for each in sorted(drawn, key=lambda each: each.frame)]
     directory = _run(tmp_path_factory.mktemp("run"), _paired(*written))
     assert list(read_records(directory)) == written
-
-
-@given(record=records())
-def test_a_number_of_a_frame_is_kept(record: FrameRecord, tmp_path_factory: pytest.TempPathFactory) -> None:
-    written = replace(record, clip="alley", configuration="one")
-    assert list(read_records(_run(tmp_path_factory.mktemp("run"), _paired(written)))) == [written]
 
 
 def test_row_groups_have_the_same_frames_in_all_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +190,7 @@ def test_a_flipped_bit_is_an_error_or_without_effect(tmp_path: Path) -> None:
     ((_, paths),) = table_files.find_tables(directory)
     whole, chance = paths["answers"].read_bytes(), np.random.default_rng(4)
     found = 0
-    for _ in range(200):
+    for _ in range(100):
         place, bit = int(chance.integers(len(whole))), int(chance.integers(8))
         damaged = bytearray(whole)
         damaged[place] ^= 1 << bit
@@ -205,7 +199,7 @@ def test_a_flipped_bit_is_an_error_or_without_effect(tmp_path: Path) -> None:
             assert list(read_records(directory)) == written
         except VfoaError:
             found += 1
-    assert found > 20
+    assert found > 10
 
 
 def test_a_run_of_an_earlier_version_is_one_line(tmp_path: Path) -> None:
