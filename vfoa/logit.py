@@ -138,6 +138,11 @@ class LogitSettings(MethodSettings):
     """Weights of single clips, which ``left-out`` writes."""
 
     @property
+    def cloud_points(self) -> int:
+        """As the posterior, whose answer is a cue."""
+        return _POSTERIOR.cloud_points
+
+    @property
     def is_unfitted(self) -> bool:
         """Whether the weights are still to be fitted: ``"left-out"``."""
         return self.weights == "left-out"
@@ -183,7 +188,7 @@ class Remembered(NamedTuple):
 
 
 _POSTERIOR = BayesSettings(method="bayes")
-"""The settings of the cue ``posterior``. It takes boxes, because runs that weights are fitted to keep no clouds."""
+"""The settings of the cue ``posterior``."""
 
 
 class Logit:
@@ -248,7 +253,7 @@ def weigh_attentions(
     eyes = eyes_of(subjects)
     attentions, after = [], []
     for subject, before in zip(subjects, states, strict=True):
-        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns, clouds=False)
+        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns, clouds=True)
         if isinstance(found, NoAttention):
             attentions.append(Attention(subject=subject, missing=found))
             after.append(before)

@@ -7,7 +7,7 @@ attends to a clip when it is perceived (:mod:`harness.run.loop`), and a script t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from functools import lru_cache
@@ -119,6 +119,21 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
             followed -= {track for track in ids if last[track] == number}
 
 
+Clouds = Mapping[int, np.ndarray]
+"""The points (N, 3) of the targets of a frame that have any, by instance."""
+
+
+def read_clouds(paths: Mapping[str, Path], cloud_points: int) -> Iterator[Clouds]:
+    """Yield the clouds of so many points of each frame, in the order of :func:`read_scenes`. Raises the same errors."""
+    for group, numbers in enumerate(frames_of(paths["frames"])):
+        for rows in rows_by_frame(paths["clouds"], "clouds", group, numbers):
+            yield {row[0]: _points(row[2]) for row in rows if row[1] == cloud_points}
+
+
+def _points(numbers: Sequence[float]) -> np.ndarray:
+    return np.array(numbers, dtype=np.float32).reshape(-1, 3)
+
+
 def _camera(*values: Any) -> Camera | None:
     """The camera from the last columns of ``frames``."""
     *rig, has_right, has_depth = values
@@ -145,7 +160,7 @@ def _target(row: Row, clouds: Mapping[int, Any], path: Path, cloud_points: int) 
             f"{path}: found no clouds of {cloud_points} points, which the method asks for; run the experiment with "
             "these settings"
         )
-    return replace(_bare_target(row), points_left=np.array(clouds.get(number, ()), dtype=np.float32).reshape(-1, 3))
+    return replace(_bare_target(row), points_left=_points(clouds.get(number, ())))
 
 
 @lru_cache(maxsize=1024)

@@ -26,7 +26,7 @@ from harness.run.grid import base_of
 from harness.run.records import FrameRecord, to_record
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledPerson, LabelledRun, LabelTruths, labelled_runs, truths_of
+from harness.score.labelled_run import LabelledPerson, LabelledRun, LabelTruths, clouds_of, labelled_runs, truths_of
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
@@ -284,7 +284,7 @@ def left_out_weights(
     pairs = [pair for clip in labels for each in read if (pair := (clip, each.name)) in tables]
     truths = {pair: _truths(Tables(tables[pair]), labels[pair[0]]) for pair in pairs}
     records = _measured({each.name: each for each in read}, tables, pairs)
-    for labelled in labelled_runs(experiment.name, records, truths, dict.fromkeys(shared.values())):
+    for labelled in labelled_runs(experiment.name, records, truths, clouds_of(tables), dict.fromkeys(shared.values())):
         users = [each for each in unfitted if shared[base_of(each.name)] == labelled.configuration]
         smoothings = sorted({_logit(each).smoothing for each in users})
         fitted[labelled.configuration] = _left_out_weights(labelled.people, smoothings, experiment.name)

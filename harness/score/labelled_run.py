@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from harness.labels.labels import Labels
+from harness.run.attend import Clouds, read_clouds
 from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.table_files import find_tables
 from harness.score.finished_run import FinishedRun
 from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
@@ -99,7 +103,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
     truths, answers = _truths(run, reference.labels, [chosen]), _answers(run, reference)
-    return labelled_runs(run.manifest.experiment, run.records([chosen]), truths, [chosen], tuple(ROWS), answers)[0]
+    records, clouds = run.records([chosen]), _clouds(run)
+    return labelled_runs(run.manifest.experiment, records, truths, clouds, [chosen], tuple(ROWS), answers)[0]
 
 
 def read_features(
@@ -116,7 +121,21 @@ def read_features(
     """
     run = FinishedRun.read(directory)
     truths = _truths(run, run.reference().labels, configurations)
-    return labelled_runs(run.manifest.experiment, run.records(configurations), truths, configurations, cases)
+    records, clouds = run.records(configurations), _clouds(run)
+    return labelled_runs(run.manifest.experiment, records, truths, clouds, configurations, cases)
+
+
+CloudsOf = Callable[[Pair], Iterator[Clouds]]
+"""The clouds of each frame of a clip under a configuration."""
+
+
+def clouds_of(tables: Mapping[Pair, Mapping[str, Path]]) -> CloudsOf:
+    """Return what reads the clouds that the logit asks for from these tables."""
+    return lambda pair: read_clouds(tables[pair], LogitSettings(method="logit").cloud_points)
+
+
+def _clouds(run: FinishedRun) -> CloudsOf:
+    return clouds_of(dict(find_tables(run.directory, manifest=run.manifest)))
 
 
 class LabelTruth(NamedTuple):
@@ -166,19 +185,20 @@ def labelled_runs(
     experiment: str,
     records: Iterable[FrameRecord],
     truths: Mapping[Pair, LabelTruths],
+    clouds: CloudsOf,
     configurations: Collection[str],
     cases: Collection[Case] | None = None,
     others: Answers | None = None,
 ) -> list[LabelledRun]:
     """Return the features and labels of configurations, by their names without seeds, from records in one pass.
 
-    ``truths`` are those of each labelled clip under each of them; ``cases`` as in :func:`read_features`; ``others`` are
-    the answers of all configurations.
+    ``truths`` and ``clouds`` are those of each labelled clip under each of them; ``cases`` as in :func:`read_features`;
+    ``others`` are the answers of all configurations.
 
     Raises
     ------
     VfoaError
-        If no labelled frame of a configuration has a measured direction.
+        If no labelled frame of a configuration has a measured direction, or the run kept no clouds of its targets.
     """
     records_of: dict[str, dict[Pair, list[FrameRecord]]] = {name: {} for name in configurations}
     for record in records:
@@ -190,7 +210,9 @@ def labelled_runs(
         people = [
             person
             for pair, records in by_run.items()
-            for person in labelled_people(pair[0], records, truths[pair], others, 1 / seeds, cases)
+            for person in labelled_people(
+                pair[0], records, truths[pair], others, 1 / seeds, cases, clouds=partial(clouds, pair)
+            )
         ]
         if not any(person.labelled for person in people):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
@@ -205,18 +227,20 @@ def labelled_people(
     others: Answers | None,
     weight: float,
     cases: Collection[Case] | None = None,
+    *,
+    clouds: Callable[[], Iterator[Clouds]],
 ) -> list[LabelledPerson]:
     """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
 
     Without the answers of ``others``, those of two cones are left out, too. ``cases``: those that will be fitted;
-    without it, those that the clip has.
+    without it, those that the clip has. ``clouds``: those of each record's targets.
     """
-    measured = list(_seen(records, None))
+    measured = list(_seen(records, clouds(), None))
     found = {seen.case for by_track in measured for seen in by_track.values()}
     single = ({*ROWS} if cases is None else {*cases}) - {"both"} if "both" in found else set[Case]()
     if cases is None:
         single &= found
-    alone = {case: list(_seen(records, case)) for case in sorted(single)}
+    alone = {case: list(_seen(records, clouds(), case)) for case in sorted(single)}
     rows_of: dict[str, list[_Row]] = {}
     for number, record in enumerate(records):
         for name, of_person in truths.items():
@@ -236,12 +260,12 @@ def labelled_people(
     return [_person(clip, rows, weight) for rows in rows_of.values()]
 
 
-def _seen(records: Sequence[FrameRecord], case: Case | None) -> Iterator[dict[int, Seen]]:
+def _seen(records: Sequence[FrameRecord], clouds: Iterator[Clouds], case: Case | None) -> Iterator[dict[int, Seen]]:
     """Yield everyone's features in each frame by track; with a case as if only its direction had been measured."""
     settings = LogitSettings(method="logit")
     states: dict[int, Remembered] = {}
-    for record in records:
-        targets = tuple(_target(target) for target in record.targets)
+    for record, points in zip(records, clouds, strict=True):
+        targets = tuple(_with_cloud(target, points, record) for target in record.targets)
         subjects = {subject.track_id: _subject(subject, case) for subject in record.subjects}
         before = tuple(states.get(track, Remembered()) for track in subjects)
         attentions, after = weigh(tuple(subjects.values()), targets, before, settings, record.time_ns)
@@ -312,6 +336,17 @@ def _subject(record: SubjectRecord, case: Case | None = None) -> Subject:
     number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
     person = Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
     return Subject(track_id=record.track_id, person=person, gaze=gaze, head_pose=head)
+
+
+def _with_cloud(target: TargetRecord, clouds: Clouds, record: FrameRecord) -> Target:
+    """A target of a record as attention takes it, with its cloud."""
+    cloud = clouds.get(target.instance_id)
+    if cloud is None and target.points:
+        raise VfoaError(
+            f"fit: {record.clip}: {record.configuration} kept no clouds of its targets, which the logit looks at; "
+            'expected a run with attention.method = "logit" or "bayes"'
+        )
+    return _target(target) if cloud is None else replace(_target(target), points_left=cloud)
 
 
 def _target(record: TargetRecord) -> Target:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,10 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
 from harness.run.notes import NoteKind
+from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
 from harness.score.fit_logit import folds_of
-from harness.score.labelled_run import labelled_people, read_labelled, truths_of
+from harness.score.labelled_run import LabelTruths, labelled_people, read_labelled, truths_of
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
@@ -34,7 +36,7 @@ from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
-from vfoa.logit_cues import ROWS
+from vfoa.logit_cues import LOGIT_CUES, ROWS
 from vfoa.methods import MethodSettings
 
 STEP_NS = 200_000_000
@@ -310,24 +312,31 @@ def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left
         _run(tmp_path / "alone")
 
 
-def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
-    """Features of the head alone are those of a person whose gaze was never measured, the posterior's among them."""
+def a_course(points: int) -> tuple[list[FrameRecord], LabelTruths]:
+    """Ann turns gaze and head between three cups of so many 3D points, and looks at the second one."""
     generator = np.random.default_rng(1)
-    targets = tuple(target_record(n, f"cup_{n}", center=(0.5 * n - 1, 0.2, 2.0)) for n in (1, 2, 3))
+    targets = [target_record(n, f"cup_{n}", center=(0.5 * n - 1, 0.2, 2.0)) for n in (1, 2, 3)]
+    targets = [replace(target, points=points) for target in targets]
     records = []
     for number in range(1, 31):
         gaze, head = (tuple(unit([x, y, 1.0]).tolist()) for x, y in generator.normal(0, 0.4, (2, 2)))
         person = replace(subject_record("ann"), gaze=gaze if number % 5 else None, head=head)
-        records.append(frame_record(targets, [person], frame=number))
+        records.append(frame_record(tuple(targets), [person], frame=number))
     labels = Labels([LabelRange(first_frame=1, last_frame=30, subject="ann", label=Label(target="cup_2"))])
+    (seen,) = columns_by_pair(records)
+    return records, truths_of(seen.scene, seen.looks, labels, seen.words)
+
+
+def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
+    """Features of the head alone are those of a person whose gaze was never measured, the posterior's among them."""
+    records, truths = a_course(points=0)
+    no_clouds = partial(iter, [dict[int, np.ndarray]()] * len(records))
     heads = [
         replace(record, subjects=tuple(replace(subject, gaze=None) for subject in record.subjects))
         for record in records
     ]
-    (seen,) = columns_by_pair(records)
-    truths = truths_of(seen.scene, seen.looks, labels, seen.words)
-    (both,) = labelled_people("talk", records, truths, None, 1.0, tuple(ROWS))
-    (alone,) = labelled_people("talk", heads, truths, None, 1.0)
+    (both,) = labelled_people("talk", records, truths, None, 1.0, tuple(ROWS), clouds=no_clouds)
+    (alone,) = labelled_people("talk", heads, truths, None, 1.0, clouds=no_clouds)
     for masked, measured in zip(both.sequence.alone["head"], alone.sequence.seen, strict=True):
         assert masked is not None
         np.testing.assert_array_equal(masked.now, measured.now)
@@ -355,3 +364,26 @@ def test_the_tutorial_shows_what_its_commands_print(
         "FITTED ON WHAT IS REPORTED: the weights of kitchen_p12-fitted.toml were fitted on kitchen_p12."
     ]
     assert experiment.configurations[0].attend.attention.method == "logit"
+
+
+def test_features_of_a_fit_see_clouds_as_a_run_does() -> None:
+    """The posterior, one of the cues, takes the points of a target that has some, and its box otherwise."""
+    records, truths = a_course(points=4)
+    centers = {target.instance_id: target.box.center_m for target in records[0].targets if target.box is not None}
+    near, off = (
+        {number: np.array([center] * 4, np.float32) + shift for number, center in centers.items()} for shift in (0, 0.3)
+    )
+    (by_box,) = labelled_people(
+        "talk", a_course(points=0)[0], truths, None, 1.0, clouds=partial(iter, [dict[int, np.ndarray]()] * 30)
+    )
+    (by_near,), (by_off,) = (
+        labelled_people("talk", records, truths, None, 1.0, clouds=partial(iter, [each] * 30)) for each in (near, off)
+    )
+    posterior = LOGIT_CUES.index("posterior")
+    boxed, nearby, aside = (
+        np.array([seen.now[posterior] for seen in each.sequence.seen]) for each in (by_box, by_near, by_off)
+    )
+    assert nearby == pytest.approx(boxed, abs=0.2)
+    assert np.abs(aside - boxed).max() > 1
+    with pytest.raises(VfoaError, match="kept no clouds"):
+        labelled_people("talk", records, truths, None, 1.0, clouds=partial(iter, [{1: near[1]}] * 30))
