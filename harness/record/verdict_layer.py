@@ -24,10 +24,10 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import ids_of, properties, reading
 from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
-from harness.run.columns import ColumnReader
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
+from harness.run.table_columns import ColumnReader
 from harness.run.table_records import Block, TableReader
 from harness.score import picks, verdict_columns
 from harness.score import verdicts as scored

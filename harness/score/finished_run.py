@@ -16,13 +16,14 @@ from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.labels.labels import Timeline
-from harness.run.columns import ColumnReader, PairColumns
+from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.manifest import ClipOfRun, RunManifest, differences
 from harness.run.notes import Note, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
+from harness.run.table_columns import ColumnReader
 from harness.run.table_files import count_rows
 from harness.run.table_records import TableReader, most_people
 from harness.score.reference import Reference

@@ -18,12 +18,13 @@ import numpy as np
 from harness.labels.labels import Labels
 from harness.pipeline.configuration import Configuration
 from harness.run.attend import attend_scenes
-from harness.run.columns import Tables, Words, look_columns, scene_columns
+from harness.run.columns import Words
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord, to_record
+from harness.run.table_columns import Tables, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
 from harness.score.labelled_run import LabelledPerson, LabelledRun, LabelTruths, clouds_of, labelled_runs, truths_of

@@ -24,10 +24,10 @@ from harness.pipeline.stage_files.heads import read_heads
 from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
-from harness.run.columns import ColumnReader
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.table_columns import ColumnReader
 from harness.run.table_records import read_records
 from harness.score.finished_run import FinishedRun
 from harness.score.labelled_run import read_labelled

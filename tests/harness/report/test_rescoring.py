@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from harness.report.write import rescore
-from harness.run import columns, table_files
+from harness.run import table_columns, table_files
 from harness.run.directory import RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.records import FrameRecord
@@ -100,7 +100,7 @@ def test_scoring_reads_the_manifest_and_every_table_once(run: RunDirectory, monk
 
     read_before = RunDirectory.read_manifest
     monkeypatch.setattr(RunDirectory, "read_manifest", read_manifest)
-    monkeypatch.setattr(columns, "read_arrow", read_arrow)
+    monkeypatch.setattr(table_columns, "read_arrow", read_arrow)
     assert len(read_scores(run).judged_subjects) == CONFIGURATIONS * 2
     assert manifests == [run]
     assert {*read.values()} == {1}

@@ -1,0 +1,305 @@
+"""The columns of a run (:mod:`harness.run.columns`), read from its tables, and checked against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.run.answers import filtered_cues
+from harness.run.columns import NO_ID, UNKNOWN, LookColumns, PairColumns, SceneColumns, Words
+from harness.run.directory import Pair, RunDirectory
+from harness.run.manifest import RunManifest
+from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
+from harness.run.table_files import check_ascending, find_tables, read_arrow
+from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
+from vfoa.errors import VfoaError
+from vfoa.types import CUES, Codes, Cue, Float
+
+_KEPT_SCENES = 8
+"""Scenes, and directions of people, that a reader keeps for the next configurations."""
+
+
+class Tables:
+    """The files of tables, by the tables' names."""
+
+    def __init__(self, paths: Mapping[str, Path]) -> None:
+        self.paths = dict(paths)
+
+    @classmethod
+    def beside(cls, folder: Path, tables: Iterable[str]) -> Tables:
+        """Those of a folder."""
+        return cls({table: folder / f"{table}.parquet" for table in tables})
+
+    def read(self, table: str, columns: Sequence[str]) -> Any:
+        """Columns of a table, as a table of Arrow. Raises as :func:`harness.run.table_files.open_table` does."""
+        return read_arrow(self.paths[table], table, columns)
+
+
+class ColumnReader:
+    """Reads the columns of a finished run. What configurations share is read once for those that follow.
+
+    ``paths`` are the files of the tables of each (clip, configuration), in the order of the experiment.
+
+    Raises
+    ------
+    VfoaError
+        If a table is missing, damaged, of another version, or does not fit the others; the message names the file. This
+        also holds for what is read later.
+    """
+
+    def __init__(self, directory: RunDirectory, manifest: RunManifest) -> None:
+        self.words = Words()
+        self.paths = dict(find_tables(directory, manifest=manifest))
+        self._filtered = {name: filtered_cues(settings) for name, settings in manifest.configurations.items()}
+        kept = lru_cache(maxsize=_KEPT_SCENES)
+        self._scene = kept(self._read_scene)
+        self._looks = kept(self._read_looks)
+        self._measured = kept(self._read_measured)
+
+    def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
+        """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""
+        paths = self.paths[pair]
+        scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
+        looks = self._looks(paths["directions"].parent, scene)
+        measured = self._measured(paths["directions"].parent, paths["frames"].parent, scene)
+        return answer_columns(pair, scene, looks, measured, Tables(paths), self.words, self._filtered[pair[1]])
+
+    def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
+        return scene_columns(Tables.beside(folder, SCENE_TABLES), self.words, dict(names_now))
+
+    def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
+        return look_columns(scene, Tables.beside(folder, DIRECTIONS_TABLES), self.words)
+
+    def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> Measured:
+        tables = Tables.beside(of_scene, SCENE_TABLES).paths | Tables.beside(folder, DIRECTIONS_TABLES).paths
+        return measured_columns(scene, Tables(tables), self.words)
+
+
+def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
+    """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
+    about = tables.read("frames", ("frame", "time_ns", "has_truth"))
+    frames = _numbers(about, "frame")
+    check_ascending(tables.paths["frames"], frames.tolist())
+    found = tables.read("instances", ("frame", "instance_id", "name", "box_px", "center_m"))
+    instances, instance_at = _in_order(found, frames, tables.paths["instances"])
+    ids = _numbers(instances, "instance_id")
+    _check_distinct(frames, instance_at, ids, tables.paths["instances"])
+    seen = tables.read("people", ("frame", "track_id", "name", "instance_id"))
+    people, person_at = _in_order(seen, frames, tables.paths["people"])
+    return SceneColumns(
+        frames=frames,
+        times_ns=_numbers(about, "time_ns"),
+        has_truth=about.column("has_truth").to_numpy(),
+        firsts=np.searchsorted(instance_at, np.arange(len(frames) + 1)),
+        instance_at=instance_at,
+        instance_ids=ids,
+        names=_words(instances, "name", words, names_now),
+        boxes_px=_vectors(instances, "box_px", 4),
+        centers_m=_vectors(instances, "center_m", 3),
+        person_at=person_at,
+        tracks=_numbers(people, "track_id"),
+        person_names=_words(people, "name", words),
+        bodies=_numbers(people, "instance_id", NO_ID),
+    )
+
+
+def look_columns(scene: SceneColumns, tables: Tables, words: Words) -> LookColumns:
+    """Read where the people of a scene look; a :class:`VfoaError` says that the tables do not fit each other."""
+    path = tables.paths["directions"]
+    names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m")
+    table = _of_people(scene, tables.read("directions", names), path)
+    eyes_m, gaze, head = (_vectors(table, name, 3) for name in ("eye_origin_m", "gaze", "head"))
+    return LookColumns(
+        eyes_m=eyes_m,
+        gaze=gaze,
+        head=head,
+        no_gaze=_words(table, "no_gaze", words),
+        head_widths_m=_floats(table, "head_width_m"),
+    )
+
+
+_ANSWERS = ("frame", "track_id", "missing", "focus", "targets", "gaze", "head", "total", "fit")
+
+
+def answer_columns(
+    pair: Pair,
+    scene: SceneColumns,
+    looks: LookColumns,
+    measured: Measured,
+    tables: Tables,
+    words: Words,
+    filtered: Sequence[Cue],
+) -> PairColumns:
+    """Read the answers of a (clip, configuration), of which some cues are filtered.
+
+    Raises
+    ------
+    VfoaError
+        If the table does not fit that of people, or a person attends to what is not there.
+    """
+    path = tables.paths["answers"]
+    columns = (*_ANSWERS, *(f"{cue}_filtered" for cue in filtered))
+    table = _of_people(scene, tables.read("answers", columns), path)
+    after = {"gaze": looks.gaze, "head": looks.head}
+    after |= {cue: _vectors(table, f"{cue}_filtered", 3) for cue in filtered}
+    attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
+    ids = _flat(table, "targets").to_numpy()
+    gaze, head, total = (_flat(table, name).to_numpy(zero_copy_only=False) for name in (*CUES, "total"))
+    if not len(ids) == len(gaze) == len(head) == len(total):
+        raise VfoaError(f"{path}: expected lists of targets, gaze, head and total of one length")
+    focused = _numbers(table, "focus", NO_ID)
+    has_focus = np.flatnonzero(focused != NO_ID)
+    focus = np.full(len(table), UNKNOWN, dtype=np.intp)
+    focus[has_focus] = _instances(scene, has_focus, focused[has_focus], path)
+    return PairColumns(
+        clip=pair[0],
+        configuration=pair[1],
+        words=words,
+        scene=scene,
+        measured=measured,
+        looks=replace(looks, gaze=after["gaze"], head=after["head"]) if filtered else looks,
+        missing=_words(table, "missing", words),
+        focus=focus,
+        attending=attending,
+        attended=_instances(scene, attending, ids, path),
+        gaze=gaze,
+        head=head,
+        total=total,
+        fits=np.stack([each.to_numpy(zero_copy_only=False) for each in _column(table, "fit").flatten()], axis=1),
+    )
+
+
+def measured_columns(scene: SceneColumns, tables: Tables, words: Words) -> Measured:
+    """Read the measures of a scene and of where its people look; none without ground truth."""
+    if not scene.has_truth.any():
+        return Measured()
+    about = tables.read("frames", [f"disparity_{name}" for name in OF_DISPARITY])
+    disparities = np.stack([_floats(about, f"disparity_{name}") for name in OF_DISPARITY], axis=1)
+    truths = tables.read("objects", ("frame", "truth_id", "label", "instance_id", *OF_OBJECT))
+    objects, at = _in_order(truths, scene.frames, tables.paths["objects"])
+    people, _ = _in_order(tables.read("true_people", ("frame", *OF_PERSON)), scene.frames, tables.paths["true_people"])
+    truth_ids, labels = _numbers(objects, "truth_id"), _words(objects, "label", words)
+    _, first = np.unique(truth_ids, return_index=True)
+    rows = _find(scene, at, _numbers(objects, "instance_id", NO_ID))
+    found = np.flatnonzero(rows != UNKNOWN)
+    _, first_found = np.unique(truth_ids[found], return_index=True)
+    return Measured(
+        frames=int(np.count_nonzero(scene.has_truth)),
+        disparities=disparities[~np.isnan(disparities[:, OF_DISPARITY.index("known")])],
+        objects=np.stack([_floats(objects, name) for name in OF_OBJECT], axis=1),
+        people=np.stack([_floats(people, name) for name in OF_PERSON], axis=1),
+        truth_ids=truth_ids,
+        labels={int(truth_ids[row]): str(words.word(labels[row])) for row in np.sort(first)},
+        names={int(truth_ids[row]): str(words.word(scene.names[rows[row]])) for row in found[np.sort(first_found)]},
+    )
+
+
+def _instances(scene: SceneColumns, people: Codes, ids: NDArray[np.int64], path: Path) -> Codes:
+    """The rows of the instances with these ids in the frames of people."""
+    at = scene.person_at[people]
+    rows = _find(scene, at, ids)
+    if (rows == UNKNOWN).any():
+        first = int(np.argmax(rows == UNKNOWN))
+        unknown = sorted({*ids[(rows == UNKNOWN) & (people == people[first])].tolist()})
+        raise VfoaError(
+            f"{path}: frame {scene.frames[at[first]]}: track {scene.tracks[people[first]]} attends to instances "
+            f"{unknown}, which are not in targets"
+        )
+    return rows
+
+
+def _find(scene: SceneColumns, at: Codes, ids: NDArray[np.int64]) -> Codes:
+    """The rows of the instances with these ids in frames at these places; :data:`UNKNOWN` where there is none."""
+    keys, wanted = _key(scene.instance_at, scene.instance_ids), _key(at, ids)
+    order = np.append(np.argsort(keys, kind="stable"), UNKNOWN)
+    rows = order[np.searchsorted(keys[order[:-1]], wanted)]
+    return np.where((rows != UNKNOWN) & (np.append(keys, 0)[rows] == wanted) & (ids != NO_ID), rows, UNKNOWN)
+
+
+def _key(at: Codes, ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One number for a frame and an id of 32 bits."""
+    return at.astype(np.int64) * 2**32 + ids + 2**31
+
+
+def _check_distinct(frames: NDArray[np.int64], at: Codes, ids: NDArray[np.int64], path: Path) -> None:
+    keys, counts = np.unique(_key(at, ids), return_counts=True)
+    if (counts > 1).any():
+        number = frames[keys[counts > 1][0] // 2**32]
+        raise VfoaError(f"{path}: frame {number}: expected distinct instance ids in targets")
+
+
+def _in_order(table: Any, frames: NDArray[np.int64], path: Path) -> tuple[Any, Codes]:
+    """The rows of a table in the order of the frames, and the place of each one's frame."""
+    numbers = _numbers(table, "frame")
+    at = np.searchsorted(frames, numbers)
+    is_there = np.append(frames, 0)[at] == numbers
+    is_there &= at < len(frames)
+    if not is_there.all():
+        raise VfoaError(f"{path}: frame {numbers[~is_there][0]} is not in frames.parquet")
+    if (np.diff(at) >= 0).all():
+        return table, at
+    order = np.argsort(at, kind="stable")
+    return table.take(order), at[order]
+
+
+def _of_people(scene: SceneColumns, table: Any, path: Path) -> Any:
+    """The rows of a table, which must be those of the scene's people."""
+    table, at = _in_order(table, scene.frames, path)
+    tracks = _numbers(table, "track_id")
+    known = min(len(tracks), len(scene.tracks))
+    differs = (at[:known] != scene.person_at[:known]) | (tracks[:known] != scene.tracks[:known])
+    if differs.any() or len(tracks) != len(scene.tracks):
+        first = int(np.argmax(differs)) if differs.any() else known
+        places = [places[first] for places in (at, scene.person_at) if first < len(places)]
+        number = scene.frames[min(places)]
+        raise VfoaError(f"{path}: frame {number}: expected the tracks of people, a row for each of them")
+    return table
+
+
+def _column(table: Any, name: str) -> Any:
+    return table.column(name).combine_chunks()
+
+
+def _numbers(table: Any, name: str, null: int = 0) -> NDArray[np.int64]:
+    """Whole numbers; ``null`` stands for unknown ones."""
+    column = _column(table, name)
+    if column.null_count:
+        numbers = column.fill_null(0).to_numpy().astype(np.int64)
+        numbers[column.is_null().to_numpy(zero_copy_only=False)] = null
+        return numbers
+    return np.asarray(column.to_numpy(), dtype=np.int64)
+
+
+def _floats(table: Any, name: str) -> Float:
+    """Numbers; NaN stands for unknown ones."""
+    return np.asarray(_column(table, name).to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _lengths(table: Any, name: str) -> NDArray[np.int64]:
+    return np.asarray(_column(table, name).value_lengths().fill_null(0).to_numpy(), dtype=np.int64)
+
+
+def _flat(table: Any, name: str) -> Any:
+    return _column(table, name).flatten()
+
+
+def _vectors(table: Any, name: str, length: int) -> Float:
+    """Vectors (n, length); NaN stands for unknown ones."""
+    column = _column(table, name)
+    is_known = column.is_valid().to_numpy(zero_copy_only=False)
+    vectors = np.full((len(table), length), np.nan)
+    vectors[is_known] = column.flatten().to_numpy().reshape(-1, length)
+    return vectors
+
+
+def _words(table: Any, name: str, words: Words, names_now: Mapping[str, str] | None = None) -> Codes:
+    """Codes of words, with their present ones."""
+    coded = _column(table, name).dictionary_encode()
+    known = [(names_now or {}).get(word, word) for word in coded.dictionary.to_pylist()]
+    return np.append(words.codes(known), UNKNOWN)[coded.indices.fill_null(len(known)).to_numpy()]
