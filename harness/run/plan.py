@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -310,11 +310,16 @@ def output_digests(experiment: Experiment, manifest: ClipManifest, clip: Clip | 
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that can change a result."""
-    installed = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        with suppress(PackageNotFoundError):
-            installed[package] = version(package)
-    return installed
+    installed = {package: found for package in _PACKAGES if (found := _version(package))}
+    return {"python": platform.python_version(), **installed}
+
+
+@cache
+def _version(package: str) -> str | None:
+    """The version of a package, read once in a process; None if it is not installed."""
+    with suppress(PackageNotFoundError):
+        return version(package)
+    return None
 
 
 def source_commit() -> str | None:
