@@ -20,6 +20,8 @@ import difflib
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -300,8 +302,9 @@ def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> 
 def clip_files() -> dict[str, Path]:
     """The manifest's file of every clip by name, sorted; a file of its own comes before a family."""
     files = names("datasets")
-    of_families = {clip: files[family] for family, clips in families().items() for clip in clips}
-    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not _clips_of(path)}}.items()))
+    clips_of = {name: _clips_of(path) for name, path in files.items()}
+    of_families = {clip: files[family] for family, clips in clips_of.items() for clip in clips}
+    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
 
 
 def families() -> dict[str, tuple[str, ...]]:
@@ -340,12 +343,19 @@ _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
 
 def _clips_of(path: Path) -> tuple[str, ...]:
     """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
-    try:
+    with suppress(VfoaError):
         text = read_text(path)
-        clips = parse_toml(text, path).get("clips", {}) if _CLIPS.search(text) else {}
-    except VfoaError:
-        return ()
-    return tuple(clips) if isinstance(clips, dict) else ()
+        return _clips_in(text) if _CLIPS.search(text) else ()
+    return ()
+
+
+@lru_cache(maxsize=64)
+def _clips_in(text: str) -> tuple[str, ...]:
+    """The clips in the text of a family's manifest, parsed once: every search for a clip asks all families."""
+    with suppress(VfoaError):
+        clips = parse_toml(text, "").get("clips")
+        return tuple(clips) if isinstance(clips, dict) else ()
+    return ()
 
 
 def _member(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
@@ -396,6 +406,9 @@ def _filled(value: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _find(name: str) -> Path:
+    own = names("datasets").get(name)
+    if own and not _clips_of(own):  # most are found without a look at all other files
+        return own
     files = clip_files()
     if path := files.get(name):
         return path
