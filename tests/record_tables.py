@@ -13,7 +13,8 @@ from harness.run.answers import answer_rows, filtered_cues
 from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.scenes import FolderWriter, key_of, remove_unused
+from harness.run.scene_identity import key_of
+from harness.run.scenes import FolderWriter, remove_unused
 from harness.run.table_columns import Tables, answer_columns, look_columns, measured_columns, scene_columns
 from harness.run.table_files import Row, TableWriter, make_table
 from harness.run.tables import TABLES

@@ -16,7 +16,7 @@ from harness.run.executors import Executor, Progress, compute_with
 from harness.run.frame_sink import lacks_files
 from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import Plan, PreparedClip
-from harness.run.scenes import Keys, paths_of
+from harness.run.scene_identity import Keys, paths_of
 from harness.run.table_files import answer_tables
 from harness.run.warm_up import GivenUpError, WarmUp, lost
 from harness.sources import Clip, MeasuredClip

@@ -27,7 +27,8 @@ from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.executors import GOES_ON, Progress
 from harness.run.frame_sink import ClipContext, PictureSinkFactory, SceneSinkFactory, SinkFactory
 from harness.run.scene_cache import SceneCache
-from harness.run.scenes import Identity, Keys, SceneTimes, SceneWriters, has_scene, identities, keys_of
+from harness.run.scene_identity import Identity, Keys, has_scene, identities, keys_of
+from harness.run.scenes import SceneTimes, SceneWriters
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 

@@ -22,7 +22,7 @@ from harness.files.digests import digest_files
 from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import ClipContext, PictureSinkFactory
-from harness.run.scenes import Identity, Keys, has_scene, key_of, keys_of, paths_of
+from harness.run.scene_identity import Identity, Keys, has_scene, key_of, keys_of, paths_of
 from vfoa.errors import VfoaError
 
 _TIMES = "times.csv"

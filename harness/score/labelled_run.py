@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import Labels
-from harness.run.attend import Clouds, read_clouds
 from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.table_files import find_tables
+from harness.run.table_scenes import Clouds, read_clouds
 from harness.score.finished_run import FinishedRun
 from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference

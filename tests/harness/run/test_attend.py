@@ -14,7 +14,7 @@ import pytest
 import harness
 from harness.clips.add import add_clip
 from harness.clips.manifest import ClipManifest
-from harness.run.attend import attend_scenes, read_scenes
+from harness.run.attend import attend_scenes
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.plan import Plan
@@ -22,6 +22,7 @@ from harness.run.records import TargetRecord
 from harness.run.runner import prepare, run_plan
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
+from harness.run.table_scenes import read_scenes
 from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of

@@ -14,7 +14,8 @@ from harness.pipeline.perception import Followed, SharedFrame
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
-from harness.run.scenes import SceneWriters, key_of
+from harness.run.scene_identity import key_of
+from harness.run.scenes import SceneWriters
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
 from tests.disk import write_text
