@@ -428,9 +428,9 @@ def test_fast_presses_are_kept_when_the_page_is_reloaded_or_left(browser: Chrome
     from selenium.webdriver import ActionChains
 
     page = noise()
-    _open(browser, page)
     before = page.session.state()["revision"]
     for leave in (browser.refresh, lambda: browser.get("about:blank")):
+        _open(browser, page)  # and wait for it: before it has its state, it takes no keys
         actions = ActionChains(browser, duration=0)
         for number in range(30):
             actions.send_keys("12n"[number % 3])

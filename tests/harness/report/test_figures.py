@@ -19,6 +19,7 @@ from tests.frame_by_frame import judge
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
 from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_manifest, write_run
+from vfoa.errors import VfoaError
 
 CLIPS = [f"clip_{number:02}" for number in range(12)]
 """More than a page of the report's pager."""
@@ -121,7 +122,12 @@ def test_nothing_is_cut_and_legends_hide_nothing(figures: Figures) -> None:
                     assert not any(legend.get_window_extent().overlaps(box) for box in boxes), (name, width)
 
 
-def test_several_runs_share_a_figure(run: Path, tmp_path: Path) -> None:
+def _not_fitted(*_: object) -> None:
+    raise VfoaError("a fit takes seconds")
+
+
+def test_several_runs_share_a_figure(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("harness.report.figures.files.read_labelled", _not_fitted)
     copy = tmp_path / "copy"
     copy.mkdir()
     for file in run.iterdir():
