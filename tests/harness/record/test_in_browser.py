@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
 LOADED_S = 180.0
-LEFT_VIEW = (138, 92, 191, 128)
-"""The place of the left image in the viewer, in a window that a page opens: x, y, width, height in pixels."""
-LEFT_VIEW_ALONE = (57, 92, 186, 124)
-"""Its place in the small window of these tests, where the viewer hides its panels."""
+SIZE_PX = (500, 400)
+"""Of windows: software draws their pixels."""
+LEFT_VIEW = (57, 92, 186, 124)
+"""The place of the left image in the viewer in a window of that size: x, y, width, height in pixels."""
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +49,10 @@ def drawing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
 
 @pytest.fixture
 def browser(drawing: Chrome) -> Iterator[Chrome]:
-    """The browser with one empty window of few pixels, which software draws, and without earlier requests."""
+    """The browser with one empty window of few pixels, and without earlier requests."""
     (window,) = drawing.window_handles
     requested(drawing)
-    set_width(drawing, 500, 400)
+    set_width(drawing, *SIZE_PX)
     yield drawing
     for other in {*drawing.window_handles} - {window}:
         drawing.switch_to.window(other)
@@ -159,7 +159,7 @@ def test_a_recording_is_covered_until_it_is_whole_and_then_drawn(
         while alike[14] <= 0.5:  # a slow machine stands still before it has decoded the pictures
             assert time.monotonic() < deadline, alike
             shown = _wait_for(browser, 14)
-            alike = {each.frame.index: _likeness(shown, each.frame.left, LEFT_VIEW_ALONE) for each in frames}
+            alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
         browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", sampler)
     assert max(value for frame, value in alike.items() if frame != 14) < 0.3
 
@@ -183,6 +183,7 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
     _click(browser, 14)
     (viewer,) = set(browser.window_handles) - {page}
     browser.switch_to.window(viewer)
+    set_width(browser, *SIZE_PX)
     shown = _wait_for(browser, 14)
     assert _tabs_in_front(browser, tmp_path) == {ANN}
     # the left images are noise: the picture is like its own frame's and unlike any other's
@@ -340,9 +341,9 @@ def test_a_browser_that_does_not_decode_the_video_says_which_setting_helps(
         assert "--recording jpeg" in str(message.get_attribute("textContent"))
 
 
-def _likeness(picture: np.ndarray, left: np.ndarray, place: tuple[int, int, int, int] = LEFT_VIEW) -> float:
+def _likeness(picture: np.ndarray, left: np.ndarray) -> float:
     """The correlation of a left image with the place in the viewer where it is drawn, free of what is drawn over it."""
-    x, y, width, height = place
+    x, y, width, height = LEFT_VIEW
     drawn = picture[y : y + height, x : x + width].mean(axis=2)
     expected = np.asarray(Image.fromarray(left).resize((width, height), Image.Resampling.NEAREST)).mean(axis=2)
     bottom = slice(int(0.7 * height), None)
