@@ -1,7 +1,8 @@
 """The weights of the logit that ship with vfoa: fitted on several settings at once, and scored on each when left out.
 
 ``python -m scripts.ship_logit people=RUN conversation=RUN drawn=RUN rendered=RUN`` writes vfoa/logit.toml and prints
-its scores. The runs may have any method of attention; of configurations with the same stages the first one counts:
+its scores. The runs of clips with images have ``attention.method = "logit"`` or ``"bayes"``, which keep clouds, and the
+others any method; of configurations with the same stages the first one counts:
 
 people        ``vfoa run people``
 conversation  ``vfoa run conversation`` with labels of the first half alone
