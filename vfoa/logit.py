@@ -11,7 +11,7 @@ head alone have weights of their own. One cue is the posterior's answer (:mod:`v
 
 How much people look at nothing differs most between settings. Weights for a setting that nobody labelled have a
 ``spread``: the probabilities are means over a normal distribution of the constant. And they are ``pooled`` with the
-posterior's, which was fitted to none of these settings: a linear opinion pool (Stone 1961).
+posterior's, whose constants are the same in all settings: a linear opinion pool (Stone 1961).
 """
 
 from __future__ import annotations
