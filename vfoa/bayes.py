@@ -167,7 +167,7 @@ def _infer(
     settings: BayesSettings,
     time_ns: int | None,
 ) -> Attention:
-    found = believed(subject, targets, eyes, before, settings, time_ns, clouds=True)
+    found = believed(subject, targets, eyes, before, settings, time_ns)
     if isinstance(found, NoAttention):
         return Attention(subject=subject, missing=found)
     belief, cues = found
@@ -188,12 +188,10 @@ def believed(
     before: Held | None,
     settings: BayesSettings,
     time_ns: int | None,
-    *,
-    clouds: bool,
 ) -> tuple[Belief, MeasuredCues] | NoAttention:
     """Return the belief about a subject after a frame, and the cues that it follows from; or why there is none.
 
-    ``clouds``: targets are their clouds, where they have any, instead of their boxes.
+    Targets are their clouds if any of them has one, and their boxes otherwise (:func:`vfoa.visible.visible_targets`).
     """
     origin = subject.person.eye_origin_left
     if origin is None:
@@ -203,7 +201,7 @@ def believed(
         return NoAttention.NO_DIRECTION
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
-    visible = visible_targets(origin, others, eyes, clouds=clouds)
+    visible = visible_targets(origin, others, eyes, clouds=True)
     scenery = Scenery(
         keys=(*visible.ids, None),
         directions=visible.directions,

@@ -253,7 +253,7 @@ def weigh_attentions(
     eyes = eyes_of(subjects)
     attentions, after = [], []
     for subject, before in zip(subjects, states, strict=True):
-        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns, clouds=True)
+        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns)
         if isinstance(found, NoAttention):
             attentions.append(Attention(subject=subject, missing=found))
             after.append(before)
