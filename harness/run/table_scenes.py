@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -71,11 +71,11 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
         for number, ((time_ns, masks_from, masks_age_s, *more),), instances, people, looks, *clouds in zip(
             numbers, frames, *parts, strict=True
         ):
-            points = {row[0]: row[2] for row in clouds[0] if row[1] == cloud_points} if clouds else None
-            targets = tuple(
-                _bare_target(row) if points is None else _target(row, points, paths["clouds"], cloud_points)
-                for row in instances
-            )
+            if clouds:
+                points = _clouds(clouds[0], cloud_points)
+                targets = tuple(_target(row, points, paths["clouds"], cloud_points) for row in instances)
+            else:
+                targets = tuple(map(_bare_target, instances))
             names = {row[0]: row[1] for row in instances}
             ids = tuple(row[0] for row in people)
             if ids != tuple(row[0] for row in looks):
@@ -105,14 +105,25 @@ Clouds = Mapping[int, np.ndarray]
 
 
 def read_clouds(paths: Mapping[str, Path], cloud_points: int) -> Iterator[Clouds]:
-    """Yield the clouds of so many points of each frame, in the order of :func:`read_scenes`. Raises the same errors."""
+    """Yield the clouds of so many points of each frame, in the order of :func:`read_scenes`; none where none were kept.
+
+    Raises
+    ------
+    VfoaError
+        If a table is missing, damaged or of another version.
+    """
     for group, numbers in enumerate(frames_of(paths["frames"])):
         for rows in rows_by_frame(paths["clouds"], "clouds", group, numbers):
-            yield {row[0]: _points(row[2]) for row in rows if row[1] == cloud_points}
+            yield _clouds(rows, cloud_points)
 
 
-def _points(numbers: Sequence[float]) -> np.ndarray:
-    return np.array(numbers, dtype=np.float32).reshape(-1, 3)
+def _clouds(rows: Iterable[Row], cloud_points: int) -> Clouds:
+    """The clouds of so many points, from the rows of ``clouds`` of a frame."""
+    return {
+        number: np.array(points, dtype=np.float32).reshape(-1, 3)
+        for number, count, points in rows
+        if count == cloud_points
+    }
 
 
 def _camera(*values: Any) -> Camera | None:
@@ -133,15 +144,17 @@ def _last_frames(path: Path, groups: int) -> dict[int, int]:
     return last
 
 
-def _target(row: Row, clouds: Mapping[int, Any], path: Path, cloud_points: int) -> Target:
+def _target(row: Row, clouds: Clouds, path: Path, cloud_points: int) -> Target:
     """The target of a row of ``instances``, with its cloud."""
     number, count = row[0], row[8]
-    if count and number not in clouds:
+    if number in clouds:
+        return replace(_bare_target(row), points_left=clouds[number])
+    if count:
         raise VfoaError(
             f"{path}: found no clouds of {cloud_points} points, which the method asks for; run the experiment with "
             "these settings"
         )
-    return replace(_bare_target(row), points_left=_points(clouds.get(number, ())))
+    return _bare_target(row)
 
 
 @lru_cache(maxsize=1024)
