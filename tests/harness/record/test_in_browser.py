@@ -125,6 +125,16 @@ def _wait_for(browser: Chrome, frame: int) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(now)).convert("RGB"))
 
 
+def _assert_picture(browser: Chrome, frame: int, frames: list[Any]) -> None:
+    """The left image that the viewer draws, which is noise, is like the one of that frame and unlike any other's."""
+    deadline, alike = time.monotonic() + LOADED_S, {frame: 0.0}
+    while alike[frame] <= 0.5:  # a slow machine stands still before it has decoded the pictures
+        assert time.monotonic() < deadline, alike
+        shown = _wait_for(browser, frame)
+        alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
+    assert max(likeness for other, likeness in alike.items() if other != frame) < 0.3
+
+
 _SAMPLER = """
 window.seen = [];
 setInterval(() => {
@@ -155,13 +165,8 @@ def test_a_recording_is_covered_until_it_is_whole_and_then_drawn(
             settled = Image.fromarray(_wait_for(browser, frame)).convert("L")
             changed = np.abs(np.subtract(first, settled, dtype=float)) > 40
             assert changed.mean() < 0.25, frame  # the same panes in the same places
-        deadline, alike = time.monotonic() + LOADED_S, {14: 0.0}
-        while alike[14] <= 0.5:  # a slow machine stands still before it has decoded the pictures
-            assert time.monotonic() < deadline, alike
-            shown = _wait_for(browser, 14)
-            alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
+        _assert_picture(browser, 14, frames)
         browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", sampler)
-    assert max(value for frame, value in alike.items() if frame != 14) < 0.3
 
 
 def _samples(browser: Chrome) -> list[list[bool]]:
@@ -184,12 +189,8 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
     (viewer,) = set(browser.window_handles) - {page}
     browser.switch_to.window(viewer)
     set_width(browser, *SIZE_PX)
-    shown = _wait_for(browser, 14)
+    _assert_picture(browser, 14, frames)
     assert _tabs_in_front(browser, tmp_path) == {ANN}
-    # the left images are noise: the picture is like its own frame's and unlike any other's
-    alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
-    assert alike[14] > 0.5
-    assert max(value for frame, value in alike.items() if frame != 14) < 0.3
     assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
     browser.execute_script("window.isTheFirst = true")
     browser.switch_to.window(page)
