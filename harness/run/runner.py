@@ -213,8 +213,8 @@ def executor(
     if scheduler is not None:
         from harness.run.executors.cluster import Cluster, connect
 
-        with connect(scheduler) as client:
-            yield Cluster(client, modules, sees)
+        with connect(scheduler) as client, Cluster(client, modules, sees) as cluster:
+            yield cluster
     elif workers == 1:
         yield InProcess(threads)
     else:

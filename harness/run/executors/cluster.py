@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 from uuid import uuid4
 
 from harness.files.digests import code_digest
@@ -85,15 +85,24 @@ class Cluster:
     def __init__(self, client: Client, modules: tuple[str, ...] = (), sees: Path | None = None) -> None:
         self._client, self._sees = client, sees
         self._code = modules, code_digest(modules)
+        self._running: dict[str, list[Future[Any]]] = {}
         self.workers = len(client.nthreads())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the runs of which a caller that was interrupted still holds the iterator."""
+        for run in tuple(self._running):
+            self._end(run)
 
     def run(
         self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
     ) -> Iterator[Result]:
         """As :class:`harness.run.executors.Executor`; the progress of a job is told when it is finished.
 
-        If the caller stops iterating, or is interrupted, control returns when no worker runs a job any more: queued
-        jobs do not begin, and running ones stop after the current frame.
+        When the iterator or this executor is closed, control returns when no worker runs a job any more: queued jobs do
+        not begin, and running ones stop after the current frame.
         """
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
@@ -101,8 +110,9 @@ class Cluster:
         here = Surroundings()
         run = uuid4().hex
         submit = partial(self._client.submit, on_worker, here, self._code, self._sees, run, work, pure=False)
-        futures = [submit(job) for job in jobs]
+        futures = self._running.setdefault(run, [])
         try:
+            futures += map(submit, jobs)
             for job, future in zip(jobs, futures, strict=True):
                 try:
                     outcome, words = future.result()
@@ -118,18 +128,22 @@ class Cluster:
                         progress(word)
                     yield outcome
         finally:
-            with suppress(CommClosedError, CancelledError, TimeoutError, OSError):  # of a scheduler that is gone
-                _end(self._client, futures, run)
-                self._client.cancel(futures)
+            self._end(run)
 
+    def _end(self, run: str) -> None:
+        """Stop the running jobs and wait for them, unless that was done: another run may begin with the same files."""
+        from distributed import CancelledError
+        from distributed.comm import CommClosedError
 
-def _end(client: Client, futures: Sequence[Future], run: str) -> None:
-    """Stop the running jobs and wait for them: another run may begin at once with the same files."""
-    deadline = time.monotonic() + PATIENCE_SECONDS
-    while (running := [future for future in futures if not future.done()]) and time.monotonic() < deadline:
-        client.run(note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
-        with suppress(TimeoutError):
-            running[0].exception(timeout=1)
+        if not (futures := self._running.pop(run, [])):
+            return
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        with suppress(CommClosedError, CancelledError, TimeoutError, OSError):  # of a scheduler that is gone
+            while (running := [future for future in futures if not future.done()]) and time.monotonic() < deadline:
+                self._client.run(note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
+                with suppress(TimeoutError):
+                    running[0].exception(timeout=1)
+            self._client.cancel(futures)
 
 
 _stopped: set[str] = set()
