@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from harness.annotate.app import PageServer
 from harness.annotate.session import Session
-from harness.labels.labels import IGNORED, Label, Labels, ranges_of
+from harness.labels.labels import IGNORED, Label, Labels, Timeline, ranges_of
 from harness.run.records import FrameRecord
 from harness.sources import Clip
 from harness.studio import StudioSettings
@@ -24,7 +24,8 @@ from tests.records import frame_record, subject_record, target_record, write_run
 from tests.repository import REPOSITORY
 
 if TYPE_CHECKING:
-    from selenium.webdriver import Chrome
+    from selenium.webdriver import ActionChains, Chrome
+    from selenium.webdriver.remote.webelement import WebElement
 
 MANIFEST = """# A clip of noise, for those who test.
 name = "noise"
@@ -167,3 +168,105 @@ def shown(browser: Chrome) -> int | None:
     """The number of the frame that the page shows; None before it shows any."""
     frame = browser.execute_script("return document.body.dataset.frame")
     return None if frame is None else int(frame)
+
+
+def write_labels(work: Path, *rows: str, annotator: str = "", columns: Sequence[str] = ("note",)) -> Path:
+    """Labels of the clip ``noise`` as another program writes them; an annotator is named with ``@``."""
+    head = ",".join(("first_frame", "last_frame", "subject", "target", *columns))
+    path = work / "annotations" / f"noise{annotator}.csv"
+    return write_text(path, "\n".join(["# vfoa annotations 1", head, *rows, ""]))
+
+
+def letters(labels: Labels, subject: str = "ann") -> str:
+    """A letter for each frame's target; ``-`` for ignore, ``.`` for a frame without a label."""
+    found = [labels.at(frame, subject) for frame in FRAMES]
+    return "".join("." if each is None else "-" if each.target == IGNORED else each.target[0] for each in found)
+
+
+STRIP = "#timelines .current > div"
+"""The timeline of the subject who is labelled."""
+
+
+class LabellingPage:
+    """The labelling page in a browser: what a person sees and presses, and the labels that are in the file then."""
+
+    def __init__(self, browser: Chrome, page: Page) -> None:
+        self.browser, self.address, self.session = browser, page.address, page.session
+        self.open()
+
+    def open(self) -> None:
+        """Load the page, and wait until it takes keys."""
+        self.browser.get(self.address)
+        wait_for(lambda: self.shown is not None)
+        self.settle()
+
+    @property
+    def shown(self) -> int | None:
+        return shown(self.browser)
+
+    def settle(self) -> None:
+        """Wait until the page shows and has saved everything."""
+        wait_for(lambda: self.js("return document.body.getAttribute('aria-busy') === 'false'"))
+
+    def js(self, script: str, *arguments: object) -> Any:
+        return self.browser.execute_script(script, *arguments)
+
+    def find(self, selector: str) -> WebElement:
+        return self.browser.find_element("css selector", selector)
+
+    def all(self, selector: str) -> list[WebElement]:
+        return self.browser.find_elements("css selector", selector)
+
+    def text(self, selector: str) -> str:
+        return self.find(selector).text
+
+    @property
+    def focused(self) -> WebElement:
+        return self.browser.switch_to.active_element
+
+    def actions(self) -> ActionChains:
+        from selenium.webdriver import ActionChains
+
+        return ActionChains(self.browser, duration=0)
+
+    def keys(self, *keys: str) -> None:
+        """Press keys, each after the page has shown and saved what the one before did."""
+        for key in keys:
+            self.actions().send_keys(key).perform()
+            self.settle()
+
+    def shown_after(self, *keys: str) -> int | None:
+        """The frame that is shown after these keys."""
+        self.keys(*keys)
+        return self.shown
+
+    def click(self, selector: str) -> None:
+        self.actions().move_to_element(self.find(selector)).click().perform()
+        self.settle()
+
+    def drag(self, start: float, end: float, *, on: str = STRIP, frames: int = len(FRAMES)) -> None:
+        """Drag on a strip of so many frames, from the middle of a position to that of another; 5.5: the change to 6."""
+        strip = self.find(on)
+        width = strip.size["width"] / frames
+        actions = self.actions().move_to_element_with_offset(strip, round((start + 0.5 - frames / 2) * width), 0)
+        actions.click_and_hold().move_by_offset(round((end - start) * width), 0).release().perform()
+        self.settle()
+
+    def targets(self, subject: str = "ann") -> str:
+        """The scored labels, as :func:`letters`."""
+        labels = self.session.manifest.read(self.session.path, Timeline(frames=FRAMES, times_ns=()))
+        return letters(labels.confirmed(), subject)
+
+    @contextmanager
+    def second_tab(self) -> Iterator[None]:
+        """The page in another tab, which is closed at the end."""
+        first = self.browser.current_window_handle
+        self.browser.switch_to.new_window("tab")
+        second = self.browser.current_window_handle
+        try:
+            self.open()
+            yield
+        finally:
+            self.browser.switch_to.window(second)
+            self.browser.close()
+            self.browser.switch_to.window(first)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from harness.annotate.session import Session
-from tests.annotating import Page, make_work, serve
+from tests.annotating import LabellingPage, Page, make_work, serve
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 
 @pytest.fixture
@@ -27,6 +30,12 @@ def noise(work: Path) -> Iterator[Callable[..., Page]]:
             return stack.enter_context(serve(clip=str(work / "datasets" / "noise.toml"), **choices))
 
         yield start
+
+
+@pytest.fixture
+def open_page(browser: Chrome, noise: Callable[..., Page]) -> Callable[..., LabellingPage]:
+    """Opens the clip's page in the browser, with the choices it is given."""
+    return lambda **choices: LabellingPage(browser, noise(**choices))
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import errno
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -17,15 +17,21 @@ from harness.annotate.session import Session
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
 from harness.labels.files import write_annotations
-from harness.labels.labels import Labels, Timeline
-from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
+from harness.labels.labels import Label, Labels, Timeline
+from tests.annotating import FRAMES, MANIFEST, LabellingPage, letters, wait_for, write_labels
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
-if TYPE_CHECKING:
-    from selenium.webdriver import Chrome
+By = Callable[..., AbstractContextManager[Session]]
+Opened = Callable[..., Session]
+Change = Callable[[Session], None]
+PEN = NameRule(category="pen")
 
-HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+
+@pytest.fixture
+def by(work: Path) -> By:
+    """Opens the clip as an annotator, until the block ends."""
+    return lambda annotator=None: closing(Session(str(work / "datasets" / "noise.toml"), annotator=annotator))
 
 
 def _manifest(work: Path) -> ClipManifest:
@@ -40,101 +46,16 @@ def _labels(work: Path, annotator: str | None = None) -> Labels:
 
 
 def _said(work: Path, subject: str = "ann", annotator: str | None = None) -> str:
-    """A letter a frame."""
-    found = [_labels(work, annotator).at(frame, subject) for frame in FRAMES]
-    return "".join("." if each is None else each.target[0] for each in found)
+    return letters(_labels(work, annotator), subject)
+
+
+def _both(work: Path) -> tuple[str, str]:
+    """What is said of ann without a name of the annotator, and by ben."""
+    return _said(work), _said(work, annotator="ben")
 
 
 def _mark(session: Session, first: int, last: int, target: str, subject: str = "ann") -> None:
     session.make(Action(kind="range", subject=subject, at=first, last=last, target=target))
-
-
-def test_a_new_name_is_in_the_labels_of_all_annotators(opened: Any, work: Path) -> None:
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
-    session = opened()
-    _mark(session, 0, 5, "cup")
-    _mark(session, 2, 3, "book")
-    session.change_target("cup", new_name="mug", key="9", colour="olive plain")
-    assert (_said(work), _said(work, annotator="ben")) == ("mmbbmm......", "mmmm........")
-    about = session.about()
-    assert about["looks"]["mug"] == {"key": "9", "colour": "olive plain"}
-    assert {name: look["key"] for name, look in about["looks"].items()} == {
-        "mug": "9",
-        "book": "2",
-        "ann": "3",
-        "ben": "4",
-    }
-
-
-def test_a_target_in_use_is_deleted_only_with_another_for_its_labels(opened: Any, work: Path) -> None:
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ben,cup,\n")
-    session = opened()
-    with pytest.raises(VfoaError, match="'cup' is the target of 4 labels"):
-        session.delete_target("cup", None)
-    with pytest.raises(VfoaError, match="'ben' looks at 'cup' and would look at 'ben'"):
-        session.delete_target("cup", "ben")
-    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
-    session.delete_target("cup", "book")
-    assert _said(work, "ben", "ben") == "bbbb........"
-    assert [*_manifest(work).targets] == ["book"]
-    session.add_target("vase", _manifest(work).targets["book"].model_copy(update={"category": "vase", "key": None}))
-    assert session.about()["looks"]["vase"]["key"] == "1"  # the one that is free
-    assert session.about()["looks"]["book"]["key"] == "2"
-
-
-def test_one_history_takes_back_labels_targets_and_drawing(opened: Any, work: Path) -> None:
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
-    session = opened()
-
-    def shown() -> tuple[object, ...]:
-        drawn = [each["name"] for each in session.drawn()["tracks"]]
-        looks = {name: (look["key"], look["colour"]) for name, look in session.about()["looks"].items()}
-        return _said(work), _said(work, annotator="ben"), drawn, looks, [*session.manifest.targets]
-
-    def draw() -> None:
-        session.make(Action(kind="draw", draw=Draw(name="cup", place=(1, 1, 9, 9))))
-
-    pen = NameRule(category="pen")
-    steps: list[Callable[[], None]] = [
-        lambda: _mark(session, 0, 5, "cup"),
-        draw,
-        lambda: session.change_target("cup", new_name="mug", key="9", colour="olive plain"),
-        lambda: _mark(session, 2, 3, "book"),
-        lambda: session.add_target("pen", pen),
-        lambda: session.change_target("book", new_name="book", key="8", colour="pink plain"),
-        lambda: session.delete_target("mug", "book"),
-    ]
-    states = [shown() if (work / "annotations" / "noise.csv").exists() else None]
-    for step in steps:
-        step()
-        states.append(shown())
-    for expected in reversed(states[1:-1]):
-        session.step_back("undo")
-        assert shown() == expected
-    for expected in states[2:]:
-        session.step_back("redo")
-        assert shown() == expected
-    session.close()
-    session = opened()
-    assert shown() == states[-1]
-    session.step_back("undo")
-    assert shown() == states[-2]  # also after a restart
-
-
-def test_a_target_that_another_annotator_uses_by_now_stays(opened: Any, work: Path) -> None:
-    session = opened()
-    session.add_target("pen", NameRule(category="pen"))
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,pen,\n")
-    with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'pen'"):
-        session.step_back("undo")
-    assert "pen" in _manifest(work).targets
-    path = work / "datasets" / "noise.toml"
-    (work / "annotations" / "noise@ben.csv").unlink()
-    path.write_text(path.read_text() + "# edited\n")
-    with pytest.raises(VfoaError, match=r"noise\.toml was edited"):
-        session.step_back("undo")
-    assert not session.state()["can_undo"]
-    assert path.read_text().endswith("# edited\n")
 
 
 def _draw(session: Session, name: str, at: int) -> None:
@@ -149,86 +70,139 @@ def _delete(session: Session) -> None:
     session.delete_target("cup", "book")
 
 
-@pytest.mark.parametrize("restart", [False, True])
-def test_undo_takes_back_the_newest_change_also_after_the_clock_was_set_back(
-    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch, restart: bool
-) -> None:
-    session, clock = opened(), iter((4000.0, 3000.0, 2000.0, 1000.0))
+def _add(session: Session) -> None:
+    session.add_target("pen", PEN)
 
-    def change(make: Callable[[], None]) -> None:
-        nonlocal session
-        if restart:
+
+def test_a_new_name_is_in_the_labels_of_all_annotators(opened: Opened, work: Path) -> None:
+    write_labels(work, "1,4,ann,cup,", annotator="@ben")
+    session = opened()
+    _mark(session, 0, 5, "cup")
+    _mark(session, 2, 3, "book")
+    _rename(session)
+    assert _both(work) == ("mmbbmm......", "mmmm........")
+    about = session.about()
+    assert about["looks"]["mug"] == {"key": "9", "colour": "olive plain"}
+    keys = {name: look["key"] for name, look in about["looks"].items()}
+    assert keys == {"mug": "9", "book": "2", "ann": "3", "ben": "4"}
+
+
+def test_a_target_in_use_is_deleted_only_with_another_for_its_labels(opened: Opened, work: Path) -> None:
+    write_labels(work, "1,4,ben,cup,", annotator="@ben")
+    session = opened()
+    with pytest.raises(VfoaError, match=r"'cup' .* 4 labels"):
+        session.delete_target("cup", None)
+    with pytest.raises(VfoaError, match=r"'ben' .*'cup' .*'ben'"):
+        session.delete_target("cup", "ben")
+    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+    session.delete_target("cup", "book")
+    assert _said(work, "ben", "ben") == "bbbb........"
+    assert [*_manifest(work).targets] == ["book"]
+    session.add_target("vase", _manifest(work).targets["book"].model_copy(update={"category": "vase", "key": None}))
+    assert session.about()["looks"]["vase"]["key"] == "1"  # the one that is free
+    assert session.about()["looks"]["book"]["key"] == "2"
+
+
+@pytest.mark.parametrize("is_opened_again", [False, True])
+def test_one_history_takes_back_labels_targets_and_drawing_whatever_the_clock_says(
+    opened: Opened, work: Path, monkeypatch: pytest.MonkeyPatch, is_opened_again: bool
+) -> None:
+    """The clock is set back before every change, and the clip may be opened again for it."""
+    write_labels(work, "1,4,ann,cup,", annotator="@ben")
+    session = opened()
+
+    def shown() -> tuple[object, ...]:
+        drawn = [each["name"] for each in session.drawn()["tracks"]]
+        looks = {name: (look["key"], look["colour"]) for name, look in session.about()["looks"].items()}
+        return *_both(work), drawn, looks, [*session.manifest.targets]
+
+    changes: list[Change] = [
+        lambda session: _mark(session, 0, 5, "cup"),
+        lambda session: _draw(session, "cup", 0),
+        _rename,
+        lambda session: _mark(session, 2, 3, "book"),
+        lambda session: _draw(session, "book", 0),
+        _add,
+        lambda session: session.change_target("book", new_name="book", key="8", colour="pink plain"),
+        lambda session: session.delete_target("mug", "book"),
+    ]
+    states = []
+    for number, change in enumerate(changes):
+        if is_opened_again:
             session.close()
             session = opened()
-        now = next(clock)
         with monkeypatch.context() as patch:
-            patch.setattr("time.time", lambda: now)
-            make()
-
-    def shown() -> tuple[str, int]:
-        return _said(work), len(session.drawn()["tracks"])
-
-    change(lambda: _mark(session, 0, 3, "cup"))
-    change(lambda: _draw(session, "cup", 0))
-    change(lambda: _mark(session, 4, 7, "book"))
-    change(lambda: _draw(session, "book", 0))
-    states = [("cccc........", 0), ("cccc........", 1), ("ccccbbbb....", 1), ("ccccbbbb....", 2)]
-    assert shown() == states[-1]
+            patch.setattr("time.time", lambda number=number: 9000.0 - 1000 * number)
+            change(session)
+        states.append(shown())
     for expected in reversed(states[:-1]):
         session.step_back("undo")
         assert shown() == expected
     for expected in states[1:]:
         session.step_back("redo")
         assert shown() == expected
+    session.close()
+    session = opened()
+    assert shown() == states[-1]
+    session.step_back("undo")
+    assert shown() == states[-2]
+
+
+def test_a_target_that_another_annotator_uses_by_now_stays(opened: Opened, work: Path) -> None:
+    session = opened()
+    _add(session)
+    write_labels(work, "1,4,ann,pen,", annotator="@ben")
+    with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'pen'"):
+        session.step_back("undo")
+    assert "pen" in _manifest(work).targets
+    path = work / "datasets" / "noise.toml"
+    (work / "annotations" / "noise@ben.csv").unlink()
+    path.write_text(path.read_text() + "# edited\n")
+    with pytest.raises(VfoaError, match=r"noise\.toml was edited"):
+        session.step_back("undo")
+    assert not session.state()["can_undo"]
+    assert path.read_text().endswith("# edited\n")
 
 
 @pytest.mark.parametrize(("change", "given"), [(_rename, "m"), (_delete, "b")])
 @pytest.mark.parametrize(("annotator", "other"), [(None, "ben"), ("ben", None)])
 def test_undo_leaves_labels_that_another_annotator_made_since(
-    opened: Any, work: Path, change: Callable[[Session], None], given: str, annotator: str | None, other: str | None
+    by: By, work: Path, change: Change, given: str, annotator: str | None, other: str | None
 ) -> None:
-    for name in ("noise", "noise@ben"):
-        write_text(work / "annotations" / f"{name}.csv", f"{HEAD}1,8,ann,cup,\n")
-    session = opened(annotator=annotator)
-    change(session)
-    session.close()
-    session = opened(annotator=other)
-    _mark(session, 0, 3, "none")
-    session.make(Action(kind="note", subject="ann", at=6, note="glasses"))
-    session.close()
-    session = opened(annotator=annotator)
-    session.step_back("undo")
-    assert (_said(work, annotator=annotator), _said(work, annotator=other)) == ("cccccccc....", "nnnncccc....")
-    label = _labels(work, other).at(7, "ann")
-    assert label is not None
-    assert (label.target, label.note) == ("cup", "glasses")
-    session.step_back("redo")
-    assert (_said(work, annotator=annotator), _said(work, annotator=other)) == (
-        f"{given * 8}....",
-        f"nnnn{given * 4}....",
-    )
-
-
-def test_undo_is_refused_where_another_annotator_has_used_a_name_since(opened: Any, work: Path) -> None:
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
-    session = opened()
-    _mark(session, 0, 5, "cup")
-    _rename(session)
-    session.close()
-    session = opened(annotator="ben")
-    _mark(session, 2, 7, "mug")
-    session.close()
-    session = opened()
-    files = {path: path.read_bytes() for path in (work / "annotations").glob("*.csv")}
-    with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'mug' that were made since \(4 frames\)"):
+    for name in ("", "@ben"):
+        write_labels(work, "1,8,ann,cup,", annotator=name)
+    with by(annotator) as session:
+        change(session)
+    with by(other) as session:
+        _mark(session, 0, 3, "none")
+        session.make(Action(kind="note", subject="ann", at=6, note="glasses"))
+    with by(annotator) as session:
         session.step_back("undo")
+        assert (_said(work, annotator=annotator), _said(work, annotator=other)) == ("cccccccc....", "nnnncccc....")
+        assert _labels(work, other).at(7, "ann") == Label(target="cup", note="glasses")
+        session.step_back("redo")
+    assert _said(work, annotator=annotator) == f"{given * 8}...."
+    assert _said(work, annotator=other) == f"nnnn{given * 4}...."
+
+
+def test_undo_is_refused_where_another_annotator_has_used_a_name_since(by: By, work: Path) -> None:
+    write_labels(work, "1,4,ann,cup,", annotator="@ben")
+    with by() as session:
+        _mark(session, 0, 5, "cup")
+        _rename(session)
+    with by("ben") as session:
+        _mark(session, 2, 7, "mug")
+    files = {path: path.read_bytes() for path in (work / "annotations").glob("*.csv")}
+    with by() as session:
+        with pytest.raises(VfoaError, match=r"noise@ben\.csv .*'mug' .*4 frames"):
+            session.step_back("undo")
+        assert session.state()["can_undo"]
     assert {path: path.read_bytes() for path in (work / "annotations").glob("*.csv")} == files
     assert "mug" in _manifest(work).targets
-    assert session.state()["can_undo"]
 
 
 @pytest.mark.parametrize("change", [_rename, _delete])
-def test_undo_leaves_shapes_that_were_drawn_since(opened: Any, work: Path, change: Callable[[Session], None]) -> None:
+def test_undo_leaves_shapes_that_were_drawn_since(opened: Opened, work: Path, change: Change) -> None:
     session = opened()
     _draw(session, "cup", 0)
     change(session)
@@ -243,90 +217,79 @@ def test_undo_leaves_shapes_that_were_drawn_since(opened: Any, work: Path, chang
 @pytest.mark.parametrize("change", [_rename, _delete])
 @pytest.mark.parametrize("kind", ["undo", "redo"])
 def test_steps_of_others_bring_no_target_back_that_was_renamed_or_deleted_since(
-    opened: Any, work: Path, change: Callable[[Session], None], kind: str
+    by: By, work: Path, change: Change, kind: str
 ) -> None:
-    other = opened(annotator="ben")
-    _mark(other, 0, 3, "book" if kind == "redo" else "cup")
-    _mark(other, 0, 3, "cup" if kind == "redo" else "book")
-    if kind == "redo":
+    with by("ben") as other:
+        _mark(other, 0, 3, "book" if kind == "redo" else "cup")
+        _mark(other, 0, 3, "cup" if kind == "redo" else "book")
+        if kind == "redo":
+            other.step_back("undo")
+    with by() as session:
+        change(session)
+    with by("ben") as other:
+        other.step_back(kind)
+        assert _said(work, annotator="ben") == "bbbb........"
+        _mark(other, 0, 3, "none")
         other.step_back("undo")
-    other.close()
-    session = opened()
-    change(session)
-    session.close()
-    other = opened(annotator="ben")
-    other.step_back(kind)
-    assert _said(work, annotator="ben") == "bbbb........"
-    _mark(other, 0, 3, "none")
-    other.step_back("undo")
     assert _said(work, annotator="ben") == "bbbb........"
 
 
-def test_a_new_target_leaves_the_steps_of_others(opened: Any, work: Path) -> None:
-    other = opened(annotator="ben")
-    _mark(other, 0, 3, "cup")
-    _mark(other, 0, 3, "book")
-    other.close()
-    session = opened()
-    session.add_target("pen", NameRule(category="pen"))
-    session.close()
-    opened(annotator="ben").step_back("undo")
+def test_a_new_target_leaves_the_steps_of_others(by: By, work: Path) -> None:
+    with by("ben") as other:
+        _mark(other, 0, 3, "cup")
+        _mark(other, 0, 3, "book")
+    with by() as session:
+        _add(session)
+    with by("ben") as other:
+        other.step_back("undo")
     assert _said(work, annotator="ben") == "cccc........"
 
 
-def test_undo_brings_no_shape_of_a_target_back_whose_name_is_that_of_another_one(opened: Any, work: Path) -> None:
-    session = opened()
-    _draw(session, "cup", 0)
-    _draw(session, "cup", 5)
-    session.close()
-    session = opened(annotator="ben")
-    _rename(session)
-    session.close()
-    session = opened(annotator="cat")
-    session.change_target("book", new_name="cup", key="8", colour="pink plain")
-    session.close()
-    session = opened()
+def test_undo_brings_no_shape_of_a_target_back_whose_name_is_that_of_another_one(by: By, work: Path) -> None:
+    with by() as session:
+        _draw(session, "cup", 0)
+        _draw(session, "cup", 5)
+    with by("ben") as session:
+        _rename(session)
+    with by("cat") as session:
+        session.change_target("book", new_name="cup", key="8", colour="pink plain")
     before = (work / "annotations" / "noise.drawn.csv").read_bytes()
-    assert not session.state()["can_undo"]
-    session.step_back("undo")
+    with by() as session:
+        assert not session.state()["can_undo"]
+        session.step_back("undo")
     assert (work / "annotations" / "noise.drawn.csv").read_bytes() == before
 
 
-def test_a_target_whose_shapes_were_drawn_since_stays(opened: Any, work: Path) -> None:
-    session = opened()
-    session.add_target("pen", NameRule(category="pen"))
-    _draw(session, "pen", 0)
-    session.close()
+def test_a_target_whose_shapes_were_drawn_since_stays(by: By, work: Path) -> None:
+    with by() as session:
+        _add(session)
+        _draw(session, "pen", 0)
     (work / "annotations" / ".journal" / "noise.drawn.jsonl").unlink()
-    session = opened()
-    with pytest.raises(VfoaError, match=r"noise\.drawn\.csv has shapes of 'pen'"):
+    with by() as session, pytest.raises(VfoaError, match=r"noise\.drawn\.csv has shapes of 'pen'"):
         session.step_back("undo")
     assert "pen" in _manifest(work).targets
 
 
-def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: Any, work: Path) -> None:
-    other = opened(annotator="ben")
-    _mark(other, 0, 3, "cup")
-    session = opened()
-    with pytest.raises(VfoaError, match=r"noise@ben\.csv is being labelled by another vfoa annotate"):
-        session.change_target("cup", new_name="mug", key="1", colour="blue plain")
-    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
-
-
-def test_names_are_not_changed_while_another_annotator_is_about_to_label_the_clip(opened: Any, work: Path) -> None:
+def test_names_are_not_changed_while_another_annotator_has_the_clip_open(opened: Opened, work: Path) -> None:
+    """Also before that one has made a label."""
     session, other = opened(), opened(annotator="ben")
-    for change in (_rename, _delete, lambda session: session.add_target("pen", NameRule(category="pen"))):
-        with pytest.raises(VfoaError, match=r"noise@ben\.csv is being labelled by another vfoa annotate"):
-            change(session)
-    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+    def assert_refused() -> None:
+        for change in (_rename, _delete, _add):
+            with pytest.raises(VfoaError, match=r"noise@ben\.csv is being labelled"):
+                change(session)
+        assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+    assert_refused()
     _mark(other, 0, 3, "cup")
+    assert_refused()
     other.close()
     _rename(session)
     assert _said(work, annotator="ben") == "mmmm........"
 
 
-def test_a_new_name_is_in_labels_among_the_files_of_the_clip(opened: Any, work: Path) -> None:
-    write_text(work / "pairs" / "labels.csv", f"{HEAD}1,4,ann,cup,\n")
+def test_a_new_name_is_in_labels_among_the_files_of_the_clip(opened: Opened, work: Path) -> None:
+    write_labels(work, "1,4,ann,cup,").rename(work / "pairs" / "labels.csv")
     path = work / "datasets" / "noise.toml"
     path.write_text(path.read_text().replace('root = "../pairs"', 'root = "../pairs"\nlabels_file = "labels.csv"'))
     session = opened(annotator="ben")
@@ -336,16 +299,16 @@ def test_a_new_name_is_in_labels_among_the_files_of_the_clip(opened: Any, work: 
     assert _said(work) == "cccc........"
 
 
-def test_two_names_with_one_key_are_refused(opened: Any, work: Path) -> None:
+def test_two_names_with_one_key_are_refused(opened: Opened, work: Path) -> None:
     with pytest.raises(VfoaError, match="key: '2' is the key of "):
         opened().change_target("cup", new_name="cup", key="2", colour="blue plain")
     assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
 
 
 def test_after_a_change_that_did_not_get_into_all_files_nothing_is_labelled_until_it_is_completed(
-    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch
+    opened: Opened, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
+    write_labels(work, "1,4,ann,cup,", annotator="@ben")
     session = opened()
     _mark(session, 0, 5, "cup")
 
@@ -359,18 +322,19 @@ def test_after_a_change_that_did_not_get_into_all_files_nothing_is_labelled_unti
         with pytest.raises(VfoaError, match=r"noise\.csv.*No space left"):
             _rename(session)
     before = session.path.read_bytes()
-    for change in (
-        lambda: _mark(session, 6, 9, "cup"),
-        lambda: _draw(session, "cup", 0),
-        lambda: session.step_back("undo"),
-        lambda: session.add_target("pen", NameRule(category="pen")),
-    ):
+    changes: tuple[Change, ...] = (
+        lambda session: _mark(session, 6, 9, "cup"),
+        lambda session: _draw(session, "cup", 0),
+        lambda session: session.step_back("undo"),
+        _add,
+    )
+    for change in changes:
         with pytest.raises(VfoaError, match=r"noise\.change\.json: .*open the clip again"):
-            change()
+            change(session)
     assert session.path.read_bytes() == before
     session.close()
     session = opened()
-    assert [_said(work), _said(work, annotator="ben")] == ["mmmmmm......", "mmmm........"]
+    assert _both(work) == ("mmmmmm......", "mmmm........")
     _mark(session, 6, 9, "mug")
 
 
@@ -378,147 +342,127 @@ class Killed(BaseException):
     """As SIGKILL: nobody catches it."""
 
 
-@pytest.mark.parametrize("to", ["mug", None], ids=["renamed", "deleted"])
-def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
-    opened: Any, work: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, to: str | None
-) -> None:
-    """Either nothing has changed, or the manifest, the labels of both annotators and the drawing have."""
-    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
-    write_text(work / "annotations" / "noise.csv", f"{HEAD}1,6,ann,cup,\n")
-    head = "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
-    write_text(work / "annotations" / "noise.drawn.csv", f"{head}1,cup,box,4,30,14,44,\n")
-    at_first = tmp_path_factory.mktemp("as") / "it was"
-    shutil.copytree(work, at_first)
-    replace = Path.replace
-    results: list[tuple[object, ...]] = []
-    undone: list[tuple[object, ...]] = []
-    for kill_at in range(20):
-        shutil.rmtree(work)
-        shutil.copytree(at_first, work)
-        session = opened()
-        left = iter(range(kill_at))
-
-        def until_killed(source: Path, target: Path, left: Iterator[int] = left) -> Path:
-            if next(left, None) is None:
-                raise Killed
-            return replace(source, target)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(Path, "replace", until_killed)
-            try:
-                if to is None:
-                    session.delete_target("cup", "book")
-                else:
-                    session.change_target("cup", new_name=to, key="9", colour="olive plain")
-                was_killed = False
-            except Killed:
-                was_killed = True
-        session.close()
-        again = opened()
-        found = (*again.manifest.targets, _said(work), _said(work, annotator="ben"), len(again.drawn()["tracks"]))
-        again.step_back("undo")
-        undone.append((*again.manifest.targets, _said(work), _said(work, annotator="ben")))
-        again.close()
-        assert not [*(work / "annotations" / ".journal").glob("*.json")]
-        results.append(found)
-        if not was_killed:
-            break
-    letter, names = ("b", ("book",)) if to is None else ("m", (to, "book"))
-    done = (*names, letter * 6 + "." * 6, letter * 4 + "." * 8, int(to is not None))
-    assert results[0] == ("cup", "book", "c" * 6 + "." * 6, "c" * 4 + "." * 8, 1)
-    assert results[1:] == [done] * (len(results) - 1)
-    steps = sum(names == results[0][:-1] for names in undone[1:])
-    assert undone[1:] == [done[:-1]] * (len(undone) - 1 - steps) + [results[0][:-1]] * steps
-    assert steps >= 2  # of which the change was in the journal of these labels before the kill
-    assert len(results) >= 6  # what is to be done, the manifest, two files of labels, what is drawn, and unharmed
-
-
-@pytest.mark.parametrize(("kill_at", "letter"), [(1, "c"), (2, "m")], ids=["before the manifest", "after it"])
-def test_a_manifest_that_is_edited_before_an_interrupted_change_is_finished_keeps_what_was_edited(
-    opened: Any, work: Path, monkeypatch: pytest.MonkeyPatch, kill_at: int, letter: str
-) -> None:
-    write_text(work / "annotations" / "noise.csv", f"{HEAD}1,6,ann,cup,\n")
-    session, path = opened(), work / "datasets" / "noise.toml"
-    replace, left = Path.replace, iter(range(kill_at))
+@contextmanager
+def _killed_after(files: int) -> Iterator[None]:
+    """Kill whoever replaces one more file than these."""
+    replace, left = Path.replace, iter(range(files))
 
     def until_killed(source: Path, target: Path) -> Path:
         if next(left, None) is None:
             raise Killed
         return replace(source, target)
 
-    with monkeypatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Path, "replace", until_killed)
-        with pytest.raises(Killed):
-            _rename(session)
-    session.close()
+        yield
+
+
+@pytest.mark.parametrize(
+    ("change", "done"),
+    [
+        (_rename, (["mug", "book"], ("mmmmmm......", "mmmm........"), 1)),
+        (_delete, (["book"], ("bbbbbb......", "bbbb........"), 0)),
+    ],
+)
+def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
+    by: By, work: Path, tmp_path_factory: pytest.TempPathFactory, change: Change, done: tuple[object, ...]
+) -> None:
+    """Either nothing has changed, or the manifest, the labels of both annotators and the drawing have."""
+    write_labels(work, "1,4,ann,cup,", annotator="@ben")
+    write_labels(work, "1,6,ann,cup,")
+    head = "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
+    write_text(work / "annotations" / "noise.drawn.csv", f"{head}1,cup,box,4,30,14,44,\n")
+    at_first = tmp_path_factory.mktemp("as") / "it was"
+    shutil.copytree(work, at_first)
+    before = (["cup", "book"], ("cccccc......", "cccc........"), 1)
+
+    def found(session: Session) -> tuple[object, ...]:
+        return [*session.manifest.targets], _both(work), len(session.drawn()["tracks"])
+
+    results: list[tuple[object, ...]] = []
+    undone: list[tuple[object, ...]] = []
+    was_killed = True
+    while was_killed:
+        shutil.rmtree(work)
+        shutil.copytree(at_first, work)
+        with by() as session, _killed_after(len(results)):
+            try:
+                change(session)
+                was_killed = False
+            except Killed:
+                pass
+        with by() as session:
+            results.append(found(session))
+            session.step_back("undo")
+            undone.append(found(session)[:2])
+        assert not [*(work / "annotations" / ".journal").glob("*.json")]
+    assert results == [before, *[done] * (len(results) - 1)]
+    assert len(results) >= 6  # what is to be done, the manifest, two files of labels, what is drawn, and unharmed
+    steps = undone[1:].count(before[:2])
+    assert undone[1:] == [done[:2]] * (len(undone) - 1 - steps) + [before[:2]] * steps
+    assert steps >= 2  # of which the change was in the journal of these labels before the kill
+
+
+@pytest.mark.parametrize(("kill_at", "letter"), [(1, "c"), (2, "m")], ids=["before the manifest", "after it"])
+def test_a_manifest_that_is_edited_before_an_interrupted_change_is_finished_keeps_what_was_edited(
+    by: By, work: Path, kill_at: int, letter: str
+) -> None:
+    write_labels(work, "1,6,ann,cup,")
+    path = work / "datasets" / "noise.toml"
+    with by() as session, _killed_after(kill_at), pytest.raises(Killed):
+        _rename(session)
     edited = path.read_text() + "# edited\n"
     path.write_text(edited)
-    again = opened()
-    assert path.read_text() == edited
-    assert _said(work) == letter * 6 + "......"
-    assert not [*(work / "annotations" / ".journal").glob("*.json")]
-    again.add_target("pen", NameRule(category="pen"))
+    with by() as session:
+        assert path.read_text() == edited
+        assert _said(work) == letter * 6 + "......"
+        assert not [*(work / "annotations" / ".journal").glob("*.json")]
+        _add(session)
 
 
-def _is_settled(browser: Chrome) -> bool:
-    return bool(browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
-
-
-def _press(browser: Chrome, *keys: str) -> None:
-    from selenium.webdriver import ActionChains
-
-    for key in keys:
-        ActionChains(browser, duration=0).send_keys(key).perform()
-    wait_for(lambda: _is_settled(browser))
-
-
-def _keys(browser: Chrome) -> dict[str, str]:
-    """The key that each name's button shows."""
-    shown = browser.execute_script(
+def _looks(page: LabellingPage) -> dict[str, str]:
+    """The key and the colours that each name's button shows."""
+    found = page.js(
         "return [...document.querySelectorAll('#names [data-target]')].map((each) => "
         "[each.dataset.target, each.firstChild.textContent, each.className])"
     )
-    return {name: f"{key} {look.replace('look ', '')}" for name, key, look in shown}
+    return {name: f"{key} {look}" for name, key, look in found}
 
 
 def test_keys_stay_while_targets_are_added_renamed_and_deleted(
-    browser: Chrome, noise: Callable[..., Page], work: Path
+    open_page: Callable[..., LabellingPage], work: Path
 ) -> None:
-    page = noise()
-    browser.get(page.address)
-    wait_for(lambda: shown(browser) is not None and _is_settled(browser))
-    at_first = _keys(browser)
-    right = "\ue014"
-    _press(browser, "1", right, right, "4")
+    page = open_page()
+    at_first = _looks(page)
+    enter, right = "\ue007", "\ue014"
+    page.keys("1", right, right, "4", "t")
 
-    _press(browser, "t")
-    form = browser.find_element("id", "new-target")
+    form = page.find("#new-target")
     form.find_element("name", "name").send_keys("lamp")
-    offered = browser.execute_script("return [...document.querySelectorAll('#categories option')].map((o) => o.value)")
+    offered = page.js("return [...document.querySelectorAll('#categories option')].map((o) => o.value)")
     assert {"cup", "person", "clock", "wall-brick"} <= set(offered)
-    form.find_element("name", "category").send_keys("lamp\ue007")
-    wait_for(lambda: "lamp" in _keys(browser))
-    assert {name: look for name, look in _keys(browser).items() if name != "lamp"} == at_first
-    _press(browser, right, "5", right)
+    form.find_element("name", "category").send_keys("lamp", enter)
+    wait_for(lambda: "lamp" in _looks(page))
+    assert {name: look for name, look in _looks(page).items() if name != "lamp"} == at_first
+    page.keys(right, "5", right)
 
-    browser.find_element("css selector", '[aria-label^="change cup"]').click()
-    form = browser.find_element("id", "target")
+    page.click('[aria-label^="change cup"]')
+    form = page.find("#target")
     form.find_element("name", "new_name").clear()
-    form.find_element("name", "new_name").send_keys("mug\ue007")
-    wait_for(lambda: "mug" in _keys(browser))
-    assert _keys(browser)["mug"] == at_first["cup"]
-    _press(browser, "1", right, "2", right, right)
+    form.find_element("name", "new_name").send_keys("mug", enter)
+    wait_for(lambda: "mug" in _looks(page))
+    assert _looks(page)["mug"] == at_first["cup"]
+    page.keys("1", right, "2", right, right)
 
-    browser.find_element("css selector", '[aria-label^="change book"]').click()
-    browser.find_element("id", "delete").click()
-    wait_for(lambda: "is the target of" in browser.find_element("id", "notice").text)
+    page.click('[aria-label^="change book"]')
+    page.click("#delete")
+    wait_for(lambda: "is the target of" in page.text("#notice"))
     form.find_element("name", "to").send_keys("lamp")
-    browser.find_element("id", "delete").click()
-    wait_for(lambda: "book" not in _keys(browser))
-    now = _keys(browser)
-    assert {name: now[name] for name in ("ann", "ben", "none", "ignore")} == {
-        name: at_first[name] for name in ("ann", "ben", "none", "ignore")
+    page.click("#delete")
+    wait_for(lambda: "book" not in _looks(page))
+    kept = {"ann", "ben", "none", "ignore"}
+    assert {name: look for name, look in _looks(page).items() if name in kept} == {
+        name: at_first[name] for name in kept
     }
-    _press(browser, "2")  # nobody's key any more
-    _press(browser, "1")
+    page.keys("2", "1")  # 2 is nobody's key any more
     assert _said(work) == "mmblmllm...."
