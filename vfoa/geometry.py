@@ -132,12 +132,15 @@ def _frame_of_units(rays: Float) -> Float:
     return np.array([right, down, (x, y, z)]).T
 
 
+_TINY = 1e-300
+"""A length that is lost beside any other: it decides the direction of vectors of length 0."""
+
+
 def _bearing(x: Float, z: Float) -> tuple[Float, Float, Float]:
     """Length (...) of the level part of unit vectors, and sine and cosine of its turn from z to x; 0, 1 without one."""
-    level = np.hypot(x, z)
-    steep = level == 0
-    length = np.where(steep, 1, level)
-    return level, x / length, np.where(steep, 1, z) / length
+    ahead = z + _TINY
+    level = np.hypot(x, ahead)
+    return level - _TINY, x / level, ahead / level
 
 
 def _components(vectors: Float) -> tuple[Float, Float, Float]:
@@ -228,23 +231,30 @@ def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
 
     The logarithmic map on the sphere. For the opposite direction, where it is ambiguous, the result points right.
     """
-    x, y, z = _components(unit(direction))
-    p, q, r = _components(unit(other))
+    first, second = (np.moveaxis(np.asarray(each, dtype=np.float64), -1, 0) for each in (direction, other))
+    return np.moveaxis(tangent_offsets(first, second), 0, -1)
+
+
+def tangent_offsets(directions: Float, others: Float) -> Float:
+    """Angles (2, ...) of :func:`tangent_offset` between vectors (3, ...) of any length: components first."""
+    (x, y, z), (p, q, r) = directions, others
     level, sine, cosine = _bearing(x, z)
+    length = np.hypot(level, y)
+    level, y = level / length, y / length
     along = sine * p + cosine * r
-    right, down = cosine * p - sine * r, level * q - y * along
+    right, down = cosine * p - sine * r + _TINY, level * q - y * along
     aside = np.hypot(right, down)
-    angle = np.arctan2(aside, y * q + level * along)
-    straight = aside == 0
-    scale = angle / np.where(straight, 1, aside)
-    return _vectors(np.where(straight, angle, scale * right), scale * down)
+    return np.arctan2(aside, y * q + level * along) / aside * np.array([right, down])
 
 
-def on_the_way(start: ArrayLike, ends: ArrayLike, share: ArrayLike) -> Float:
-    """Unit vectors (..., 3) at shares (...) of the great circles from one unit vector to others."""
-    start, ends, share = np.asarray(start), np.asarray(ends), np.asarray(share)[..., None]
-    angle = np.maximum(_angle_of_units(start, ends), 1e-6)[..., None]
-    return unit(np.sin((1 - share) * angle) * start + np.sin(share * angle) * ends)
+def on_the_way(starts: Float, ends: Float, share: Float) -> Float:
+    """Vectors (3, ...) at shares (...) of the great circles from unit vectors to others, each (3, ...).
+
+    Their length is the sine of the whole angle.
+    """
+    apart, across = (np.sqrt((vectors**2).sum(axis=0)) for vectors in (starts - ends, starts + ends))
+    angle = np.maximum(2 * np.arctan2(apart, across), 1e-6)
+    return np.sin((1 - share) * angle) * starts + np.sin(share * angle) * ends
 
 
 def turn_about_z(angle_rad: float) -> Float:

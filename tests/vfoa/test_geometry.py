@@ -238,16 +238,16 @@ def test_straight_up_and_down_turn_down_as_they_are_perturbed(up):
 def test_offsets_from_straight_up_and_to_the_opposite_point_right(up):
     np.testing.assert_allclose(tangent_offset((0, up, 0), (1, 0, 0)), (math.pi / 2, 0), atol=1e-15)
     np.testing.assert_array_equal(tangent_offset((0, up, 0), (0, -up, 0)), (math.pi, 0))
-    np.testing.assert_array_equal(tangent_offset((0, up, 0), (0, up, 0)), (0, 0))
+    np.testing.assert_allclose(tangent_offset((0, up, 0), (0, up, 0)), (0, 0), atol=1e-15)
 
 
 @given(SEEDS, st.floats(0, 1.5))
 def test_a_share_of_the_way_is_that_share_of_the_angle_in_the_same_plane(seed, share):
     start, *ends = unit(vectors(seed, 5))
-    ways = on_the_way(start, ends, np.full((2, 1), share))
-    assert ways.shape == (2, 4, 3)
-    for end, way in zip(ends, ways[1], strict=True):
-        assert np.linalg.norm(way) == pytest.approx(1)
+    ways = on_the_way(start[:, None, None], np.transpose(ends)[:, None], np.full((2, 1), share))
+    assert ways.shape == (3, 2, 4)
+    for end, way in zip(ends, ways[:, 1].T, strict=True):
+        assert np.linalg.norm(way) == pytest.approx(np.linalg.norm(np.cross(start, end)))
         assert way @ np.cross(start, end) == pytest.approx(0, abs=1e-9)
         angle = float(angle_between(start, end))
         if share * angle < math.pi:
@@ -256,7 +256,7 @@ def test_a_share_of_the_way_is_that_share_of_the_angle_in_the_same_plane(seed, s
 
 def test_the_opposite_direction_lies_to_the_right_and_the_same_nowhere():
     directions = [(0, 0, 1), (0, 0, 1)]
-    np.testing.assert_array_equal(tangent_offset(directions, [(0, 0, 2), (0, 0, -2)]), [(0, 0), (math.pi, 0)])
+    np.testing.assert_allclose(tangent_offset(directions, [(0, 0, 2), (0, 0, -2)]), [(0, 0), (math.pi, 0)], atol=1e-15)
 
 
 @given(SEEDS)

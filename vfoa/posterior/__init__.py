@@ -2,6 +2,7 @@
 
 grid        the hypotheses about the error and the head, and their prior
 looks       how long people look at a target, and how often at none
+normal      normal distributions by target and hypothesis: collapsed, mixed, and weighed by a measurement
 gaze_error  how far the measured gaze is off, by hypothesis and target
 head_motion where the head is on its way to, by hypothesis and target
 belief      what is believed of a person, and what is seen and measured in a frame

@@ -8,16 +8,17 @@ and those of the head per head hypothesis, averaged over the other: filters per 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from vfoa.geometry import MEAN_ANGLE_PER_SIGMA, unit
-from vfoa.posterior.gaze_error import GazeError
+from vfoa.posterior.gaze_error import CONSTANT, GazeError
 from vfoa.posterior.grid import Error, GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
-from vfoa.posterior.head_motion import HeadMotion
 from vfoa.posterior.looks import Keys, LookCounts, no_looks
+from vfoa.posterior.normal import Normal
 from vfoa.types import DirectionFit, Float
 
 _UNLIKELY = math.log(1e-6)
@@ -59,10 +60,10 @@ class MeasuredCues:
 
 @dataclass(frozen=True, kw_only=True)
 class Belief:
-    """The belief about a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
+    """The belief about a person: T targets of ``keys``, K head hypotheses, and G gaze hypotheses, the most of all.
 
-    ``log_weights`` (G, K) are defined up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G,
-    K) and ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame,
+    ``log_weights`` (K, G) are defined up to a constant; ``looked`` (T, K, G) sums to 1 over the targets. ``leave`` (K,
+    G) and ``new`` (T, K, G) are the transition that led to this frame. ``tail`` is the probability, before the frame,
     of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the first
     head.
     """
@@ -76,31 +77,31 @@ class Belief:
     leave: Float
     new: Float
     error: GazeError | None = None
-    motion: HeadMotion | None = None
+    motion: Normal | None = None
     last_head: Float | None = None
     facing: Float | None = None
     tail: float = 1.0
 
     @cached_property
     def weights(self) -> Float:
-        """Probabilities (G, K) of the hypotheses."""
+        """Probabilities (K, G) of the hypotheses."""
         weights = np.exp(self.log_weights - self.log_weights.max())
         return np.asarray(weights / weights.sum())
 
     @cached_property
     def gaze_weights(self) -> Float:
         """Probabilities (G,) of the gaze hypotheses."""
-        return np.asarray(self.weights.sum(axis=1))
+        return np.asarray(self.weights.sum(axis=0))
 
     @cached_property
     def head_weights(self) -> Float:
         """Probabilities (K,) of the head hypotheses."""
-        return np.asarray(self.weights.sum(axis=0))
+        return np.asarray(self.weights.sum(axis=1))
 
     @cached_property
     def probabilities(self) -> Float:
         """Probabilities (T,) of the targets, summed over the hypotheses."""
-        return np.einsum("gk,gkt->t", self.weights, self.looked)
+        return np.asarray(self.looked.reshape(len(self.keys), -1) @ self.weights.ravel())
 
     @cached_property
     def implied_share(self) -> float:
@@ -115,10 +116,10 @@ def first_belief(keys: Keys) -> Belief:
         gaze=gaze_hypotheses("told"),
         head=head_hypotheses("told"),
         log_weights=np.zeros((1, 1)),
-        looked=np.full((1, 1, len(keys)), 1 / len(keys)),
+        looked=np.full((len(keys), 1, 1), 1 / len(keys)),
         looks=no_looks((1, 1)),
         leave=np.ones((1, 1)),
-        new=np.ones((1, 1, len(keys))),
+        new=np.ones((len(keys), 1, 1)),
     )
 
 
@@ -126,44 +127,37 @@ def with_cues(belief: Belief, cues: MeasuredCues, error: Error) -> Belief:
     """Add the hypotheses of a cue that is measured for the first time."""
     if belief.error is None and cues.gaze is not None:
         gaze = gaze_hypotheses(error)
-        belief = _repeated(replace(belief, gaze=gaze), gaze.log_prior, axis=0)
+        belief = replace(_of_pairs(belief, lambda of: of.repeat(len(gaze.scale), axis=-1)), gaze=gaze)
+        belief = replace(belief, log_weights=belief.log_weights + gaze.log_prior)
     if belief.motion is None and cues.head is not None:
         head = head_hypotheses(error)
-        belief = _repeated(replace(belief, head=head), head.log_prior, axis=1)
+        belief = replace(_of_pairs(belief, lambda of: of.repeat(len(head.share), axis=-2)), head=head)
+        belief = replace(belief, log_weights=belief.log_weights + head.log_prior[:, None])
     return belief
 
 
-def _repeated(belief: Belief, log_prior: Float, axis: int) -> Belief:
-    count, shape = len(log_prior), (-1, 1) if axis == 0 else (1, -1)
+def _of_pairs(belief: Belief, chosen: Callable[[Float], Float]) -> Belief:
+    """Return the belief with other pairs of hypotheses: ``chosen`` takes them from an array (..., K, G)."""
     looks = belief.looks
     return replace(
         belief,
-        log_weights=belief.log_weights + log_prior.reshape(shape),
-        looked=np.repeat(belief.looked, count, axis=axis),
-        looks=LookCounts(
-            begun=np.repeat(looks.begun, count, axis=axis),
-            nowhere=np.repeat(looks.nowhere, count, axis=axis),
-            watched_s=np.repeat(looks.watched_s, count, axis=axis),
-        ),
+        log_weights=chosen(belief.log_weights),
+        looked=chosen(belief.looked),
+        leave=chosen(belief.leave),
+        new=chosen(belief.new),
+        looks=replace(looks, begun=chosen(looks.begun), nowhere=chosen(looks.nowhere)),
     )
 
 
 def pruned(belief: Belief) -> Belief:
     """Drop the gaze hypotheses that have become very unlikely, if there are enough of them to save time."""
-    top = belief.log_weights.max(axis=1)
+    top = belief.log_weights.max(axis=0)
     rows = top > top.max() + _UNLIKELY
     if np.count_nonzero(rows) > 0.8 * len(rows):
         return belief
     return replace(
-        belief,
+        _of_pairs(replace(belief, log_weights=belief.log_weights - top.max()), lambda of: of[..., rows]),
         gaze=belief.gaze.kept(rows),
-        log_weights=belief.log_weights[rows] - top.max(),
-        looked=belief.looked[rows],
-        leave=belief.leave[rows],
-        new=belief.new[rows],
-        looks=LookCounts(
-            begun=belief.looks.begun[rows], nowhere=belief.looks.nowhere[rows], watched_s=belief.looks.watched_s[rows]
-        ),
         error=belief.error.kept(rows) if belief.error else None,
     )
 
@@ -178,7 +172,7 @@ def fit_of(belief: Belief, cues: MeasuredCues) -> DirectionFit:
     if cues.gaze is None or belief.error is None:
         return DirectionFit(tail=belief.tail, implied_share=share)
     noise = (belief.gaze.scale * cues.gaze_sigma_rad) ** 2
-    constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.means[0])
+    constant = belief.gaze.bias_rad + (belief.looked.mean(axis=1) * belief.error.state.means[CONSTANT]).sum(axis=1)
     mean_square = noise + (constant**2).sum(axis=0) / 2
     implied = float(belief.gaze_weights @ np.sqrt(mean_square))
     return DirectionFit(

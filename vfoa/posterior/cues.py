@@ -5,16 +5,17 @@ The numbers were fitted together, so that none is a setting. Deviations are mean
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offset, unit
+from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offsets, unit
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.gaze_error import Evidence, GazeError, first_error, next_error, weigh_gaze
-from vfoa.posterior.head_motion import HeadMotion, first_motion, next_motion, weigh_head
-from vfoa.posterior.looks import Columns
+from vfoa.posterior.gaze_error import BOTH, GazeError, first_error, next_error
+from vfoa.posterior.head_motion import MEASURED, first_motion, next_motion
+from vfoa.posterior.looks import Transition
+from vfoa.posterior.normal import NO_EVIDENCE, Evidence, Normal, weighed
 from vfoa.types import CUES, Float
 
 BIAS_SHARE = 0.35
@@ -41,17 +42,17 @@ _START_S = 1.0
 """Time for which the middle of the targets counts as where the body faces, beside the first head, seconds."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Offsets:
     """Angles to the right and down from the expected directions to the measured ones; None where not measured.
 
-    ``gaze`` (2, N, T) is from the gaze expected with each of N gains. ``head`` and ``last_head`` (K, T, 2) are from the
+    ``gaze`` (2, T, N) is from the gaze expected with each of N gains. ``head`` and ``last_head`` (2, T, K) are from the
     share of the way to each target, for this frame's head and for the last one before it.
     """
 
-    gaze: Float | None
-    head: Float | None
-    last_head: Float | None
+    gaze: Float | None = None
+    head: Float | None = None
+    last_head: Float | None = None
 
 
 def offsets_of(prior: Belief, scenery: Scenery, cues: MeasuredCues) -> Offsets:
@@ -60,31 +61,28 @@ def offsets_of(prior: Belief, scenery: Scenery, cues: MeasuredCues) -> Offsets:
     A gaze at nowhere is about the usual place below the head's axis, or about the middle of the targets if no head is
     known; a head that looks at nowhere is about where the body faces.
     """
-    head = prior.last_head if cues.head is None else cues.head
-    if head is None and cues.gaze is None:
-        return Offsets(gaze=None, head=None, last_head=None)
-    gains = prior.gaze.gains if cues.gaze is not None else ()
-    share = prior.head.share if head is not None else np.zeros(0)
-    facing = scenery.middle if prior.facing is None else prior.facing
-    middle = scenery.middle if head is None else facing  # the last end, which is replaced where a head is known
-    starts = np.repeat([scenery.to_camera, facing], (len(gains), len(share)), axis=0)[:, None]
-    ends = np.concatenate([scenery.directions, middle[None]])
-    expected = on_the_way(starts, ends, np.concatenate([gains, share])[:, None])
-    if head is not None:
-        expected[: len(gains), -1] = lowered(head, _BELOW_RAD)
-        expected[len(gains) :, -1] = facing
-    of_gaze, of_heads = expected[: len(gains)], expected[len(gains) :]
-    # eyes at rest look below the head's axis, so that the head stays above the way to a target
-    above = np.zeros((len(share), len(ends), 2))
-    above[:, :-1, 1] = share[:, None] * _BELOW_RAD
     heads = [each for each in (prior.last_head, cues.head) if each is not None]
-    measured = np.array([*[cues.gaze] * len(gains), *[each for each in heads for _ in share]])
-    offsets = tangent_offset(np.concatenate([of_gaze, *[of_heads] * len(heads)]), measured[:, None])
-    by_head = offsets[len(gains) :].reshape(len(heads), len(share), len(ends), 2) + above
+    if not heads and cues.gaze is None:
+        return Offsets()
+    facing = scenery.middle if prior.facing is None else prior.facing
+    share, gains = prior.head.share, () if cues.gaze is None else prior.gaze.gains
+    of_gaze = len(gains)
+    counts = [of_gaze] * (of_gaze > 0) + [len(share)] * len(heads)
+    measured = np.repeat([cues.gaze, *heads] if of_gaze else heads, counts, axis=0).T[:, None]
+    starts = np.repeat([scenery.to_camera, facing], (of_gaze, sum(counts) - of_gaze), axis=0).T[:, None]
+    ends = np.concatenate([scenery.directions, facing[None]]).T[..., None]
+    expected = on_the_way(starts, ends, np.concatenate([gains, *[share] * len(heads)]))
+    if heads:
+        expected[:, -1, :of_gaze] = lowered(heads[-1], _BELOW_RAD)[:, None]
+        expected[:, -1, of_gaze:] = facing[:, None]
+    offsets = tangent_offsets(expected, measured)
+    by_head = offsets[..., of_gaze:].reshape(2, len(scenery.keys), len(heads), len(share))
+    # eyes at rest look below the head's axis, so that the head stays above the way to a target
+    by_head[1, :-1] += share * _BELOW_RAD
     return Offsets(
-        gaze=None if cues.gaze is None else offsets[: len(gains)].transpose(2, 0, 1),
-        head=None if cues.head is None else by_head[-1],
-        last_head=None if prior.last_head is None else by_head[0],
+        gaze=None if cues.gaze is None else offsets[..., :of_gaze],
+        head=None if cues.head is None else by_head[:, :, -1],
+        last_head=None if prior.last_head is None else by_head[:, :, 0],
     )
 
 
@@ -103,81 +101,48 @@ def facing_after(prior: Belief, scenery: Scenery, cues: MeasuredCues, dt_s: floa
     return unit(keep * prior.facing + (1 - keep) * cues.head)
 
 
-_AVERAGES = {"gaze": ("gk,gkt->gt", 1), "head": ("gk,gkt->kt", 0)}
-"""The average over the other cue's hypotheses, and their axis."""
-
-
-@dataclass(frozen=True, slots=True)
-class Transition:
-    """The way of the probabilities from the previous targets to those of the frame, for every pair of hypotheses.
-
-    ``weights`` (G, K) are those of the pairs, ``looked`` (G, K, T') the probabilities of the previous targets, and
-    ``columns`` (T,) gives each target's index among the previous ones. ``predicted`` (G, K, T) are the probabilities
-    before the frame is seen; ``stayed`` is the part of them that comes from looks that go on.
-    """
-
-    weights: Float
-    looked: Float
-    columns: Columns
-    predicted: Float
-    stayed: Float
-
-    def of(self, cue: Literal["gaze", "head"]) -> tuple[Float, Float]:
-        """The previous targets (H, T') and the part (H, T) that stays, for each hypothesis of one cue."""
-        mean, other = _AVERAGES[cue]
-        part = self.weights / np.maximum(self.weights.sum(axis=other, keepdims=True), 1e-300)
-        stay = np.einsum(mean, part, self.stayed) / np.maximum(np.einsum(mean, part, self.predicted), 1e-300)
-        return np.einsum(mean, part, self.looked), stay
-
-
 def weighed_gaze(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, transition: Transition, dt_s: float
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, offset: Float | None, transition: Transition, dt_s: float
 ) -> tuple[GazeError | None, Evidence]:
     """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
-    nothing = Evidence.none(len(hypotheses.scale), len(scenery.keys))
     if prior.error is None and cues.gaze is None:
-        return None, nothing
-    variance = ((hypotheses.scale * cues.gaze_sigma_rad) ** 2)[:, None]
+        return None, NO_EVIDENCE
+    variance = (hypotheses.scale * cues.gaze_sigma_rad) ** 2
     slow = BIAS_SHARE * variance
-    head = prior.last_head if cues.head is None else cues.head
-    around = sigma_rad(NOWHERE_DEG if head is None else _ABOUT_HEAD_DEG)
-    on_target = np.append(scenery.variances, around**2)
+    no_head = prior.last_head is None and cues.head is None
+    around = sigma_rad(NOWHERE_DEG if no_head else _ABOUT_HEAD_DEG)
+    on_target = np.array([*scenery.variances, around**2])[:, None]
     if prior.error is None:
         predicted = first_error(hypotheses.cell_rad**2, slow, on_target)
     else:
-        looked, stay = transition.of("gaze")
-        keep = float(np.exp(-dt_s / BIAS_S))
-        predicted = next_error(prior.error, looked, transition.columns, stay, slow, on_target, keep)
-    if offsets.gaze is None:
-        return predicted, nothing
-    offset = offsets.gaze.take(hypotheses.gain, axis=1) - hypotheses.bias_rad[..., None]
-    return weigh_gaze(predicted, offset, variance - slow)
+        predicted = next_error(prior.error, transition, slow, on_target, math.exp(-dt_s / BIAS_S))
+    if offset is None:
+        return predicted, NO_EVIDENCE
+    without_bias = offset.take(hypotheses.gain, axis=-1) - hypotheses.bias_rad[:, None]
+    state, evidence = weighed(predicted.state, BOTH, without_bias, variance - slow)
+    return GazeError(state, predicted.lasting), evidence
 
 
 def weighed_head(
     prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, transition: Transition, dt_s: float
-) -> tuple[HeadMotion | None, Evidence]:
+) -> tuple[Normal | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
-    nothing = Evidence.none(len(share), len(scenery.keys))
     if prior.motion is None and cues.head is None:
-        return None, nothing
+        return None, NO_EVIDENCE
     noise = (1 - BIAS_SHARE) * cues.head_sigma_rad**2
-    on_target = sigma_rad(ASIDE_DEG) ** 2 + share[:, None] ** 2 * scenery.variances
-    nowhere = np.full((len(share), 1), sigma_rad(NOWHERE_DEG) ** 2)
-    aside = np.concatenate([on_target, nowhere], axis=1)
+    aside = np.empty((len(scenery.keys), len(share)))
+    aside[:-1] = sigma_rad(ASIDE_DEG) ** 2 + share**2 * scenery.variances[:, None]
+    aside[-1] = sigma_rad(NOWHERE_DEG) ** 2
     if prior.motion is None or offsets.last_head is None:
-        rest = ((1 - share[:, None]) * sigma_rad(REST_DEG)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
+        rest = ((1 - share) * sigma_rad(REST_DEG)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
-        looked, stay = transition.of("head")
-        predicted = next_motion(
-            prior.motion, looked, transition.columns, stay, offsets.last_head, noise, aside, dt_s, _LAG_S
-        )
+        predicted = next_motion(prior.motion, transition, offsets.last_head, noise, aside, dt_s, _LAG_S)
     if offsets.head is None:
-        return predicted, nothing
-    return weigh_head(predicted, offsets.head, noise)
+        return predicted, NO_EVIDENCE
+    return weighed(predicted, MEASURED, offsets.head, noise)
 
 
 def cue_shares(cues: MeasuredCues, belief: Belief) -> tuple[float, float]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
-from vfoa.posterior.cues import Transition, facing_after, offsets_of, weighed_gaze, weighed_head
+from vfoa.posterior.cues import facing_after, offsets_of, weighed_gaze, weighed_head
 from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
-from vfoa.posterior.looks import Keys, columns_of, counted, leaving, new_look, predicted_looks
+from vfoa.posterior.looks import LEAST, Keys, Transition, columns_of, counted, leaving, new_look, predicted_looks
 from vfoa.types import Float
 
 _ERROR_POWER = 0.7
@@ -42,42 +42,42 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
     columns, known = columns_of(prior.keys, scenery.keys)
     new = new_look(prior.looks, len(scenery.keys) - 1)
     if before is None:
-        leave, predicted, stayed = np.ones(new.shape[:2]), new, np.zeros_like(new)
+        leave, predicted, stayed = np.ones(new.shape[1:]), new, np.zeros_like(new)
     else:
         leave = leaving(prior.looks, dt_s)
         predicted, stayed = predicted_looks(prior.looked, columns, known, leave, new)
 
-    transition = Transition(prior.weights, prior.looked, columns, predicted, stayed)
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
+    joint = [prior.weights * each for each in (prior.looked, stayed, predicted)]
+    of_gaze, of_head = (Transition.of(columns, *(each.sum(axis=axis) for each in joint)) for axis in (1, 2))
     offsets = offsets_of(prior, scenery, cues)
-    gaze_error, gaze_evidence = weighed_gaze(prior, scenery, cues, offsets, transition, dt_s)
-    motion, head_evidence = weighed_head(prior, scenery, cues, offsets, transition, dt_s)
+    gaze_error, by_gaze = weighed_gaze(prior, scenery, cues, offsets.gaze, of_gaze, dt_s)
+    motion, by_head = weighed_head(prior, scenery, cues, offsets, of_head, dt_s)
 
-    gaze_part, gaze_top = _scaled(gaze_evidence.likelihood)
-    head_part, head_top = _scaled(head_power * head_evidence.likelihood)
-    likelihood = gaze_part[:, None] * head_part
-    joint = predicted * likelihood
-    total = joint.sum(axis=-1)
-    went_on = stayed * likelihood
+    likelihood = by_gaze.likelihood[:, None] * (by_head.likelihood**head_power)[..., None]
+    seen, went_on = predicted * likelihood, stayed * likelihood
+    total = seen.sum(axis=0)
+    # the probability of a worse fit of both cues: twice the smaller of the two (Bonferroni)
+    tails = [(of.predicted * by.tail).sum() for of, by in ((of_gaze, by_gaze), (of_head, by_head))]
     belief = replace(
         prior,
         keys=scenery.keys,
-        log_weights=prior.log_weights + power * (np.log(total) + gaze_top + head_top.T),
-        looked=joint / total[..., None],
+        log_weights=prior.log_weights + power * np.log(total),
+        looked=seen / total,
         leave=leave,
         new=new,
         looks=counted(
             prior.looks,
-            (total - went_on.sum(axis=-1)) / total,
-            (joint[..., -1] - went_on[..., -1]) / total,
+            1 - went_on.sum(axis=0) / total,
+            (seen[-1] - went_on[-1]) / total,
             0.0 if before is None else dt_s,
         ),
         error=gaze_error,
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
         facing=facing_after(prior, scenery, cues, dt_s),
-        tail=_tail(predicted, transition.weights, gaze_evidence.tail, head_evidence.tail),
+        tail=min(1.0, 2 * float(min(tails))),
     )
     return pruned(belief)
 
@@ -100,25 +100,12 @@ def answered(belief: Belief, probabilities: Float, error: Error, *, later_known:
     return np.asarray(flat / flat.sum())
 
 
-def _scaled(log_likelihood: Float) -> tuple[Float, Float]:
-    """Likelihoods (H, T) relative to the greatest of each row, and the logarithms (H, 1) of those greatest values."""
-    top = log_likelihood.max(axis=1, keepdims=True)
-    return np.exp(log_likelihood - top), top
-
-
-def _tail(predicted: Float, weights: Float, gaze: Float, head: Float) -> float:
-    """Probability of a worse fit of both cues: twice the smaller of the two (Bonferroni)."""
-    mean_gaze = float(np.einsum("gk,gkt,gt->", weights, predicted, gaze))
-    mean_head = float(np.einsum("gk,gkt,kt->", weights, predicted, head))
-    return min(1.0, 2 * min(mean_gaze, mean_head))
-
-
 # With later frames known
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One frame under H chosen hypotheses: looked (H, T), and the transition to it, leave (H,) and new (H, T)."""
+    """One frame under H chosen hypotheses: looked (T, H), and the transition to it, leave (H,) and new (T, H)."""
 
     keys: Keys
     looked: Float
@@ -131,18 +118,17 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
     steps, weights = _likeliest_hypotheses(beliefs)
     later = steps[-1]
     given_all = later.looked
-    answers = [weights @ given_all]
+    answers = [given_all @ weights]
     for step in reversed(steps[:-1]):
         columns, known = columns_of(step.keys, later.keys)
         predicted, _ = predicted_looks(step.looked, columns, known, later.leave, later.new)
-        ratio = given_all / np.maximum(predicted, 1e-300)
-        anew = (ratio * later.new).sum(axis=1, keepdims=True)
+        ratio = given_all / np.maximum(predicted, LEAST)
+        anew = (ratio * later.new).sum(axis=0)
         back, still = columns_of(later.keys, step.keys)
-        stays = ratio[:, back] if still is None else np.where(still, ratio[:, back], anew)
-        leave = later.leave[:, None]
-        given_all = step.looked * ((1 - leave) * stays + leave * anew)
-        given_all = given_all / given_all.sum(axis=1, keepdims=True)
-        answers.append(weights @ given_all)
+        stays = ratio[back] if still is None else np.where(still[:, None], ratio[back], anew)
+        given_all = step.looked * ((1 - later.leave) * stays + later.leave * anew)
+        given_all = given_all / given_all.sum(axis=0)
+        answers.append(given_all @ weights)
         later = step
     return answers[::-1]
 
@@ -152,7 +138,7 @@ def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float
     last = beliefs[-1]
     weights = last.weights.ravel()
     chosen = np.sort(np.argsort(weights, kind="stable")[-_MOST_HYPOTHESES:])
-    gaze, head = np.unravel_index(chosen, last.weights.shape)
+    head, gaze = np.unravel_index(chosen, last.weights.shape)
     number = last.gaze.number[gaze]
     steps = []
     for belief in beliefs:
@@ -160,5 +146,6 @@ def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float
         row = np.searchsorted(belief.gaze.number, number) if len(belief.gaze.number) > 1 else np.zeros_like(gaze)
         column = head if len(belief.head.share) > 1 else np.zeros_like(head)
         row = np.minimum(row, len(belief.gaze.number) - 1)
-        steps.append(_Step(belief.keys, belief.looked[row, column], belief.leave[row, column], belief.new[row, column]))
+        pair = ..., column, row
+        steps.append(_Step(belief.keys, belief.looked[pair], belief.leave[pair], belief.new[pair]))
     return steps, weights[chosen] / weights[chosen].sum()

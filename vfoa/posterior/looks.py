@@ -11,6 +11,7 @@ and long looks correct the prior.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ DWELL_S = 1.0
 DWELL_LOOKS = 3.0
 """Weight of ``DWELL_S``, as a number of looks."""
 
+LEAST = 1e-300
+"""What probabilities are divided by, at least."""
+
 Keys = tuple[int | None, ...]
 """Ids of targets; the last key is None, which stands for nowhere."""
 Columns = NDArray[np.intp] | slice
@@ -34,16 +38,16 @@ Columns = NDArray[np.intp] | slice
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LookCounts:
-    """Expected values, each (...,): looks begun, those of them at nowhere, and the seconds watched."""
+    """Expected values (...,) of the looks begun, and of those at nowhere; and the seconds watched."""
 
     begun: Float
     nowhere: Float
-    watched_s: Float
+    watched_s: float
 
 
 def no_looks(shape: tuple[int, ...]) -> LookCounts:
     """Return the counts before the first frame."""
-    return LookCounts(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
+    return LookCounts(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=0.0)
 
 
 def counted(before: LookCounts, begun: Float, nowhere: Float, dt_s: float) -> LookCounts:
@@ -52,12 +56,11 @@ def counted(before: LookCounts, begun: Float, nowhere: Float, dt_s: float) -> Lo
 
 
 def new_look(looks: LookCounts, count: int) -> Float:
-    """Probabilities (..., count + 1) of the target of a new look: equal for all targets, and that of nowhere last."""
-    nowhere = (P_NOWHERE * NOWHERE_LOOKS + looks.nowhere) / (NOWHERE_LOOKS + looks.begun)
-    new = np.ones((*nowhere.shape, count + 1))
+    """Probabilities (count + 1, ...) of the target of a new look: equal for all targets, and that of nowhere last."""
+    new = np.ones((count + 1, *looks.begun.shape))
     if count:
-        new[..., :-1] = ((1 - nowhere) / count)[..., None]
-        new[..., -1] = nowhere
+        new[-1] = (P_NOWHERE * NOWHERE_LOOKS + looks.nowhere) / (NOWHERE_LOOKS + looks.begun)
+        new[:-1] = (1 - new[-1]) / count
     return new
 
 
@@ -75,13 +78,34 @@ def columns_of(before: Keys, keys: Keys) -> tuple[Columns, NDArray[np.bool_] | N
     return np.array([index.get(key, 0) for key in keys]), None if known.all() else known
 
 
+class Transition(NamedTuple):
+    """The way from the targets before to those of the frame, for H hypotheses.
+
+    ``looked`` (T', H) are the probabilities of the targets before under each hypothesis, and ``columns`` (T,) the place
+    of each target of the frame among them. ``stay`` (T, H) is the part of each target's probability before the frame is
+    seen that comes from looks that go on; ``predicted`` (T, H) are the joint probabilities of target and hypothesis.
+    """
+
+    columns: Columns
+    looked: Float
+    stay: Float
+    predicted: Float
+
+    @classmethod
+    def of(cls, columns: Columns, looked: Float, stayed: Float, predicted: Float) -> Transition:
+        """The transition by the joint probabilities of a hypothesis and the targets before, those kept, and all."""
+        given = looked / np.maximum(looked.sum(axis=0), LEAST)
+        return cls(columns, given, stayed / np.maximum(predicted, LEAST), predicted)
+
+
 def predicted_looks(
     looked: Float, columns: Columns, known: NDArray[np.bool_] | None, leave: Float, new: Float
 ) -> tuple[Float, Float]:
-    """Probabilities (..., T) before the next frame, and the part (..., T) of them that stayed.
+    """Probabilities (T, ...) before the next frame, and the part (T, ...) of them that stayed.
 
     The probability of targets that are gone is spread as for a new look.
     """
-    kept = looked[..., columns]
-    stayed = (1 - leave)[..., None] * (kept if known is None else np.where(known, kept, 0.0))
-    return stayed + (1 - stayed.sum(axis=-1, keepdims=True)) * new, stayed
+    stayed = (1 - leave) * looked[columns]
+    if known is not None:
+        stayed[~known] = 0
+    return stayed + (1 - stayed.sum(axis=0)) * new, stayed

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from vfoa.geometry import perturb, sigma_rad
-from vfoa.posterior import gaze_error, looks
+from vfoa.posterior import looks, normal
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.cues import BIAS_S, BIAS_SHARE, NOWHERE_DEG
 from vfoa.posterior.filter import answered, smoothed, update
-from vfoa.posterior.gaze_error import GazeError, first_error, next_error
+from vfoa.posterior.gaze_error import DRIFT, GazeError, first_error, next_error
 from vfoa.posterior.grid import Error
-from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
-from vfoa.posterior.looks import DWELL_S, P_NOWHERE
+from vfoa.posterior.head_motion import HEAD, first_motion, next_motion
+from vfoa.posterior.looks import DWELL_S, P_NOWHERE, Transition
+from vfoa.posterior.normal import Normal
 
 DT_S = 0.1
 ERROR_DEG = 11.1
@@ -111,7 +112,7 @@ def particle_probabilities(gazes: np.ndarray, aims: np.ndarray, n: int) -> np.nd
 @pytest.mark.usefixtures("no_looks_count")
 def test_nowhere_is_as_likely_as_a_particle_filter_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The particle filter holds every course of looks and drift; this one collapses them after every frame."""
-    monkeypatch.setattr(gaze_error, "TAILS", 1e9)
+    monkeypatch.setattr(normal, "TAILS", 1e9)
     angles = (-20.0, 5.0, 25.0)
     aims = np.deg2rad([(angle, 0.0) for angle in angles])
     exact, found = [], []
@@ -129,21 +130,20 @@ def test_nowhere_is_as_likely_as_a_particle_filter_has_it(monkeypatch: pytest.Mo
 def test_of_the_drift_the_part_of_the_error_outlasts_a_look(last: int) -> None:
     """Drawn errors and points on two targets: what is left in the next look has the moments that the filter has."""
     rng = np.random.default_rng(0)
-    slow, on_target = 0.01, np.array([1e-6, 0.03])
+    slow, on_target = 0.01, np.array([[1e-6], [0.03]])
     error = rng.normal(size=1_000_000) * np.sqrt(slow)
     drift = error + rng.normal(size=error.size) * np.sqrt(on_target[last])
     kept = error[np.abs(drift - 0.15) < 0.005]  # those whose drift in the look before was as measured
 
-    slow_of_each = np.array([[slow]])
+    slow_of_each = np.array([slow])
     known = first_error(0.0, slow_of_each, on_target)
-    means = known.means.copy()
-    means[1, 0] = 0.15
-    covariances = np.zeros_like(known.covariances)
-    looked, columns = np.eye(2)[[last]], np.arange(2)
-    before = GazeError(means=means, covariances=covariances, lasting=known.lasting)
-    after = next_error(before, looked, columns, np.zeros((1, 2)), slow_of_each, on_target, keep=1.0)
-    assert after.means[1, 0, 0] == pytest.approx(np.full(2, kept.mean()), abs=0.003)
-    assert after.covariances[2, 0] == pytest.approx(kept.var() + on_target, rel=0.05, abs=1e-5)
+    means = np.zeros((2, 2, 2, 1))
+    means[DRIFT, 0] = 0.15
+    before = GazeError(Normal(means, np.zeros((2, 2, 2, 1))), known.lasting)
+    looked, none = np.eye(2)[:, [last]], np.zeros((2, 1))
+    after = next_error(before, Transition(np.arange(2), looked, none, none), slow_of_each, on_target, keep=1.0).state
+    assert after.means[DRIFT, 0, :, 0] == pytest.approx(np.full(2, kept.mean()), abs=0.003)
+    assert after.covariances[DRIFT, DRIFT] == pytest.approx(kept.var() + on_target, rel=0.05, abs=1e-5)
 
 
 def test_a_large_error_is_found_out_and_a_small_one_too() -> None:
@@ -151,7 +151,7 @@ def test_a_large_error_is_found_out_and_a_small_one_too() -> None:
     for factor in (0.4, 2.5):
         gazes = np.deg2rad([(10.0, 0.0)]) + factor * sigma_rad(11.1) * rng.normal(size=(60, 2))
         last = beliefs_of(scenery(-30.0, 10.0, 50.0), offsets_of(gazes))[-1]
-        scale = float(last.weights.sum(axis=1) @ last.gaze.scale)
+        scale = float(last.gaze_weights @ last.gaze.scale)
         assert scale == pytest.approx(factor, rel=0.4)
 
 
@@ -164,7 +164,7 @@ def test_a_constant_bias_is_learned_from_the_looks() -> None:
     frames = offsets_of(aims + sigma_rad(5.0) * rng.normal(size=aims.shape))
     beliefs = beliefs_of(scenery(*angles), frames)
     last = beliefs[-1]
-    bias = last.gaze.bias_rad @ last.weights.sum(axis=1)
+    bias = last.gaze.bias_rad @ last.gaze_weights
     assert np.degrees(bias) == pytest.approx([0, 20], abs=8)
     right = [np.argmax(each.probabilities) == look for each, look in zip(beliefs, looks, strict=True)]
     assert np.mean(right[-30:]) > 0.9
@@ -216,7 +216,7 @@ def test_looks_teach_how_often_a_person_looks_at_nothing() -> None:
     away, at = (measured(gaze, gaze) for gaze in (perturb(camera, -1.0, -0.6), camera))
     frames = ([away] * 20 + [at] * 5) * 4
     last = beliefs_of(scenery(0.0, 40.0), frames)[-1]
-    expected = float((last.weights * last.new[..., -1]).sum())
+    expected = float((last.weights * last.new[-1]).sum())
     assert expected > P_NOWHERE * 1.3
 
 
@@ -271,15 +271,16 @@ def test_the_frames_before_help_where_looks_are_short_and_heads_set_out_late(err
 def test_how_uncertain_a_turning_head_is_depends_on_the_time_alone() -> None:
     """One step of 0.04 s and four of 0.01 s, towards a goal 40 degrees away, without an error of the measurement."""
 
-    def after(steps: int) -> HeadMotion:
-        motion, one = first_motion(np.zeros((1, 1)), np.zeros((1, 1))), np.ones((1, 1))
-        goal, far = np.zeros((1, 1, 2)), np.full((1, 1, 2), np.deg2rad(40.0))
-        motion = HeadMotion(means=np.stack([goal, goal, far], axis=2), covariances=motion.covariances)
+    def after(steps: int) -> Normal:
+        one, nothing, far = np.ones((1, 1)), np.zeros((1, 1)), np.full((2, 1, 1), np.deg2rad(40.0))
+        goal = np.zeros_like(far)
+        motion = Normal(np.stack([goal, goal, far]), first_motion(np.zeros(1), nothing).covariances)
         for _ in range(steps):
-            motion = next_motion(motion, one, np.zeros(1, int), one, far, 0.0, np.zeros((1, 1)), 0.04 / steps, 0.35)
+            goes_on = Transition(np.zeros(1, int), one, one, one)
+            motion = next_motion(motion, goes_on, far, 0.0, nothing, 0.04 / steps, 0.35)
         return motion
 
-    coarse, fine = (after(steps).covariances[0, 0, HEAD, HEAD] for steps in (1, 4))
+    coarse, fine = (after(steps).covariances[HEAD, HEAD, 0, 0] for steps in (1, 4))
     assert fine == pytest.approx(coarse, rel=0.25)
 
 

@@ -20,7 +20,7 @@ LEAVE = np.full((1, 1), 0.25)
 def new_of(keys: Keys) -> np.ndarray:
     """A new look is at nowhere with probability 0.1, and else at any target."""
     count = len(keys) - 1
-    return np.array([[[0.9 / count] * count + [0.1]]])
+    return np.array([0.9 / count] * count + [0.1]).reshape(-1, 1, 1)
 
 
 def beliefs_of(keys: list[Keys], likelihoods: list[np.ndarray]) -> list[Belief]:
@@ -33,7 +33,7 @@ def beliefs_of(keys: list[Keys], likelihoods: list[np.ndarray]) -> list[Belief]:
             predicted, _ = predicted_looks(before.looked, *columns_of(before.keys, seen), LEAVE, new)
         else:
             predicted = new
-        looked = predicted * likelihood
+        looked = predicted * likelihood[:, None, None]
         found.append(
             Belief(
                 keys=seen,
@@ -54,7 +54,7 @@ def sequences_of(keys: list[Keys], likelihoods: list[np.ndarray]):
     for sequence in product(*keys):
         weight = 1.0
         for at, key in enumerate(sequence):
-            column, new = keys[at].index(key), new_of(keys[at])[0, 0]
+            column, new = keys[at].index(key), new_of(keys[at]).ravel()
             if at == 0:
                 step = new[column]
             elif sequence[at - 1] in keys[at]:
