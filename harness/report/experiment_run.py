@@ -10,7 +10,7 @@ from pathlib import Path
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
 from harness.run.directory import Pair, RunDirectory
-from harness.run.executors import Progress
+from harness.run.executors import Executor, Progress
 from harness.run.experiment import Experiment, RecordingKind
 from harness.run.plan import Plan
 from harness.run.runner import prepare, run_plan
@@ -74,11 +74,11 @@ def run_whole(
     return plan, directory
 
 
-def _fitted(plan: Plan, tables: Mapping[Pair, Mapping[str, Path]]) -> Mapping[str, MethodSettings]:
+def _fitted(plan: Plan, tables: Mapping[Pair, Mapping[str, Path]], executor: Executor) -> Mapping[str, MethodSettings]:
     from harness.score.fit_logit import left_out_weights
 
     labels = {each.manifest.name: each.labels for each in plan.clips if each.labels is not None and each.labels.ranges}
-    return left_out_weights(plan.experiment, tables, labels)
+    return left_out_weights(plan.experiment, tables, labels, executor)
 
 
 def run_plainly(

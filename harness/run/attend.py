@@ -26,6 +26,7 @@ from harness.run.table_scenes import SceneFrame, read_scenes
 from harness.sources import Clip, MeasuredClip
 from vfoa.config import dotted_tables, read_steps
 from vfoa.errors import StageError, VfoaError, check_known
+from vfoa.methods import MethodSettings
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.types import FrameResult
 
@@ -259,6 +260,20 @@ def attend_again(
 
 def _of_clip(settings: AttendSettings, clip: str) -> AttendSettings:
     return settings.model_copy(update={"attention": settings.attention.for_clip(clip)})
+
+
+def with_method(plain: Mapping[str, Any], method: MethodSettings, where: str) -> AttendSettings:
+    """The settings of a configuration in a run's manifest, with another method of attention.
+
+    Raises
+    ------
+    VfoaError
+        If the manifest has no settings of the configuration; ``where`` names it.
+    """
+    before = "tracking", "gaze_filter"
+    if missing := [step for step in before if step not in plain]:
+        raise VfoaError(f"{where}: {missing[0]}: missing; expected the settings of the run: run it again")
+    return read_steps({step: plain[step] for step in before}, None, where)[1].model_copy(update={"attention": method})
 
 
 def _changed(plain: Mapping[str, Any], changes: Mapping[str, Any], configuration: str) -> AttendSettings:

@@ -29,7 +29,7 @@ CLIPS_PER_WORKER = 2
 PREFETCHED = 2
 """Frames that one thread reads, and another one perceives, in advance."""
 
-Fit = Callable[[Mapping[Pair, Mapping[str, Path]]], Mapping[str, MethodSettings]]
+Fit = Callable[[Mapping[Pair, Mapping[str, Path]], Executor], Mapping[str, MethodSettings]]
 """Fits the weights that configurations lack, by name, from the tables of each (clip, configuration) that has some."""
 
 
@@ -89,7 +89,7 @@ def run_jobs(
         results.add(job, outcome)
     if fit and (unfitted := [each for each in plan.experiment.configurations if each.attend.attention.is_unfitted]):
         pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in unfitted]
-        results.fitted.update(fit(_tables(directory, pairs, results)))
+        results.fitted.update(fit(_tables(directory, pairs, results), executor))
         fitted = [_with_weights(results.left(job), results.fitted) for job, _ in jobs]
         units = [unit for job in fitted for unit in _dealt(job, executor.workers if few else 1)]
         for job, outcome in zip(units, executor.run(run_clip, units, _silent, lost), strict=True):

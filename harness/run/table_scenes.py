@@ -60,7 +60,8 @@ def read_scenes(paths: Mapping[str, Path], cloud_points: int = 0) -> Iterator[Sc
     Raises
     ------
     VfoaError
-        If a table is missing, damaged or of another version, or has no clouds of so many points.
+        If a table is missing, damaged or of another version; :class:`NoCloudsError` if it has no clouds of so many
+        points.
     """
     groups = frames_of(paths["frames"])
     last, followed = _last_frames(paths["people"], len(groups)), frozenset[int]()
@@ -104,17 +105,8 @@ Clouds = Mapping[int, np.ndarray]
 """The points (N, 3) of the targets of a frame that have any, by instance."""
 
 
-def read_clouds(paths: Mapping[str, Path], cloud_points: int) -> Iterator[Clouds]:
-    """Yield the clouds of so many points of each frame, in the order of :func:`read_scenes`; none where none were kept.
-
-    Raises
-    ------
-    VfoaError
-        If a table is missing, damaged or of another version.
-    """
-    for group, numbers in enumerate(frames_of(paths["frames"])):
-        for rows in rows_by_frame(paths["clouds"], "clouds", group, numbers):
-            yield _clouds(rows, cloud_points)
+class NoCloudsError(VfoaError):
+    """A scene has no clouds of the points that a method asks for."""
 
 
 def _clouds(rows: Iterable[Row], cloud_points: int) -> Clouds:
@@ -150,7 +142,7 @@ def _target(row: Row, clouds: Clouds, path: Path, cloud_points: int) -> Target:
     if number in clouds:
         return replace(_bare_target(row), points_left=clouds[number])
     if count:
-        raise VfoaError(
+        raise NoCloudsError(
             f"{path}: found no clouds of {cloud_points} points, which the method asks for; run the experiment with "
             "these settings"
         )

@@ -17,23 +17,21 @@ import numpy as np
 
 from harness.labels.labels import Labels
 from harness.pipeline.configuration import Configuration
-from harness.run.attend import attend_scenes
 from harness.run.columns import Words
 from harness.run.directory import Pair
+from harness.run.executors import Executor
 from harness.run.experiment import Experiment
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord, to_record
 from harness.run.table_columns import Tables, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledPerson, LabelledRun, LabelTruths, clouds_of, labelled_runs, truths_of
+from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, LabelTruths, labelled_runs, truths_of
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
-from vfoa.nearest import NearestSettings
 from vfoa.scoring import log_loss
 from vfoa.types import Flags, Float
 
@@ -259,7 +257,10 @@ def _constant(person: LabelledPerson, share: float) -> Float:
 
 
 def left_out_weights(
-    experiment: Experiment, tables: Mapping[Pair, Mapping[str, Path]], labels: Mapping[str, Labels]
+    experiment: Experiment,
+    tables: Mapping[Pair, Mapping[str, Path]],
+    labels: Mapping[str, Labels],
+    executor: Executor,
 ) -> dict[str, LogitSettings]:
     """Return the settings of each configuration whose weights are ``"left-out"``, with weights.
 
@@ -272,6 +273,8 @@ def left_out_weights(
         (:func:`harness.run.table_files.find_tables`).
     labels
         Those of each clip that has some, in the order of the experiment.
+    executor
+        Its workers read the features.
 
     Raises
     ------
@@ -282,10 +285,19 @@ def left_out_weights(
     shared = _first_with_the_stages(unfitted)
     read = [each for each in unfitted if base_of(each.name) in shared.values()]
     fitted: dict[str, dict[str, Any]] = {}
-    pairs = [pair for clip in labels for each in read if (pair := (clip, each.name)) in tables]
-    truths = {pair: _truths(Tables(tables[pair]), labels[pair[0]]) for pair in pairs}
-    records = _measured({each.name: each for each in read}, tables, pairs)
-    for labelled in labelled_runs(experiment.name, records, truths, clouds_of(tables), dict.fromkeys(shared.values())):
+    pairs = [
+        LabelledPair(
+            clip=clip,
+            configuration=each.name,
+            tables=tables[clip, each.name],
+            settings=each.attending(LogitSettings(method="logit")).attend,
+            truths=_truths(Tables(tables[clip, each.name]), labels[clip]),
+        )
+        for clip in labels
+        for each in read
+        if (clip, each.name) in tables
+    ]
+    for labelled in labelled_runs(experiment.name, pairs, dict.fromkeys(shared.values()), executor):
         users = [each for each in unfitted if shared[base_of(each.name)] == labelled.configuration]
         smoothings = sorted({_logit(each).smoothing for each in users})
         fitted[labelled.configuration] = _left_out_weights(labelled.people, smoothings, experiment.name)
@@ -299,16 +311,6 @@ def _logit(configuration: Configuration) -> LogitSettings:
 def _truths(tables: Tables, labels: Labels) -> LabelTruths:
     scene = scene_columns(tables, words := Words(), {})
     return truths_of(scene, look_columns(scene, tables, words), labels, words)
-
-
-def _measured(
-    configurations: Mapping[str, Configuration], tables: Mapping[Pair, Mapping[str, Path]], pairs: Iterable[Pair]
-) -> Iterator[FrameRecord]:
-    """Yield what is measured in each frame: filtered directions and targets; answers are of the simplest method."""
-    for pair in pairs:
-        settings = configurations[pair[1]].attend.model_copy(update={"attention": NearestSettings(method="nearest")})
-        for name, frame, result in attend_scenes(tables[pair], {pair[1]: settings}):
-            yield to_record(pair[0], name, result, targets=frame.targets)
 
 
 def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:

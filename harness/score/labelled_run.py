@@ -12,25 +12,25 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import Labels
+from harness.run.attend import with_method
 from harness.run.columns import LookColumns, SceneColumns, Words
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import RunDirectory
+from harness.run.executors import GOES_ON, Executor, InProcess, Progress
 from harness.run.grid import base_of
-from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.table_files import find_tables
-from harness.run.table_scenes import Clouds, read_clouds
+from harness.run.table_scenes import NoCloudsError, SceneFrame, read_scenes
 from harness.score.finished_run import FinishedRun
 from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
 from harness.score.score import pair_verdicts
 from harness.score.verdict_columns import LabelColumns, SubjectVerdicts, hits_of, named_by
-from harness.score.verdicts import find_subject
 from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
-from vfoa.logit import LogitSettings, Remembered
-from vfoa.logit import weigh_attentions as weigh
+from vfoa.logit import Logit, LogitSettings, Remembered
 from vfoa.logit_cues import ROWS, Case, Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
-from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Subject, Target
+from vfoa.pipeline import Attending, AttendSettings
+from vfoa.types import Attention, Float, Scene, Subject
 
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -102,9 +102,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
-    truths, answers = _truths(run, reference.labels, [chosen]), _answers(run, reference)
-    records, clouds = run.records([chosen]), _clouds(run)
-    return labelled_runs(run.manifest.experiment, records, truths, clouds, [chosen], tuple(ROWS), answers)[0]
+    pairs = _labelled_pairs(run, reference.labels, [chosen], tuple(ROWS))
+    return labelled_runs(run.manifest.experiment, pairs, [chosen], InProcess(), _answers(run, reference))[0]
 
 
 def read_features(
@@ -120,22 +119,8 @@ def read_features(
         If the run is not finished, or no labelled frame of a configuration has a measured direction.
     """
     run = FinishedRun.read(directory)
-    truths = _truths(run, run.reference().labels, configurations)
-    records, clouds = run.records(configurations), _clouds(run)
-    return labelled_runs(run.manifest.experiment, records, truths, clouds, configurations, cases)
-
-
-CloudsOf = Callable[[Pair], Iterator[Clouds]]
-"""The clouds of each frame of a clip under a configuration."""
-
-
-def clouds_of(tables: Mapping[Pair, Mapping[str, Path]]) -> CloudsOf:
-    """Return what reads the clouds that the logit asks for from these tables."""
-    return lambda pair: read_clouds(tables[pair], LogitSettings(method="logit").cloud_points)
-
-
-def _clouds(run: FinishedRun) -> CloudsOf:
-    return clouds_of(dict(find_tables(run.directory, manifest=run.manifest)))
+    pairs = _labelled_pairs(run, run.reference().labels, configurations, cases)
+    return labelled_runs(run.manifest.experiment, pairs, configurations, InProcess())
 
 
 class LabelTruth(NamedTuple):
@@ -169,12 +154,38 @@ def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Wo
     return truths
 
 
-def _truths(run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str]) -> dict[Pair, LabelTruths]:
-    return {
-        (each.clip, each.configuration): truths_of(each.scene, each.looks, labels[each.clip], each.words)
-        for each in run.columns(configurations)
-        if each.clip in labels
-    }
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledPair:
+    """A labelled clip under a configuration, to be read.
+
+    ``tables`` are the files of its scene and directions, ``settings`` filter them and look for their features.
+    ``cases`` are those that will be fitted, by default those that the clip has.
+    """
+
+    clip: str
+    configuration: str
+    tables: Mapping[str, Path]
+    settings: AttendSettings
+    truths: LabelTruths
+    cases: Collection[Case] | None = None
+
+
+def _labelled_pairs(
+    run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str], cases: Collection[Case] | None
+) -> Iterator[LabelledPair]:
+    tables = dict(find_tables(run.directory, manifest=run.manifest))
+    settings = LogitSettings(method="logit")
+    for each in run.columns(configurations):
+        if each.clip in labels:
+            plain = run.manifest.configurations[each.configuration]
+            yield LabelledPair(
+                clip=each.clip,
+                configuration=each.configuration,
+                tables=tables[each.clip, each.configuration],
+                settings=with_method(plain, settings, f"{run.directory.manifest}: {each.configuration}"),
+                truths=truths_of(each.scene, each.looks, labels[each.clip], each.words),
+                cases=cases,
+            )
 
 
 Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
@@ -183,98 +194,130 @@ Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
 
 def labelled_runs(
     experiment: str,
-    records: Iterable[FrameRecord],
-    truths: Mapping[Pair, LabelTruths],
-    clouds: CloudsOf,
+    pairs: Iterable[LabelledPair],
     configurations: Collection[str],
-    cases: Collection[Case] | None = None,
+    executor: Executor,
     others: Answers | None = None,
 ) -> list[LabelledRun]:
-    """Return the features and labels of configurations, by their names without seeds, from records in one pass.
+    """Return the features and labels of configurations, by their names without seeds; workers read the pairs.
 
-    ``truths`` and ``clouds`` are those of each labelled clip under each of them; ``cases`` as in :func:`read_features`;
-    ``others`` are the answers of all configurations.
+    ``others`` are the answers of all configurations. Without them, those of two cones are left out, too.
 
     Raises
     ------
     VfoaError
-        If no labelled frame of a configuration has a measured direction, or the run kept no clouds of its targets.
+        If no labelled frame of a configuration has a measured direction, or as :func:`read_people`.
     """
-    records_of: dict[str, dict[Pair, list[FrameRecord]]] = {name: {} for name in configurations}
-    for record in records:
-        if (pair := (record.clip, record.configuration)) in truths:
-            records_of[base_of(record.configuration)].setdefault(pair, []).append(record)
+    pairs = list(pairs)
+    people: dict[str, list[list[LabelledPerson]]] = {name: [] for name in configurations}
+    work = partial(read_people, others=others)
+    for pair, found in zip(pairs, executor.run(work, pairs, _silent, _given_up), strict=True):
+        people[base_of(pair.configuration)].append(found)
     runs = []
-    for name, by_run in records_of.items():
-        seeds = len({configuration for _, configuration in by_run})
-        people = [
-            person
-            for pair, records in by_run.items()
-            for person in labelled_people(
-                pair[0], records, truths[pair], others, 1 / seeds, cases, clouds=partial(clouds, pair)
-            )
-        ]
-        if not any(person.labelled for person in people):
+    for name, by_pair in people.items():
+        seeds = len({pair.configuration for pair in pairs if base_of(pair.configuration) == name})
+        of_all = [replace(each, sequence=replace(each.sequence, weight=1 / seeds)) for of in by_pair for each in of]
+        if not any(person.labelled for person in of_all):
             raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
-        runs.append(LabelledRun(experiment=experiment, configuration=name, seeds=seeds, people=people))
+        runs.append(LabelledRun(experiment=experiment, configuration=name, seeds=seeds, people=of_all))
     return runs
 
 
-def labelled_people(
-    clip: str,
-    records: Sequence[FrameRecord],
-    truths: LabelTruths,
-    others: Answers | None,
-    weight: float,
-    cases: Collection[Case] | None = None,
-    *,
-    clouds: Callable[[], Iterator[Clouds]],
-) -> list[LabelledPerson]:
-    """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
+def _silent(clip: str) -> None:
+    """Report no progress: the frames are counted when they are attended to."""
 
-    Without the answers of ``others``, those of two cones are left out, too. ``cases``: those that will be fitted;
-    without it, those that the clip has. ``clouds``: those of each record's targets.
+
+def _given_up(pair: LabelledPair, why: str) -> list[LabelledPerson]:
+    raise VfoaError(f"fit: {pair.clip}: {pair.configuration}: {why}")
+
+
+def read_people(pair: LabelledPair, progress: Progress, *, others: Answers | None = None) -> list[LabelledPerson]:
+    """Read everyone's features and labels in a clip: a job of :func:`labelled_runs`.
+
+    Raises
+    ------
+    VfoaError
+        If a table is missing or damaged, or the run kept no clouds of its targets.
     """
-    measured = list(_seen(records, clouds(), None))
-    found = {seen.case for by_track in measured for seen in by_track.values()}
-    single = ({*ROWS} if cases is None else {*cases}) - {"both"} if "both" in found else set[Case]()
-    if cases is None:
+    try:
+        frames = list(read_scenes(pair.tables, pair.settings.attention.cloud_points))
+    except NoCloudsError as error:
+        raise VfoaError(
+            f"fit: {pair.clip}: {pair.configuration} kept no clouds of its targets, which the logit looks at; "
+            f'expected a run with attention.method = "logit" or "bayes" ({error})'
+        ) from None
+    return labelled_people(pair, frames, others, partial(progress, GOES_ON))
+
+
+def labelled_people(
+    pair: LabelledPair,
+    frames: Sequence[SceneFrame],
+    others: Answers | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> list[LabelledPerson]:
+    """Return everyone's features and labels in the frames of a clip, each of the weight 1.
+
+    A frame whose true target has no box counts as unlabelled. ``check`` is called at each frame; an error of it ends
+    all.
+    """
+    measured = list(_attended(frames, pair.settings, None, check))
+    found = {seen.case for people in measured for each in people if (seen := _seen(each))}
+    single = ({*ROWS} if pair.cases is None else {*pair.cases}) - {"both"} if "both" in found else set[Case]()
+    if pair.cases is None:
         single &= found
-    alone = {case: list(_seen(records, clouds(), case)) for case in sorted(single)}
+    alone = {case: list(_attended(frames, pair.settings, case, check)) for case in sorted(single)}
     rows_of: dict[str, list[_Row]] = {}
-    for number, record in enumerate(records):
-        for name, of_person in truths.items():
-            person = find_subject(record, name)
-            if person is None or (seen := measured[number].get(person.track_id)) is None:
+    for at, (frame, people) in enumerate(zip(frames, measured, strict=True)):
+        number, named = frame.scene.index, [each.subject.name for each in people]
+        for name, of_person in pair.truths.items():
+            if name not in named or (seen := _seen(people[place := named.index(name)])) is None:
                 continue
-            right, *nearest = of_person[record.frame]
+            right, *nearest = of_person[number]
             target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
             answers = dict[str, ScoredAnswer]()
             if others is not None:
-                answers = dict(others.get((clip, name, record.frame), {}))
+                answers = dict(others.get((pair.clip, name, number), {}))
                 if target != UNKNOWN:
-                    cones = pay_attention(_subject(person), tuple(map(_target, record.targets)), _CONES)
+                    cones = pay_attention(people[place].subject, frame.scene.targets, _CONES)
                     answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
-            by_case = {case: by_frame[number].get(person.track_id) for case, by_frame in alone.items()}
-            rows_of.setdefault(name, []).append(_Row(record.time_ns / 1e9, seen, by_case, target, nearest, answers))
-    return [_person(clip, rows, weight) for rows in rows_of.values()]
+            by_case = {case: _seen(by_frame[at][place]) for case, by_frame in alone.items()}
+            row = _Row(frame.scene.time_ns / 1e9, seen, by_case, target, nearest, answers)
+            rows_of.setdefault(name, []).append(row)
+    return [_person(pair.clip, rows) for rows in rows_of.values()]
 
 
-def _seen(records: Sequence[FrameRecord], clouds: Iterator[Clouds], case: Case | None) -> Iterator[dict[int, Seen]]:
-    """Yield everyone's features in each frame by track; with a case as if only its direction had been measured."""
-    settings = LogitSettings(method="logit")
-    states: dict[int, Remembered] = {}
-    for record, points in zip(records, clouds, strict=True):
-        targets = tuple(_with_cloud(target, points, record) for target in record.targets)
-        subjects = {subject.track_id: _subject(subject, case) for subject in record.subjects}
-        before = tuple(states.get(track, Remembered()) for track in subjects)
-        attentions, after = weigh(tuple(subjects.values()), targets, before, settings, record.time_ns)
-        states.update(zip(subjects, after, strict=True))
-        yield {
-            attention.subject.track_id: attention.belief
-            for attention in attentions
-            if isinstance(attention.belief, Seen)
-        }
+def _attended(
+    frames: Iterable[SceneFrame], settings: AttendSettings, case: Case | None, check: Callable[[], None]
+) -> Iterator[tuple[Attention, ...]]:
+    """Yield everyone's attention in each frame; with a case as if only its direction had been measured."""
+    attending = Attending(settings, _OfCase(LogitSettings(method="logit"), case))
+    for frame in frames:
+        check()
+        (result,) = attending.step(frame.scene, frame.tracked, frame.names)
+        yield result.attentions
+
+
+def _seen(attention: Attention) -> Seen | None:
+    """The features of an answer of the logit; None if no direction was measured."""
+    return attention.belief if isinstance(attention.belief, Seen) else None
+
+
+class _OfCase(Logit):
+    """The logit for people of whom only the direction of a case is measured; None: all that are."""
+
+    def __init__(self, settings: LogitSettings, case: Case | None) -> None:
+        super().__init__(settings)
+        self._case = case
+
+    def attend(
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Remembered, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
+        """As :class:`vfoa.logit.Logit`."""
+        if self._case == "head":
+            subjects = tuple(replace(subject, gaze=None) for subject in subjects)
+        if self._case == "gaze":
+            subjects = tuple(replace(subject, head_pose=None) for subject in subjects)
+        return super().attend(subjects, scene, states)
 
 
 class _Row(NamedTuple):
@@ -288,7 +331,7 @@ class _Row(NamedTuple):
     answers: Mapping[str, ScoredAnswer]
 
 
-def _person(clip: str, rows: Sequence[_Row], weight: float) -> LabelledPerson:
+def _person(clip: str, rows: Sequence[_Row]) -> LabelledPerson:
     missing: ScoredAnswer = (False, math.nan, math.nan)
     names = dict.fromkeys(name for row in rows for name in row.answers)
     return LabelledPerson(
@@ -298,7 +341,6 @@ def _person(clip: str, rows: Sequence[_Row], weight: float) -> LabelledPerson:
             seen=[row.seen for row in rows],
             alone={case: [row.alone[case] for row in rows] for case in rows[0].alone},
             targets=[row.target for row in rows],
-            weight=weight,
         ),
         nearest=np.array([row.nearest for row in rows], dtype=np.float64),
         others={name: np.array([row.answers.get(name, missing) for row in rows], np.float64) for name in names},
@@ -323,46 +365,3 @@ def _scored_answers(judged: SubjectVerdicts) -> Iterator[tuple[int, ScoredAnswer
     columns = scored.frames, ~scored.is_wrong, *scored.worth[:, :2].T
     for frame, is_right, confidence, on_truth in zip(*(column.tolist() for column in columns), strict=True):
         yield frame, (is_right, confidence, on_truth if confidence >= 0 else math.nan)
-
-
-def _subject(record: SubjectRecord, case: Case | None = None) -> Subject:
-    """A person of a record as attention takes it, with the directions after the filter: all, or that of a case."""
-    gaze = head = None
-    if record.gaze is not None and case != "head":
-        gaze = Gaze(direction=np.array(record.gaze), sigma_rad=record.gaze_sigma_rad)
-    if record.head is not None and case != "gaze":
-        head = HeadPose(direction=np.array(record.head))
-    origin = None if record.eye_origin_m is None else np.array(record.eye_origin_m)
-    number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
-    person = Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
-    return Subject(track_id=record.track_id, person=person, gaze=gaze, head_pose=head)
-
-
-def _with_cloud(target: TargetRecord, clouds: Clouds, record: FrameRecord) -> Target:
-    """A target of a record as attention takes it, with its cloud."""
-    cloud = clouds.get(target.instance_id)
-    if cloud is None and target.points:
-        raise VfoaError(
-            f"fit: {record.clip}: {record.configuration} kept no clouds of its targets, which the logit looks at; "
-            'expected a run with attention.method = "logit" or "bayes"'
-        )
-    return _target(target) if cloud is None else replace(_target(target), points_left=cloud)
-
-
-def _target(record: TargetRecord) -> Target:
-    """A target of a record as attention takes it, with its box only: records have no clouds."""
-    instance = Instance(id=record.instance_id, label=record.label, category_id=0, is_thing=True, score=record.score)
-    return Target(
-        instance=instance,
-        box_px=None,
-        points_left=np.zeros((0, 3), np.float32),
-        box=None if record.box is None else _box(record.box),
-    )
-
-
-def _box(record: BoxRecord) -> Box3D:
-    return Box3D(
-        center_m=np.array(record.center_m),
-        half_size_m=np.array(record.half_size_m),
-        left_from_box=np.array(record.axes).T,
-    )

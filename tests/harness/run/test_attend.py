@@ -23,12 +23,15 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
 from harness.run.table_scenes import read_scenes
+from harness.score.labelled_run import LabelledPair, read_people
 from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of
 from tests.disk import write_text
 from tests.measured import START_NS, STEP_NS, measured_tables
 from vfoa.errors import VfoaError
+from vfoa.logit import LogitSettings
+from vfoa.pipeline import AttendSettings
 
 EXPERIMENT = """
 clips = ["studio_talk"]
@@ -210,6 +213,17 @@ def test_scenes_are_read_with_and_without_their_clouds(images: Finished) -> None
     with pytest.raises(VfoaError, match=r"clouds\.parquet: found no clouds of 17 points"):
         list(read_scenes(paths, 17))
     assert [frame.scene.index for frame in with_clouds] == list(range(1, FRAMES + 1))
+
+
+def test_a_fit_to_a_run_without_the_clouds_that_it_looks_at_says_which_run_to_make(
+    images: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vfoa.bayes.RAYS", 17)
+    settings = AttendSettings(attention=LogitSettings(method="logit"))
+    paths = dict(find_tables(images.directory))["studio_talk", "forward"]
+    pair = LabelledPair(clip="studio_talk", configuration="forward", tables=paths, settings=settings, truths={})
+    with pytest.raises(VfoaError, match=r'^fit: studio_talk: forward kept no clouds.*attention\.method = "logit"'):
+        read_people(pair, lambda word: None)
 
 
 def test_the_records_of_targets_are_those_that_are_read_with_the_answers(images: Finished, poses: Finished) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from dataclasses import replace
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,29 +14,31 @@ import harness
 from harness.cli.fit import fit
 from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
-from harness.labels.labels import Label, LabelRange, Labels
 from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
 from harness.run.notes import NoteKind
-from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
+from harness.run.table_scenes import SceneFrame
 from harness.score.fit_logit import folds_of
-from harness.score.labelled_run import LabelTruths, labelled_people, read_labelled, truths_of
+from harness.score.labelled_run import LabelledPair, LabelTruth, labelled_people, read_labelled
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
-from tests.records import columns_by_pair, frame_record, subject_record, tables_of, target_record, write_manifest
+from tests.records import tables_of, write_manifest
 from tests.repository import REPOSITORY
 from vfoa import __version__
 from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
-from vfoa.logit_cues import LOGIT_CUES, ROWS
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Case
 from vfoa.methods import MethodSettings
+from vfoa.pipeline import AttendSettings
+from vfoa.tracking import Tracked
+from vfoa.types import Box3D, Cues, Gaze, HeadPose, Instance, Map, Person, Scene, Target
 
 STEP_NS = 200_000_000
 """Time between frames: long clips of few frames."""
@@ -216,13 +217,14 @@ def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
     assert read_fitted(Path("fitted.toml")).fit.held_out == ()
 
 
-def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_whose_manifest_has_no_settings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("talk",), 40)
     directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None)
     manifest = directory.read_manifest().plain()
     write_manifest(directory, {**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
-    assert [len(person.labelled) for person in read_labelled(directory).people] == [40, 40]
+    with pytest.raises(VfoaError, match=r"manifest\.json: .*tracking: missing"):
+        read_labelled(directory)
 
 
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -312,31 +314,44 @@ def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left
         _run(tmp_path / "alone")
 
 
-def a_course(points: int) -> tuple[list[FrameRecord], LabelTruths]:
-    """Ann turns gaze and head between three cups of so many 3D points, and looks at the second one."""
+def a_course(clouds: Mapping[int, Map] | None = None, *, heads: bool = False) -> list[SceneFrame]:
+    """Ann turns gaze and head between three cups, with clouds (N, 3) or without any, and looks at the second one."""
     generator = np.random.default_rng(1)
-    targets = [target_record(n, f"cup_{n}", center=(0.5 * n - 1, 0.2, 2.0)) for n in (1, 2, 3)]
-    targets = [replace(target, points=points) for target in targets]
-    records = []
+    boxes = {
+        n: Box3D(center_m=np.array([0.5 * n - 1, 0.2, 2.0]), half_size_m=np.full(3, 0.05), left_from_box=np.eye(3))
+        for n in (1, 2, 3)
+    }
+    targets = tuple(
+        Target(
+            instance=Instance(id=n, label="cup", category_id=0, is_thing=True, score=1.0),
+            box_px=None,
+            points_left=np.zeros((0, 3), np.float32) if clouds is None else clouds[n],
+            box=box,
+        )
+        for n, box in boxes.items()
+    )
+    frames = []
     for number in range(1, 31):
-        gaze, head = (tuple(unit([x, y, 1.0]).tolist()) for x, y in generator.normal(0, 0.4, (2, 2)))
-        person = replace(subject_record("ann"), gaze=gaze if number % 5 else None, head=head)
-        records.append(frame_record(tuple(targets), [person], frame=number))
-    labels = Labels([LabelRange(first_frame=1, last_frame=30, subject="ann", label=Label(target="cup_2"))])
-    (seen,) = columns_by_pair(records)
-    return records, truths_of(seen.scene, seen.looks, labels, seen.words)
+        gaze, head = (unit([x, y, 1.0]) for x, y in generator.normal(0, 0.4, (2, 2)))
+        view = Cues(gaze=Gaze(direction=gaze) if number % 5 and not heads else None, head_pose=HeadPose(direction=head))
+        people = (Person(view=view, instance_id=9, eye_origin_left=np.zeros(3)),)
+        scene = Scene(index=number, time_ns=number * 40_000_000, targets=targets, people=people)
+        tracked = Tracked(ids=(7,), open=frozenset({7}))
+        frames.append(SceneFrame(scene=scene, tracked=tracked, names={7: "ann"}, camera=None, targets=()))
+    return frames
+
+
+def the_second_cup(cases: tuple[Case, ...] | None = None) -> LabelledPair:
+    """Ann looks at it in all frames of a course."""
+    truths = {"ann": {number: LabelTruth((2,), 0.1, True) for number in range(1, 31)}}
+    settings = AttendSettings(attention=LogitSettings(method="logit"))
+    return LabelledPair(clip="talk", configuration="one", tables={}, settings=settings, truths=truths, cases=cases)
 
 
 def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
     """Features of the head alone are those of a person whose gaze was never measured, the posterior's among them."""
-    records, truths = a_course(points=0)
-    no_clouds = partial(iter, [dict[int, np.ndarray]()] * len(records))
-    heads = [
-        replace(record, subjects=tuple(replace(subject, gaze=None) for subject in record.subjects))
-        for record in records
-    ]
-    (both,) = labelled_people("talk", records, truths, None, 1.0, tuple(ROWS), clouds=no_clouds)
-    (alone,) = labelled_people("talk", heads, truths, None, 1.0, clouds=no_clouds)
+    (both,) = labelled_people(the_second_cup(tuple(ROWS)), a_course())
+    (alone,) = labelled_people(the_second_cup(), a_course(heads=True))
     for masked, measured in zip(both.sequence.alone["head"], alone.sequence.seen, strict=True):
         assert masked is not None
         np.testing.assert_array_equal(masked.now, measured.now)
@@ -368,22 +383,14 @@ def test_the_tutorial_shows_what_its_commands_print(
 
 def test_features_of_a_fit_see_clouds_as_a_run_does() -> None:
     """The posterior, one of the cues, takes the points of a target that has some, and its box otherwise."""
-    records, truths = a_course(points=4)
-    centers = {target.instance_id: target.box.center_m for target in records[0].targets if target.box is not None}
+    centers = {target.instance.id: target.box.center_m for target in a_course()[0].scene.targets if target.box}
     near, off = (
-        {number: np.array([center] * 4, np.float32) + shift for number, center in centers.items()} for shift in (0, 0.3)
-    )
-    (by_box,) = labelled_people(
-        "talk", a_course(points=0)[0], truths, None, 1.0, clouds=partial(iter, [dict[int, np.ndarray]()] * 30)
-    )
-    (by_near,), (by_off,) = (
-        labelled_people("talk", records, truths, None, 1.0, clouds=partial(iter, [each] * 30)) for each in (near, off)
+        {number: np.array([center + shift] * 4, np.float32) for number, center in centers.items()} for shift in (0, 0.5)
     )
     posterior = LOGIT_CUES.index("posterior")
     boxed, nearby, aside = (
-        np.array([seen.now[posterior] for seen in each.sequence.seen]) for each in (by_box, by_near, by_off)
+        np.array([seen.now[posterior] for seen in labelled_people(the_second_cup(), course)[0].sequence.seen])
+        for course in (a_course(), a_course(near), a_course(off))
     )
     assert nearby == pytest.approx(boxed, abs=0.2)
     assert np.abs(aside - boxed).max() > 1
-    with pytest.raises(VfoaError, match="kept no clouds"):
-        labelled_people("talk", records, truths, None, 1.0, clouds=partial(iter, [{1: near[1]}] * 30))
