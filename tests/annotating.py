@@ -177,9 +177,9 @@ def write_labels(work: Path, *rows: str, annotator: str = "", columns: Sequence[
     return write_text(path, "\n".join(["# vfoa annotations 1", head, *rows, ""]))
 
 
-def letters(labels: Labels, subject: str = "ann") -> str:
+def letters(labels: Labels, subject: str = "ann", frames: Sequence[int] = FRAMES) -> str:
     """A letter for each frame's target; ``-`` for ignore, ``.`` for a frame without a label."""
-    found = [labels.at(frame, subject) for frame in FRAMES]
+    found = [labels.at(frame, subject) for frame in frames]
     return "".join("." if each is None else "-" if each.target == IGNORED else each.target[0] for each in found)
 
 

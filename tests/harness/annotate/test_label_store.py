@@ -17,6 +17,7 @@ from harness.annotate.label_store import LabelStore
 from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations
 from harness.labels.labels import Label, Labels, Timeline
+from tests.annotating import letters
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -46,6 +47,21 @@ def _open(
     return store
 
 
+@pytest.fixture
+def store(tmp_path: Path) -> LabelStore:
+    """The store of a clip without labels."""
+    return _open(tmp_path)
+
+
+def _again(store: LabelStore, *, has_journal: bool = True) -> LabelStore:
+    """The store after a restart; without its journal, only the CSV says what was labelled."""
+    store.close()
+    folder = store.path.parent.parent
+    if not has_journal:
+        (folder / "journal.jsonl").unlink()
+    return _open(folder)
+
+
 def _file(folder: Path) -> Labels:
     timeline = Timeline(frames=FRAMES, times_ns=())
     return read_annotations(folder / "annotations" / "clip.csv", timeline=timeline, subjects=SUBJECTS, targets=TARGETS)
@@ -55,57 +71,61 @@ def _look(store: LabelStore, at: int, target: str, subject: str = "ann") -> None
     store.put(subject, actions.look(store.track(subject), at, target), seen=at)
 
 
-def _targets(labels: Labels, subject: str = "ann") -> list[str | None]:
-    found = [labels.at(frame, subject) for frame in FRAMES]
-    return [each and each.target for each in found]
+def _range(store: LabelStore, first: int, last: int, target: str) -> None:
+    store.put("ann", actions.mark_range(store.track("ann"), first, last, target))
 
 
-def test_a_label_holds_until_the_next_change_and_counts_where_it_was_seen(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def _suggest(store: LabelStore, suggested: list[str | None]) -> None:
+    store.put("ann", actions.accept(store.track("ann"), suggested, store.seen("ann")))
+
+
+def _note(store: LabelStore, at: int, note: str, *tags: tuple[str, ...]) -> None:
+    store.put("ann", actions.annotate(store.track("ann"), at, note, *tags))
+
+
+def _scored(folder: Path) -> str:
+    """What the file says of ann, a letter a frame; ``-`` for ignore, ``.`` for a frame without a label."""
+    return letters(_file(folder), frames=FRAMES)
+
+
+def _marks(store: LabelStore) -> str:
+    """The marks of ann, a letter a frame; a capital one for a suggestion."""
+    marks = store.track("ann")
+    found = ((mark.target[0], mark.is_suggested) if mark else (".", False) for mark in marks)
+    return "".join(letter.upper() if is_suggested else letter for letter, is_suggested in found)
+
+
+def test_a_label_holds_until_the_next_change_and_counts_where_it_was_seen(store: LabelStore, tmp_path: Path) -> None:
     _look(store, 0, "cup")
-    assert _targets(_file(tmp_path)) == ["cup"] + [None] * LAST
+    assert _scored(tmp_path) == "c......."
     store.see("ann", 3)
-    assert _targets(_file(tmp_path)) == ["cup"] * 4 + [None] * 4
+    assert _scored(tmp_path) == "cccc...."
     _look(store, 2, "none")
     store.see("ann", LAST)
-    assert _targets(_file(tmp_path)) == ["cup"] * 2 + ["none"] * 6
+    assert _scored(tmp_path) == "ccnnnnnn"
     _look(store, 1, "book")
-    assert _targets(_file(tmp_path)) == ["cup", "book"] + ["none"] * 6
+    assert _scored(tmp_path) == "cbnnnnnn"
     assert store.state()["labelled"] == 8
     assert store.state()["total"] == 16
 
 
-def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabelled_again_when_opened(
-    tmp_path: Path,
+def test_frames_between_labels_are_not_scored_and_unlabelled_when_opened_again(
+    store: LabelStore, tmp_path: Path
 ) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
-    store.put("ann", actions.mark_range(store.track("ann"), 5, 6, "book"))
-    assert _targets(_file(tmp_path)) == ["cup", "cup", "ignore", "ignore", "ignore", "book", "book", None]
-    store.close()
-    (tmp_path / "journal.jsonl").unlink()
-    again = _open(tmp_path)
-    assert [mark and mark.target for mark in again.track("ann")] == ["cup"] * 2 + [None] * 3 + ["book"] * 2 + [None]
+    _range(store, 0, 1, "cup")
+    _range(store, 5, 6, "book")
+    assert _scored(tmp_path) == "cc---bb."
+    assert _marks(_again(store, has_journal=False)) == "cc...bb."
 
 
-def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
-    store.put("ann", actions.accept(store.track("ann"), suggested, store.seen("ann")))
+def test_a_suggestion_is_not_scored_until_a_person_confirms_it(store: LabelStore, tmp_path: Path) -> None:
+    _suggest(store, ["cup", "cup", "book", "book", None, None, None, "cup"])
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", is_suggested=True)
-    assert set(_targets(_file(tmp_path).confirmed())) == {"ignore"}
+    assert letters(_file(tmp_path).confirmed(), frames=FRAMES) == "--------"
     assert store.state()["labelled"] == 0
     store.put("ann", actions.confirm(store.track("ann"), 3))
-    assert _targets(_file(tmp_path).confirmed()) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
-    store.close()
-    (tmp_path / "journal.jsonl").unlink()
-    opened = _open(tmp_path)
-    assert [mark and (mark.target, mark.is_suggested) for mark in opened.track("ann")] == [
-        *[("cup", True)] * 2,
-        *[("book", False)] * 2,
-        *[None] * 3,
-        ("cup", True),
-    ]
+    assert letters(_file(tmp_path).confirmed(), frames=FRAMES) == "--bb----"
+    assert _marks(_again(store, has_journal=False)) == "CCbb...C"
 
 
 @pytest.mark.parametrize(("attention", "accepted"), [(0.5, {1, 2}), (0.6, {2}), (0.8, set())])
@@ -116,51 +136,31 @@ def test_only_suggestions_with_enough_attention_are_accepted(attention: float, a
     assert {at for each in new for at in range(each.first, each.last + 1)} == accepted
 
 
-def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 1, 2, "none"))
-    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
-    assert found == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
+def test_suggestions_fill_what_is_unlabelled_or_only_carried_ahead(store: LabelStore) -> None:
+    _range(store, 1, 2, "none")
+    _look(store, 4, "book")
+    _suggest(store, ["cup"] * 8)
+    assert _marks(store) == "CnnCbCCC"
 
 
-def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    _look(store, 1, "book")
-    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    found = [mark and (mark.target, mark.is_suggested) for mark in store.track("ann")]
-    assert found == [("cup", True), ("book", False), *[("cup", True)] * 6]
+def test_notes_and_tags_stay_with_their_label_in_the_file_and_after_a_restart(
+    store: LabelStore, tmp_path: Path
+) -> None:
+    note = "à\u00a0gauche, \u200d 目"
+    _range(store, 0, LAST, "cup")
+    _range(store, 3, 4, "ignore")
+    _note(store, 4, "", ("child", "far"))
+    _note(store, 4, note)
+    tagged = Label(target="ignore", note=note, tags=("child", "far"))
+    assert [_file(tmp_path).at(frame, "ann") for frame in (3, 4, 5)] == [Label(target="cup"), tagged, tagged]
+    assert _again(store).track("ann")[3] == Mark(target="ignore", note=note, tags=("child", "far"))
 
 
-def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
-    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
-    store.put("ann", actions.annotate(store.track("ann"), 4, "eyes shut, blinks"))
-    assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
-    assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
-    assert _file(tmp_path).at(3, "ann") == Label(target="cup")
-
-
-def test_tags_stay_with_their_label_in_the_file_and_after_a_restart(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
-    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
-    store.put("ann", actions.annotate(store.track("ann"), 4, "", ("child", "far")))
-    store.put("ann", actions.annotate(store.track("ann"), 4, "blinks"))
-    tagged = Label(target="ignore", note="blinks", tags=("child", "far"))
-    assert [_file(tmp_path).at(frame, "ann") for frame in (4, 5)] == [tagged, tagged]
-    assert _file(tmp_path).at(3, "ann") == Label(target="cup")
-    store.close()
-    assert _open(tmp_path).track("ann")[3] == Mark(target="ignore", note="blinks", tags=("child", "far"))
-
-
-def test_a_new_target_keeps_the_tags_of_the_frames_and_a_range_their_note(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, LAST, "cup"))
-    store.put("ann", actions.mark_range(store.track("ann"), 3, 4, "ignore"))
-    store.put("ann", actions.annotate(store.track("ann"), 4, "blinks", ("far",)))
-    store.put("ann", actions.mark_range(store.track("ann"), 2, 3, "book"))
+def test_a_new_target_keeps_the_tags_of_the_frames_and_a_range_their_note(store: LabelStore) -> None:
+    _range(store, 0, LAST, "cup")
+    _range(store, 3, 4, "ignore")
+    _note(store, 4, "blinks", ("far",))
+    _range(store, 2, 3, "book")
     assert store.track("ann")[2:5] == [
         Mark(target="book"),
         Mark(target="book", note="blinks", tags=("far",)),
@@ -170,42 +170,36 @@ def test_a_new_target_keeps_the_tags_of_the_frames_and_a_range_their_note(tmp_pa
     assert store.track("ann")[4] == Mark(target="cup", tags=("far",))
 
 
-def test_a_note_leaves_those_of_its_neighbours(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_a_note_leaves_those_of_its_neighbours(store: LabelStore) -> None:
     noted = [Stretch(first=at, last=at + 1, mark=Mark(target="cup", note=f"note {at}")) for at in (0, 2, 4, 6)]
     store.put("ann", noted)
-    store.put("ann", actions.annotate(store.track("ann"), 3, "glasses"))
+    _note(store, 3, "glasses")
     notes = ["note 0", "glasses", "note 4", "note 6"]
     assert [mark and mark.note for mark in store.track("ann")] == [note for note in notes for _ in range(2)]
 
 
-def test_a_note_is_on_all_frames_to_which_a_label_is_carried(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_a_note_is_on_all_frames_to_which_a_label_is_carried(store: LabelStore) -> None:
     _look(store, 2, "cup")
-    store.put("ann", actions.annotate(store.track("ann"), 2, "glasses"))
+    _note(store, 2, "glasses")
     assert [mark and mark.note for mark in store.track("ann")] == [None] * 2 + ["glasses"] * 6
 
 
-def test_a_confirmed_suggestion_keeps_its_note(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    store.put("ann", actions.annotate(store.track("ann"), 4, "glasses"))
+def test_a_confirmed_suggestion_keeps_its_note(store: LabelStore) -> None:
+    _suggest(store, ["cup"] * 8)
+    _note(store, 4, "glasses")
     store.put("ann", actions.confirm(store.track("ann"), 4))
     assert store.track("ann") == [Mark(target="cup", note="glasses")] * 8
 
 
-def test_the_id_of_a_change_is_known_also_after_a_restart(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_the_id_of_a_change_is_known_also_after_a_restart(store: LabelStore) -> None:
     with store.under("a"):
-        store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
-    store.put("ann", actions.mark_range(store.track("ann"), 2, 3, "cup"))
+        _range(store, 0, 1, "cup")
+    _range(store, 2, 3, "cup")
     assert store.requests == {"a"}
-    store.close()
-    assert _open(tmp_path).requests == {"a"}
+    assert _again(store).requests == {"a"}
 
 
-def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_seeing_frames_makes_no_other_tab_stale(store: LabelStore) -> None:
     _look(store, 0, "cup")
     revision = store.revision
     store.see("ann", 4)
@@ -213,29 +207,29 @@ def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("opened", [True, False], ids=["while open", "between"])
-def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: Path, opened: bool) -> None:
-    store = _open(tmp_path)
+def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(
+    store: LabelStore, tmp_path: Path, opened: bool
+) -> None:
     _look(store, 0, "cup")
     revision = store.revision
     if not opened:
         store.close()
     text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,10,ben,book,by hand\n"
-    (tmp_path / "annotations" / "clip.csv").write_text(text)
+    write_text(store.path, text)
     if not opened:
         store = _open(tmp_path)
     else:
         with pytest.raises(StaleRevisionError):
-            store.put("ann", actions.mark_range(store.track("ann"), 0, 0, "book"))
+            _range(store, 0, 0, "book")
     assert store.revision > revision
     assert [mark and mark.note for mark in store.track("ben")] == ["by hand"] * 8
-    assert (tmp_path / "annotations" / "clip.csv").read_text() == text
+    assert store.path.read_text() == text
 
 
-def test_a_csv_that_is_put_back_to_the_version_before_the_last_change_stays(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 3, "cup"))
+def test_a_csv_that_is_put_back_to_the_version_before_the_last_change_stays(store: LabelStore, tmp_path: Path) -> None:
+    _range(store, 0, 3, "cup")
     before = store.path.read_bytes()
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 3, "book"))
+    _range(store, 0, 3, "book")
     store.close()
     store.path.write_bytes(before)
     while store.path.stat().st_ctime_ns <= (tmp_path / "journal.jsonl").stat().st_ctime_ns:  # in one tick of its clock
@@ -253,106 +247,89 @@ def test_who_may_not_read_the_csv_may_not_read_its_journal(tmp_path: Path) -> No
     assert modes == {0o600}
 
 
-def test_a_deleted_csv_is_a_fresh_start(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_a_deleted_csv_is_a_fresh_start(store: LabelStore, tmp_path: Path) -> None:
     _look(store, 0, "cup")
     _look(store, 1, "book")
     store.close()
-    (tmp_path / "annotations" / "clip.csv").unlink()
+    store.path.unlink()
     assert _open(tmp_path).track("ann") == [None] * 8
 
 
-def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_undone(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_undone(
+    store: LabelStore, tmp_path: Path
+) -> None:
     _look(store, 0, "cup")
     _look(store, 1, "book")
-    kept = (tmp_path / "annotations" / "clip.csv").read_bytes()
-    (tmp_path / "annotations" / "clip.csv").unlink()
+    kept = store.path.read_bytes()
+    store.path.unlink()
     store.refresh()
-    assert (tmp_path / "annotations" / "clip.csv").read_bytes() == kept
-    (tmp_path / "annotations" / "clip.csv").unlink()
+    assert store.path.read_bytes() == kept
+    store.path.unlink()
     store.step_back("undo")
-    assert _targets(_file(tmp_path))[:2] == ["cup", "cup"]
+    assert _scored(tmp_path).startswith("cc")
     assert store.last_step("undo") is not None
 
 
-def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_restart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("refused", "file"),
+    [("harness.annotate.label_store.write_annotations", r"clip\.csv"), ("os.fsync", r"journal\.jsonl")],
+)
+def test_a_change_that_the_disk_does_not_take_is_not_made_and_not_made_by_a_restart(
+    store: LabelStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: str, file: str
 ) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
-    files = [tmp_path / "journal.jsonl", tmp_path / "annotations" / "clip.csv"]
+    _range(store, 0, 1, "cup")
+    files = [tmp_path / "journal.jsonl", store.path]
     before, shown = [path.read_bytes() for path in files], store.state()
     with monkeypatch.context() as patch:
-        patch.setattr("harness.annotate.label_store.write_annotations", lambda path, labels: _refuse(0))
+        patch.setattr(refused, _refuse)
         for change in (
-            lambda: store.put("ann", actions.mark_range(store.track("ann"), 4, 5, "book")),
+            lambda: _range(store, 4, 5, "book"),
             lambda: store.step_back("undo"),
             lambda: store.set_changes(store.reassigned("cup", "book")),
         ):
-            with pytest.raises(VfoaError, match=r"clip\.csv.*No space left"):
+            with pytest.raises(VfoaError, match=rf"{file}.*No space left"):
                 change()
             assert [path.read_bytes() for path in files] == before
             assert store.state() == shown
     assert store.names() == (*TARGETS, *SUBJECTS, "none", "ignore")
-    store.put("ann", actions.mark_range(store.track("ann"), 6, 6, "book"))
-    store.close()
-    assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
+    _range(store, 6, 6, "book")
+    assert _marks(_again(store)) == "cc....b."
 
 
-def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
-    before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
-    with monkeypatch.context() as patch:
-        patch.setattr("os.fsync", _refuse)
-        with pytest.raises(VfoaError, match=r"journal\.jsonl.*No space left"):
-            store.put("ann", actions.mark_range(store.track("ann"), 4, 5, "book"))
-    assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
-    store.put("ann", actions.mark_range(store.track("ann"), 6, 6, "book"))
-    store.close()
-    assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
-
-
-def _refuse(handle: int) -> None:
+def _refuse(*_: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
+    ("line", "found"),
     [
-        ("{", r":3: not JSON: .*; move the journal away"),
-        ("5", r":3: no entry; move the journal away"),
-        ('{"redo":true}', r":3: not a change of this clip: IndexError.*; move the journal away"),
-        ('{"seen":["bob",1]}', r":3: not a change of this clip: KeyError\('bob'\); move the journal away"),
-        ('{"change":{"subject":"ann"}}', r":3: not a change of this clip: KeyError\('after'\); move the journal away"),
-        ('{"seen":["ann",1000000000000]}', r":3: not a change of this clip: ValueError.*; move the journal away"),
+        ("{", "not JSON"),
+        ("5", "no entry"),
+        ('{"redo":true}', "IndexError"),
+        ('{"seen":["bob",1]}', r"KeyError\('bob'\)"),
+        ('{"seen":["ann",1000000000000]}', "ValueError"),
+        ('{"change":7}', "TypeError"),
+        ('{"change":{"subject":"ann"}}', r"KeyError\('after'\)"),
+        ('{"change":{"subject":"ann","before":[],"after":[[-3,-1]]}}', "ValueError"),
         (
             '{"change":{"subject":"ann","before":[],"after":[[5,1000000000000,"cup","",null,false,false]]}}',
-            r":3: not a change of this clip: ValueError.*; move the journal away",
+            "ValueError",
         ),
-        (
-            '{"change":{"subject":"ann","before":[],"after":[[-3,-1]]}}',
-            r":3: not a change of this clip: ValueError.*; move the journal away",
-        ),
-        ('{"change":7}', r":3: not a change of this clip: TypeError.*; move the journal away"),
     ],
 )
-def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
+def test_a_journal_that_was_changed_by_hand_is_one_line(
+    store: LabelStore, tmp_path: Path, line: str, found: str
+) -> None:
+    _range(store, 0, 1, "cup")
     store.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write(f"{line}\n")
-    with pytest.raises(VfoaError, match=f"journal\\.jsonl{message}"):
+    with pytest.raises(VfoaError, match=rf"journal\.jsonl:3: .*{found}"):
         _open(tmp_path)
 
 
-def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
+def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(store: LabelStore, tmp_path: Path) -> None:
+    _range(store, 0, 1, "cup")
     store.close()
     journal = tmp_path / "journal.jsonl"
     journal.write_text(journal.read_text().replace('"before"', '"earlier"'))
@@ -363,43 +340,31 @@ def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(tmp_path: Pat
     assert again.track("ann")[0] == Mark(target="cup")
 
 
-def test_a_note_may_hold_whatever_a_line_may(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
-    note = "à\u00a0gauche \u200d 目"
-    store.put("ann", actions.annotate(store.track("ann"), 0, note))
-    assert _file(tmp_path).at(1, "ann") == Label(target="cup", note=note)
-
-
-def test_two_servers_on_one_clip_are_refused(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    with pytest.raises(VfoaError, match=r"clip\.csv is being labelled by another vfoa annotate"):
+def test_two_servers_on_one_clip_are_refused(store: LabelStore, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"clip\.csv is being labelled"):
         _open(tmp_path)
     store.close()
     _open(tmp_path)
 
 
-def test_wrong_names_and_positions_are_refused_in_one_line(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_wrong_names_and_positions_are_refused_in_one_line(store: LabelStore, tmp_path: Path) -> None:
     for subject, first, last, target, found in (
-        ("anna", 0, 0, "cup", "unknown subject 'anna'; did you mean 'ann'"),
-        ("ann", 0, 0, "cupp", "unknown target 'cupp'; did you mean 'cup'"),
+        ("anna", 0, 0, "cup", "'anna'; did you mean 'ann'"),
+        ("ann", 0, 0, "cupp", "'cupp'; did you mean 'cup'"),
         ("ann", 0, 0, "ann", "'ann' looks at 'ann'"),
-        ("ann", -1, 0, "cup", "position -1 is outside the clip"),
-        ("ann", 0, 8, "cup", "position 8 is outside the clip; expected 0 to 7"),
-        ("ann", 3, 2, "cup", "position 3 comes after position 2"),
+        ("ann", -1, 0, "cup", "position -1 "),
+        ("ann", 0, 8, "cup", "position 8 .*expected 0 to 7"),
+        ("ann", 3, 2, "cup", "position 3 .*position 2"),
     ):
         with pytest.raises(VfoaError, match=found):
             store.put(subject, actions.mark_range(store.track("ann"), first, last, target))
     assert not (tmp_path / "annotations").exists()
 
 
-def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_believed(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 1, "cup"))
+def test_a_journal_of_a_clip_with_other_frames_or_people_is_not_believed(store: LabelStore, tmp_path: Path) -> None:
+    _range(store, 0, 1, "cup")
     store.close()
-    longer = _open(tmp_path, (*FRAMES, 11), ("ann",))
-    assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
+    assert _marks(_open(tmp_path, (*FRAMES, 11), ("ann",))) == "cc......."
 
 
 _STEP = st.one_of(
@@ -450,8 +415,7 @@ def test_a_restart_finds_everything_again_and_can_go_on_undoing(
     again.close()
 
 
-def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_path: Path) -> None:
-    store = _open(tmp_path)
+def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(store: LabelStore, tmp_path: Path) -> None:
     _look(store, 0, "cup")
     csv, journal = store.path.read_bytes(), (tmp_path / "journal.jsonl").read_bytes()
     before = _known(store)
@@ -466,12 +430,11 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
         (folder / "journal.jsonl").write_bytes(grown[:length])
         opened = _open(folder)
         assert _known(opened) == (after if length == len(grown) else before)
-        assert _targets(_file(folder))[0] == ("book" if length == len(grown) else "cup")
+        assert _scored(folder)[0] == ("b" if length == len(grown) else "c")
         opened.close()
 
 
-def test_a_label_over_labels_that_a_person_gave_counts_at_once(tmp_path: Path) -> None:
-    store = _open(tmp_path)
-    store.put("ann", actions.mark_range(store.track("ann"), 0, 5, "book"))
+def test_a_label_over_labels_that_a_person_gave_counts_at_once(store: LabelStore, tmp_path: Path) -> None:
+    _range(store, 0, 5, "book")
     _look(store, 2, "cup")
-    assert _targets(_file(tmp_path)) == ["book"] * 2 + ["cup"] * 4 + [None] * 2
+    assert _scored(tmp_path) == "bbcccc.."
