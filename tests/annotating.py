@@ -19,6 +19,7 @@ from harness.run.records import FrameRecord
 from harness.sources import Clip
 from harness.studio import StudioSettings
 from harness.studio.store import cache_folder
+from tests.browser import BrowserPage
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record, write_run
 from tests.repository import REPOSITORY
@@ -187,11 +188,12 @@ STRIP = "#timelines .current > div"
 """The timeline of the subject who is labelled."""
 
 
-class LabellingPage:
+class LabellingPage(BrowserPage):
     """The labelling page in a browser: what a person sees and presses, and the labels that are in the file then."""
 
     def __init__(self, browser: Chrome, page: Page) -> None:
-        self.browser, self.address, self.session = browser, page.address, page.session
+        super().__init__(browser)
+        self.address, self.session = page.address, page.session
         self.open()
 
     def open(self) -> None:
@@ -207,18 +209,6 @@ class LabellingPage:
     def settle(self) -> None:
         """Wait until the page shows and has saved everything."""
         wait_for(lambda: self.js("return document.body.getAttribute('aria-busy') === 'false'"))
-
-    def js(self, script: str, *arguments: object) -> Any:
-        return self.browser.execute_script(script, *arguments)
-
-    def find(self, selector: str) -> WebElement:
-        return self.browser.find_element("css selector", selector)
-
-    def all(self, selector: str) -> list[WebElement]:
-        return self.browser.find_elements("css selector", selector)
-
-    def text(self, selector: str) -> str:
-        return self.find(selector).text
 
     @property
     def focused(self) -> WebElement:

@@ -13,6 +13,7 @@ import pytest
 
 if TYPE_CHECKING:
     from selenium.webdriver import ActionChains, Chrome
+    from selenium.webdriver.remote.webelement import WebElement
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run"),
@@ -56,6 +57,28 @@ def wait_until_drawn(browser: Chrome) -> None:
     WebDriverWait(browser, 60).until(
         lambda found: found.execute_script("return document.documentElement.dataset.ready === 'yes'")
     )
+
+
+class BrowserPage:
+    """A page in a browser: its parts, by CSS selectors, and what its scripts answer."""
+
+    def __init__(self, browser: Chrome) -> None:
+        self.browser = browser
+
+    def js(self, script: str, *arguments: object) -> Any:
+        return self.browser.execute_script(script, *arguments)
+
+    def js_async(self, script: str, *arguments: object) -> Any:
+        return self.browser.execute_async_script(script, *arguments)
+
+    def find(self, selector: str) -> WebElement:
+        return self.browser.find_element("css selector", selector)
+
+    def all(self, selector: str) -> list[WebElement]:
+        return self.browser.find_elements("css selector", selector)
+
+    def text(self, selector: str) -> str:
+        return self.find(selector).text
 
 
 DEAD_BUTTONS = """

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -21,9 +23,10 @@ from harness.labels.labels import Labels
 from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
+from harness.run.records import FrameRecord, TargetRecord
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
-from tests.browser import point_at, requested, set_width, wait_until_drawn
+from tests.browser import BrowserPage, point_at, requested, set_width, wait_until_drawn
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
 
 if TYPE_CHECKING:
@@ -36,6 +39,8 @@ GIVEN = {
     "one": ("cup", "dragon", "dragon", "cup", "cup", None),
     "it's two": ("cup", "cup", "dragon", "none", "cup", "cup"),
 }
+LEFT, RIGHT, DOWN, PAGE_DOWN = "\ue012", "\ue014", "\ue015", "\ue00f"
+ENTER, ESCAPE = "\ue007", "\ue00c"
 PICTURE_RGB = (200, 40, 160)
 SEEN = Thumbnail(
     frame=2,
@@ -46,117 +51,146 @@ SEEN = Thumbnail(
 """The verdict of frame 2, whose truth is the cup and whose answer is the dragon."""
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    run = tmp_path_factory.mktemp("a run")
+class ReportPage(BrowserPage):
+    """A report page in the browser, as a person reads it."""
+
+    def open(self, path: Path, *, width_px: int = 1280, **shown: Any) -> None:
+        """Open the page of a run, as at an address with what is shown, and wait until it has drawn everything."""
+        self.browser.get("about:blank")
+        self.browser.get_log("browser")
+        requested(self.browser)
+        set_width(self.browser, width_px)
+        self.browser.get(path.as_uri() + ("#" + _address(**shown) if shown else ""))
+        wait_until_drawn(self.browser)
+
+    def wait(self, condition: Callable[[], Any], said: str = "") -> Any:
+        """What a condition returns, as soon as it holds."""
+        from selenium.webdriver.support.wait import WebDriverWait
+
+        return WebDriverWait(self.browser, 60).until(lambda _: condition(), said)
+
+    @contextmanager
+    def media(self, **emulated: Any) -> Iterator[None]:
+        """Show pages as this says (CDP's ``setEmulatedMedia``) until the block ends."""
+        self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", emulated)
+        try:
+            yield
+        finally:
+            self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+
+    def click(self, part: WebElement) -> None:
+        """Click a part, also one that something covers or that is drawn as SVG."""
+        self.js("arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", part)
+
+    def press(self, *keys: str) -> None:
+        self.find("#timeline").send_keys(*keys)
+
+    def box(self, text: str) -> str:
+        """The text of a frame's box, as soon as it contains this."""
+        box = self.find("#frame")
+        self.wait(lambda: text in box.text, text)
+        return box.text
+
+    def button(self, words: str) -> WebElement:
+        """The part of a figure whose label begins with these words, as soon as it is drawn."""
+        return self.wait(lambda: self.all(f'[role="button"][aria-label^="{words}"]'), words)[0]
+
+    def wait_for_place(self, configuration: str, clip: str, subject: str, frame: int) -> None:
+        canvas, place = self.find("#timeline"), [configuration, clip, subject, str(frame)]
+        keys = ("data-config", "data-clip", "data-subject", "data-frame")
+        self.wait(lambda: [canvas.get_attribute(key) for key in keys] == place, str(place))
+
+
+def _address(**shown: Any) -> str:
+    return "&".join(f"{key}={value}" for key, value in shown.items())
+
+
+def _write(run: Path, given: Mapping[str, Sequence[str | None]], **truth: Sequence[str]) -> Path:
+    """The page of a run of these clips, each with the answers that the configurations give."""
     records = [
-        each
-        for clip in ("clip", "other")
-        for name, given in GIVEN.items()
-        for each in answers(given, configuration=name, clip=clip)
+        record
+        for clip in truth
+        for name, answered in given.items()
+        for record in answers(answered, configuration=name, clip=clip)
     ]
-    atomic_write(picture_path(run, "clip", 2), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
-    atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
-    score_run(run, records, Reference(labels={name: labels(*TRUTH) for name in ("clip", "other")}))
+    return _write_records(run, records, **truth)
+
+
+def _write_records(run: Path, records: Sequence[FrameRecord], **truth: Sequence[str]) -> Path:
+    score_run(run, records, Reference(labels={clip: labels(*targets) for clip, targets in truth.items()}))
     return run / "report.html"
 
 
+@pytest.fixture
+def report(chrome: Chrome) -> ReportPage:
+    return ReportPage(chrome)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of two clips under two configurations, with the picture of one wrong frame."""
+    run = tmp_path_factory.mktemp("a run")
+    _write_picture(run, "clip", 2)
+    atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
+    return _write(run, GIVEN, clip=TRUTH, other=TRUTH)
+
+
+def _write_picture(run: Path, clip: str, frame: int) -> None:
+    atomic_write(picture_path(run, clip, frame), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
+
+
 @pytest.fixture(params=[1280, 390], ids=["wide", "phone"])
-def browser(chrome: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
-    """The page, freshly opened."""
-    chrome.get("about:blank")
-    chrome.get_log("browser")
-    requested(chrome)
-    set_width(chrome, request.param)
-    _open(chrome, page)
-    return chrome
+def page(report: ReportPage, small: Path, request: pytest.FixtureRequest) -> ReportPage:
+    """The small page, freshly opened."""
+    report.open(small, width_px=request.param)
+    return report
 
 
-def _open(browser: Chrome, page: Path, **shown: Any) -> None:
-    browser.get(page.as_uri() + ("#" + "&".join(f"{key}={value}" for key, value in shown.items()) if shown else ""))
-    wait_until_drawn(browser)
+def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(page: ReportPage, small: Path) -> None:
+    for fold in page.all("details:not([open]) > summary"):
+        page.click(fold)
+    assert requested(page.browser) == [small.as_uri()]
+    assert page.browser.get_log("browser") == []
+    assert page.js("return document.documentElement.scrollWidth <= innerWidth")
 
 
-def _press(browser: Chrome, *keys: str) -> None:
-    browser.find_element("id", "timeline").send_keys(*keys)
-
-
-def _wait_for_box(browser: Chrome, text: str) -> str:
-    """The text of a frame's box, as soon as it contains this."""
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    box = browser.find_element("id", "frame")
-    WebDriverWait(browser, 60).until(lambda _: text in box.text, text)
-    return box.text
-
-
-def _wait_until_closed(browser: Chrome) -> None:
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    WebDriverWait(browser, 60).until(lambda found: not found.find_element("id", "frame").is_displayed())
-
-
-def _button(browser: Chrome, words: str) -> WebElement:
-    """The part of a figure whose label begins with these words, as soon as it is drawn."""
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    part = f'[role="button"][aria-label^="{words}"]'
-    return WebDriverWait(browser, 60).until(lambda found: found.find_element("css selector", part))
-
-
-def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(browser: Chrome, page: Path) -> None:
-    for fold in browser.find_elements("css selector", "details:not([open]) > summary"):
-        browser.execute_script("arguments[0].click()", fold)
-    assert requested(browser) == [page.as_uri()]
-    assert browser.get_log("browser") == []
-    assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
-
-
-def test_the_first_screen_is_the_answer(browser: Chrome) -> None:
-    best, baseline, difference, why, step = browser.find_element("id", "verdict").text.split("\n")
+def test_the_first_screen_is_the_answer(page: ReportPage) -> None:
+    best, baseline, difference, why, step = page.find("#verdict").text.split("\n")
     assert best.startswith("Best of 2: it's two, right in 100.0 % ")
     assert "simple rule" in baseline
     assert "one or it's two" in difference
     assert "60.0 points" in difference
     assert why.startswith("2 of 6 wrong frames ")
     assert step.startswith("Next: ")
-    rates = [
-        _button(browser, f"{name}: FRR {rate} %").get_attribute("aria-label")
-        for name, rate in (("one", "40.0"), ("it's two", "100.0"))
-    ]
-    assert all("n 10," in str(each) for each in rates)
-    low = browser.find_element("css selector", "#draw-forest [role=button]").rect
+    for rate in ("one: FRR 40.0 %", "it's two: FRR 100.0 %"):
+        assert "n 10," in str(page.button(rate).get_attribute("aria-label"))
+    low = page.find("#draw-forest [role=button]").rect
     assert low["y"] + low["height"] < 900
 
 
-def test_the_keyboard_goes_from_failure_to_failure_round_and_round(browser: Chrome, page: Path) -> None:
-    from selenium.webdriver.common.keys import Keys
-
-    assert not browser.find_element("id", "frame").is_displayed()
+def test_the_keyboard_goes_from_failure_to_failure_round_and_round(page: ReportPage, small: Path) -> None:
+    assert not page.find("#frame").is_displayed()
     for frame, truth, predicted, error_type in (
         (2, "cup", "dragon", "missed"),
         (4, "none", "cup", "false_attention"),
         (6, "cup", "no prediction", "no_subject"),
         (2, "cup", "dragon", "missed"),  # of the other clip
     ):
-        _press(browser, "n")
-        text = _wait_for_box(browser, f"Frame {frame} – wrong")
+        page.press("n")
+        text = page.box(f"Frame {frame} – wrong")
         assert f"Truth: {truth}. Predicted: {predicted}." in text
         assert ERROR_TYPES[error_type].lower() in text.lower()
-        assert f"frame={frame}" in browser.current_url
-        said = str(browser.find_element("id", "timeline").get_attribute("aria-valuetext"))
-        assert (
-            said
-            == f"Frame {frame}, girl, one: wrong: {error_type.replace('_', ' ')}. Truth {truth}, predicted {predicted}."
-        )
-    _press(browser, "p")
-    _wait_for_box(browser, "Frame 6 – wrong")
-    _press(browser, Keys.ARROW_DOWN)
-    _wait_for_box(browser, "Frame 6 – correct")
-    command = browser.find_element("css selector", "#frame code").text
-    assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6 --subject girl"""
-    _press(browser, Keys.ESCAPE)
-    _wait_until_closed(browser)
+        assert f"frame={frame}" in page.browser.current_url
+        outcome = f"wrong: {error_type.replace('_', ' ')}. Truth {truth}, predicted {predicted}."
+        assert page.find("#timeline").get_attribute("aria-valuetext") == f"Frame {frame}, girl, one: {outcome}"
+    page.press("p")
+    page.box("Frame 6 – wrong")
+    page.press(DOWN)
+    page.box("Frame 6 – correct")
+    command = page.find("#frame code").text
+    assert command == f"""vfoa view '{small.parent}' --clip clip --config 'it'"'"'s two' --frame 6 --subject girl"""
+    page.press(ESCAPE)
+    page.wait(lambda: not page.find("#frame").is_displayed())
 
 
 @pytest.fixture(scope="module")
@@ -186,69 +220,47 @@ WRONG = (
 """Configuration, clip, subject and frame of each wrong frame, in the order in which N visits them."""
 
 
-def _wait_for_place(browser: Chrome, place: tuple[str, str, str, int]) -> None:
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    canvas = browser.find_element("id", "timeline")
-    keys = ("data-config", "data-clip", "data-subject", "data-frame")
-    wanted = [str(each) for each in place]
-    WebDriverWait(browser, 60).until(lambda _: [canvas.get_attribute(key) for key in keys] == wanted, str(place))
-
-
-def test_keys_visit_the_wrong_frames_of_all_configurations_clips_and_subjects(chrome: Chrome, crowded: Path) -> None:
-    chrome.get("about:blank")
-    set_width(chrome, 1280)
-    _open(chrome, crowded)
+def test_keys_visit_the_wrong_frames_of_all_configurations_clips_and_subjects(
+    report: ReportPage, crowded: Path
+) -> None:
+    report.open(crowded)
     for place in (*WRONG, *WRONG[:2]):
-        _press(chrome, "n")
-        _wait_for_place(chrome, place)
+        report.press("n")
+        report.wait_for_place(*place)
     for place in (WRONG[0], *WRONG[::-1]):
-        _press(chrome, "p")
-        _wait_for_place(chrome, place)
-    _press(chrome, "n", "n", "n")  # faster than the page is drawn
-    _wait_for_place(chrome, WRONG[3])
+        report.press("p")
+        report.wait_for_place(*place)
+    report.press("n", "n", "n")  # faster than the page is drawn
+    report.wait_for_place(*WRONG[3])
 
 
-def test_keys_stay_in_what_was_selected_in_a_figure(chrome: Chrome, crowded: Path) -> None:
-    chrome.get("about:blank")
-    set_width(chrome, 1280)
-    _open(chrome, crowded)
-    _button(chrome, "one: 4 of 8 frames missed").send_keys("\ue007")  # of all clips
+def test_keys_stay_in_what_was_selected_in_a_figure(report: ReportPage, crowded: Path) -> None:
+    report.open(crowded, clip="b", config="two", subject="girl", frame=1)
+    report.wait_for_place("two", "b", "girl", 1)
+    report.button("one: 4 of 8 frames missed").send_keys(ENTER)  # of all clips
     for place in (*WRONG[:4], *WRONG[:1]):
-        _wait_for_place(chrome, place)
-        _press(chrome, "n")
-    chrome.execute_script(
-        "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))",
-        _button(chrome, "one: truth cup, answer can: 2 of 4"),  # of the first clip
-    )
+        report.wait_for_place(*place)
+        report.press("n")
+    report.click(report.button("one: truth cup, answer can: 2 of 4"))  # of the first clip
     for place in (*WRONG[:2], *WRONG[:1]):
-        _wait_for_place(chrome, place)
-        _press(chrome, "n")
-    assert chrome.find_element("css selector", ".chip").text.startswith("N and P: cup answered as can, one, a")
-    from_outside = {"clip": "b", "config": "two", "subject": "girl", "frame": 1}
+        report.wait_for_place(*place)
+        report.press("n")
+    assert report.find(".chip").text.startswith("N and P: cup answered as can, one, a")
     for key, place in (("n", WRONG[0]), ("p", WRONG[1])):
-        chrome.execute_script(
-            "location.hash = arguments[0]", "&".join(f"{key}={value}" for key, value in from_outside.items())
-        )
-        _wait_for_place(chrome, ("two", "b", "girl", 1))
-        _press(chrome, key)
-        _wait_for_place(chrome, place)
+        report.js("location.hash = arguments[0]", _address(clip="b", config="two", subject="girl", frame=1))
+        report.wait_for_place("two", "b", "girl", 1)
+        report.press(key)
+        report.wait_for_place(*place)
 
 
-def test_an_address_shows_its_frame(chrome: Chrome, page: Path) -> None:
-    chrome.get("about:blank")
-    _open(chrome, page, clip="other", config="one", subject="girl", frame=4)
-    assert "other, girl, one" in _wait_for_box(chrome, "Frame 4 – wrong: false attention")
-
-
-def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(browser: Chrome) -> None:
-    point_at(browser, "one", 2).perform()
-    _wait_for_box(browser, "Frame 2 – wrong")
-    rows = [row.text for row in browser.find_elements("css selector", "#frame tr")]
+def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(page: ReportPage) -> None:
+    point_at(page.browser, "one", 2).perform()
+    page.box("Frame 2 – wrong")
+    rows = [row.text for row in page.all("#frame tr")]
     assert rows == ["Attention total gaze head", "dragon (predicted) 0.50 0.50 –"]
-    point_at(browser, "it's two", 3).click().perform()
-    _wait_for_box(browser, "Frame 3 – correct")
-    assert "frame=3" in browser.current_url
+    point_at(page.browser, "it's two", 3).click().perform()
+    page.box("Frame 3 – correct")
+    assert "frame=3" in page.browser.current_url
 
 
 WRONG_OF_LONG = (*range(400, 410), 777, 1490)
@@ -259,70 +271,60 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of 1,500 frames of which twelve are wrong, the last of them without a person."""
     run = tmp_path_factory.mktemp("long")
     given = [{1490: None}.get(frame, "dragon") if frame in WRONG_OF_LONG else "cup" for frame in range(1, 1501)]
-    score_run(run, answers(given), Reference(labels={"clip": labels(*["cup"] * 1500)}))
-    return run / "report.html"
+    return _write(run, {"one": given}, clip=["cup"] * 1500)
 
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_wrong_frame_among_1500_is_found_by_keys_clicks_and_the_filter(
-    chrome: Chrome, long: Path, width: int
+    report: ReportPage, long: Path, width: int
 ) -> None:
-    from selenium.webdriver.common.keys import Keys
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    chrome.get("about:blank")
-    set_width(chrome, width)
-    _open(chrome, long)
+    report.open(long, width_px=width)
     for key, frames in (("n", WRONG_OF_LONG), ("p", WRONG_OF_LONG[-2::-1])):
         for frame in frames:
-            _press(chrome, key)
-            _wait_for_place(chrome, ("one", "clip", "girl", frame))
-    _press(chrome, Keys.ARROW_RIGHT, Keys.PAGE_DOWN, Keys.ARROW_LEFT)
-    _wait_for_place(chrome, ("one", "clip", "girl", 425))
-    point_at(chrome, "one", 777).click().perform()  # its pixel holds others that are right
-    _wait_for_place(chrome, ("one", "clip", "girl", 777))
-    _wait_for_box(chrome, "Frame 777 – wrong: missed")
-    chrome.execute_script("document.getElementById('wrong-frames').open = true")
+            report.press(key)
+            report.wait_for_place("one", "clip", "girl", frame)
+    report.press(RIGHT, PAGE_DOWN, LEFT)
+    report.wait_for_place("one", "clip", "girl", 425)
+    point_at(report.browser, "one", 777).click().perform()  # its pixel holds others that are right
+    report.wait_for_place("one", "clip", "girl", 777)
+    report.box("Frame 777 – wrong: missed")
+    report.js("document.getElementById('wrong-frames').open = true")
     links = "#wrong-frames tbody a"
-    WebDriverWait(chrome, 60).until(lambda found: len(found.find_elements("css selector", links)) == 12)
-    chrome.find_element("css selector", "#wrong-frames input").send_keys("no subject")
-    (link,) = chrome.find_elements("css selector", links)
-    chrome.execute_script("arguments[0].click()", link)  # the box of the frame shown covers it
-    _wait_for_box(chrome, "Frame 1490 – wrong: no subject")
+    report.wait(lambda: len(report.all(links)) == 12)
+    report.find("#wrong-frames input").send_keys("no subject")
+    (link,) = report.all(links)
+    report.click(link)  # the box of the frame shown covers it
+    report.box("Frame 1490 – wrong: no subject")
 
 
-def test_the_canvas_has_the_outcome_of_each_frame(chrome: Chrome, page: Path) -> None:
-    chrome.get("about:blank")
-    set_width(chrome, 1280)
-    _open(chrome, page)
-    one, two = (_pixels_of_strip(chrome, name, len(TRUTH)) for name in GIVEN)
+def test_the_canvas_has_the_outcome_of_each_frame(report: ReportPage, small: Path) -> None:
+    report.open(small)
+    one, two = (_pixels_of_strip(report, name, len(TRUTH)) for name in GIVEN)
     right, wrong = one[:2]
     assert one[2] == two[0] == two[1] == right
     assert len({right, wrong, *one[3:]}) == 5  # three error types, and unscored
 
 
+def _given(*targets: TargetRecord, **subject: Any) -> FrameRecord:
+    """A frame in which the girl looks as this says."""
+    return frame_record(targets or [CUP], [subject_record("girl", **subject)])
+
+
+MISSING = ("no_eyes_3d", "no_direction", "no_answer", "no_object")
+TURNED_AWAY = replace(subject_record("girl", missing="no_direction"), no_gaze="face_turned_away")
 ONE_OF_EACH = {
     "correct": (answers(["cup"])[0], "cup"),
     "unscored": (answers(["cup"])[0], "ignore"),
     "no_subject": (frame_record([CUP]), "cup"),
-    "no_eyes_3d": (frame_record([CUP], [subject_record("girl", missing="no_eyes_3d")]), "cup"),
-    "face_turned_away": (
-        frame_record([CUP], [replace(subject_record("girl", missing="no_direction"), no_gaze="face_turned_away")]),
-        "cup",
-    ),
-    "no_direction": (frame_record([CUP], [subject_record("girl", missing="no_direction")]), "cup"),
-    "no_answer": (frame_record([CUP], [subject_record("girl", missing="no_answer")]), "cup"),
-    "no_object": (frame_record([CUP], [subject_record("girl", missing="no_object")]), "cup"),
-    "target_not_segmented": (frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup"),
-    "target_without_box": (frame_record([target_record(1, "cup", center=None)], [subject_record("girl")]), "cup"),
+    "face_turned_away": (frame_record([CUP], [TURNED_AWAY]), "cup"),
+    **{name: (_given(missing=name), "cup") for name in MISSING},
+    "target_not_segmented": (_given(CAN, totals={2: 0.5}, focus=2), "cup"),
+    "target_without_box": (_given(target_record(1, "cup", center=None)), "cup"),
     "false_attention": (answers(["cup"])[0], "none"),
-    "wrong_subject": (
-        frame_record([CUP, target_record(8, "girl")], [subject_record("girl", totals={8: 0.5}, focus=8)]),
-        "cup",
-    ),
-    "no_hit": (frame_record([CUP], [subject_record("girl", totals={1: 0.0})]), "cup"),
-    "missed": (frame_record([CUP, CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup"),
-    "outscored": (frame_record([CUP], [subject_record("girl", totals={1: 0.2})]), "cup"),
+    "wrong_subject": (_given(CUP, target_record(8, "girl"), totals={8: 0.5}, focus=8), "cup"),
+    "no_hit": (_given(totals={1: 0.0}), "cup"),
+    "missed": (_given(CUP, CAN, totals={2: 0.5}, focus=2), "cup"),
+    "outscored": (_given(totals={1: 0.2}), "cup"),
 }
 """For each state of a frame, a record that has it, and the true target."""
 
@@ -332,40 +334,29 @@ def colourful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of one subject whose frames have one state after the other."""
     run = tmp_path_factory.mktemp("states")
     records = [replace(record, frame=frame) for frame, (record, _) in enumerate(ONE_OF_EACH.values(), start=1)]
-    truth = labels(*(target for _, target in ONE_OF_EACH.values()))
-    score_run(run, records, Reference(labels={"clip": truth}))
-    return run / "report.html"
+    return _write_records(run, records, clip=[target for _, target in ONE_OF_EACH.values()])
 
 
 @pytest.mark.parametrize(("mode", "scheme"), [(0, "light"), (1, "dark")])
 def test_every_error_type_has_a_colour_of_its_own_in_all_figures(
-    chrome: Chrome, colourful: Path, mode: int, scheme: str
+    report: ReportPage, colourful: Path, mode: int, scheme: str
 ) -> None:
-    chrome.get("about:blank")
-    set_width(chrome, 1280)
-    chrome.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    )
-    try:
-        _open(chrome, colourful)
-        strip = _pixels_of_strip(chrome, "one", len(ONE_OF_EACH))
-        parts = chrome.find_elements("css selector", "#draw-errors .part rect")
-        keys = chrome.find_elements("css selector", "#draw-errors .swatch")
-        bars, swatches = [[_pixel(each) for each in group] for group in (parts, keys)]
-        ground = _rgb(chrome.execute_script("return getComputedStyle(document.body).backgroundColor"))
-    finally:
-        chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    drawn = dict(zip(ONE_OF_EACH, strip, strict=True))
-    wrong = [drawn[name] for name in ERROR_TYPES]
-    assert wrong == [ImageColor.getrgb(ERROR_COLOURS[name][mode]) for name in ERROR_TYPES]
-    assert bars == wrong
-    assert swatches == wrong
-    assert len({*strip, ground}) == len(ONE_OF_EACH) + 1
+    with report.media(features=[{"name": "prefers-color-scheme", "value": scheme}]):
+        report.open(colourful)
+        drawn = dict(zip(ONE_OF_EACH, _pixels_of_strip(report, "one", len(ONE_OF_EACH)), strict=True))
+        bars, swatches = (
+            [_pixel(each) for each in report.all(f"#draw-errors {of}")] for of in (".part rect", ".swatch")
+        )
+        ground = _rgb(report.js("return getComputedStyle(document.body).backgroundColor"))
+        wrong = [drawn[name] for name in ERROR_TYPES]
+        assert wrong == [ImageColor.getrgb(ERROR_COLOURS[name][mode]) for name in ERROR_TYPES]
+        assert bars == swatches == wrong
+    assert len({*drawn.values(), ground}) == len(ONE_OF_EACH) + 1
 
 
-def _pixels_of_strip(browser: Chrome, configuration: str, frames: int) -> list[tuple[int, ...]]:
+def _pixels_of_strip(page: ReportPage, configuration: str, frames: int) -> list[tuple[int, ...]]:
     """The RGB colour of each of a clip's frames in the timeline of a configuration."""
-    pixels = browser.execute_async_script(
+    pixels = page.js_async(
         """
         const [name, frames, done] = arguments, sheet = document.getElementById("timeline");
         requestAnimationFrame(() => requestAnimationFrame(() => {
@@ -392,117 +383,81 @@ def _rgb(css: str) -> tuple[int, ...]:
     return tuple(int(each) for each in re.findall(r"\d+", css)[:3])
 
 
-def test_a_cell_of_the_confusion_leads_to_its_frames_which_n_then_visits(browser: Chrome) -> None:
-    browser.execute_script(
-        "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))",
-        _button(browser, "one: truth cup, answer dragon: 1 of 3"),
-    )
-    _wait_for_box(browser, "Frame 2 – wrong: missed")
-    assert "cup answered as dragon" in browser.find_element("css selector", ".chip").text
-    _press(browser, "n")
-    _wait_for_box(browser, "Frame 2 – wrong: missed")
-
-
-def test_a_point_of_the_forest_and_an_error_type_lead_to_frames(browser: Chrome) -> None:
+def test_a_point_of_the_forest_and_an_error_type_lead_to_frames(page: ReportPage) -> None:
     for words, frame in (
         ("one on other:", "Frame 2 – wrong: missed"),
         ("one: 2 of 10 frames no subject", "Frame 6 – wrong"),
     ):
-        _button(browser, words).send_keys("\ue007")
-        _wait_for_box(browser, frame)
-    assert "clip=clip" in browser.current_url
+        page.button(words).send_keys(ENTER)
+        page.box(frame)
+    assert "clip=clip" in page.browser.current_url
 
 
-def test_the_forest_rounds_rates_and_intervals_as_the_table_does(chrome: Chrome, tmp_path: Path) -> None:
+def test_the_forest_rounds_rates_and_intervals_as_the_table_does(report: ReportPage, tmp_path: Path) -> None:
     """1 of 16 is 6.25 %, a tie that Python rounds to 6.2 and JavaScript's toFixed to 6.3."""
-    given = ["cup", *["dragon"] * 15]
-    records = [record for clip in ("a", "b") for record in answers(given, clip=clip)]
-    of_clips = Reference(labels={clip: labels(*["cup"] * 16) for clip in ("a", "b")})
-    score_run(tmp_path, records, of_clips)
-    set_width(chrome, 1280)
+    report.open(_write(tmp_path, {"one": ["cup", *["dragon"] * 15]}, a=["cup"] * 16, b=["cup"] * 16))
     last = (tmp_path / "frr.md").read_text(encoding="utf-8").partition("| (all) |")[2].split("|")
-    _open(chrome, tmp_path / "report.html")
-    shown = {element.text for element in chrome.find_elements("css selector", "svg text")}
-    assert {f"{last[3].strip()} %", last[4].strip()} <= shown
-    assert f"{last[3].strip()} %" == "6.2 %"
+    assert last[3].strip() == "6.2"
+    assert {"6.2 %", last[4].strip()} <= {element.text for element in report.all("svg text")}
 
 
-def test_tables_are_sorted_and_filtered(chrome: Chrome, page: Path) -> None:
-    chrome.get("about:blank")
-    set_width(chrome, 1280)
-    _open(chrome, page)
-    fold = chrome.find_element("id", "wrong-frames")
-    chrome.execute_script("arguments[0].open = true", fold)
-    chrome.execute_script("document.querySelector('details[data-table=\"0\"]').open = true")
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    rows = "details[data-table='0'] tbody tr"
-    WebDriverWait(chrome, 60).until(lambda found: found.find_elements("css selector", rows))
-    head = next(
-        each for each in chrome.find_elements("css selector", "details[data-table='0'] .head") if each.text == "FRR %"
+def test_tables_are_sorted_and_filtered(report: ReportPage, small: Path) -> None:
+    report.open(small)
+    table = "details[data-table='0']"
+    report.js(
+        "document.querySelectorAll('#wrong-frames, details[data-table=\"0\"]').forEach((each) => each.open = true)"
     )
+    report.wait(lambda: report.all(f"{table} tbody tr"))
+    (head,) = (each for each in report.all(f"{table} .head") if each.text == "FRR %")
     for expected in (["100.0"] * 3 + ["40.0"] * 3, ["40.0"] * 3 + ["100.0"] * 3):
-        chrome.execute_script("arguments[0].click()", head)
-        assert [
-            each.find_elements("tag name", "td")[3].text for each in chrome.find_elements("css selector", rows)
-        ] == expected
-    links = fold.find_elements("css selector", "tbody a")
+        report.click(head)
+        assert [each.text for each in report.all(f"{table} tbody tr td:nth-of-type(4)")] == expected
+    links = report.all("#wrong-frames tbody a")
     assert [link.text for link in links] == ["2", "4", "6"]
-    chrome.execute_script("arguments[0].click()", links[1])
-    _wait_for_box(chrome, "Frame 4 – wrong")
+    report.click(links[1])
+    report.box("Frame 4 – wrong")
 
 
-def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(browser: Chrome) -> None:
-    _press(browser, "n")
-    _wait_for_box(browser, "Frame 2 – wrong")
-    thumbnail = browser.find_element("css selector", "#frame svg.thumbnail")
-    browser.execute_script("arguments[0].scrollIntoView()", thumbnail)
+def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(page: ReportPage) -> None:
+    page.press("n")
+    page.box("Frame 2 – wrong")
+    thumbnail = page.find("#frame svg.thumbnail")
+    page.js("arguments[0].scrollIntoView()", thumbnail)
     shown = np.asarray(Image.open(io.BytesIO(thumbnail.screenshot_as_png)).convert("RGB"))
     height, width = shown.shape[:2]
     assert width / height == pytest.approx(2, rel=0.02)
     corner = shown[int(0.9 * height), int(0.3 * width)]
     assert np.abs(corner.astype(int) - PICTURE_RGB).max() < 12  # lossy, but it is that picture
-    marked = {
-        role: [
-            thumbnail.find_element("css selector", f"rect.{role}").get_dom_attribute(name) for name in ("x", "width")
-        ]
-        for role in ("truth", "predicted", "face", "other")
-    }
-    assert marked == {"truth": ["20", "40"], "predicted": ["120", "40"], "face": ["90", "20"], "other": ["180", "10"]}
+    for role, place in {"truth": "20 40", "predicted": "120 40", "face": "90 20", "other": "180 10"}.items():
+        box = page.find(f"#frame svg.thumbnail rect.{role}")
+        assert f"{box.get_dom_attribute('x')} {box.get_dom_attribute('width')}" == place
     texts = [each.text for each in thumbnail.find_elements("tag name", "text")]
     assert {"✓ truth: cup", "✗ predicted: dragon", "girl", "lamp"} == set(texts)
-    dashes = thumbnail.find_element("css selector", "rect.predicted").value_of_css_property("stroke-dasharray")
-    assert dashes != "none"
-    assert thumbnail.find_element("css selector", "polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
-    _press(browser, "n")
-    _wait_for_box(browser, "Frame 4 – wrong")
-    assert browser.find_elements("css selector", "#frame svg.thumbnail") == []
+    assert page.find("#frame rect.predicted").value_of_css_property("stroke-dasharray") != "none"
+    assert page.find("#frame polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
+    page.press("n")
+    page.box("Frame 4 – wrong")
+    assert page.all("#frame svg.thumbnail") == []
 
 
-def _copy(chrome: Chrome, figure: str, *kinds: str) -> None:
+def _copy(page: ReportPage, figure: str, *kinds: str) -> None:
     """Copy a figure as each of these kinds; ``window.copied`` are the blobs."""
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    chrome.execute_script(
+    page.js(
         "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
         "window.copied.push(await item.getType(item.types[0]))}}, configurable: true});"
     )
     for kind in kinds:
-        button = chrome.find_element("css selector", f'[aria-label="Copy {figure} as {kind}"]')
-        chrome.execute_script("arguments[0].click()", button)
-    WebDriverWait(chrome, 60).until(lambda found: found.execute_script("return window.copied.length") == len(kinds))
+        page.click(page.find(f'[aria-label="Copy {figure} as {kind}"]'))
+    page.wait(lambda: page.js("return window.copied.length") == len(kinds))
 
 
-def test_figures_are_copied_as_csv_and_svg_that_stand_alone(chrome: Chrome, page: Path) -> None:
-    chrome.get("about:blank")
-    _open(chrome, page)
-    _copy(chrome, "Over all clips", "CSV", "SVG")
-    table, figure = chrome.execute_async_script(
-        "Promise.all(window.copied.map((each) => each.text())).then(arguments[0])"
-    )
+def test_figures_are_copied_as_csv_and_svg_that_stand_alone(report: ReportPage, small: Path) -> None:
+    report.open(small)
+    _copy(report, "Over all clips", "CSV", "SVG")
+    table, figure = report.js_async("Promise.all(window.copied.map((each) => each.text())).then(arguments[0])")
     assert table.splitlines()[0] == "clip,configuration,n,looks,frr,low,high,baseline"
     assert table.splitlines()[1].startswith("(all),one,10,")
-    with (page.parent / "frr.csv").open(encoding="utf-8", newline="") as file:
+    with (small.parent / "frr.csv").open(encoding="utf-8", newline="") as file:
         (row,) = (row for row in csv.DictReader(file) if (row["clip"], row["configuration"]) == ("(all)", "one"))
     shares = [row[name] for name in ("frr", "interval_low", "interval_high")]
     assert table.splitlines()[1].split(",")[4:7] == shares
@@ -511,95 +466,76 @@ def test_figures_are_copied_as_csv_and_svg_that_stand_alone(chrome: Chrome, page
 
 
 def test_a_wrong_frame_that_the_page_has_no_room_for_shows_the_picture_of_the_run(
-    chrome: Chrome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    report: ReportPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from selenium.webdriver.support.wait import WebDriverWait
-
     monkeypatch.setattr("harness.report.write.BUDGET_BYTES", 0)
     run = tmp_path / "a run"
     for frame in (2, 4):
-        atomic_write(picture_path(run, "my clip", frame), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
+        _write_picture(run, "my clip", frame)
     seen = b"".join(msgspec.json.encode(replace(SEEN, frame=frame)) + b"\n" for frame in (2, 4))
     atomic_write(lines_path(run, "my clip", "one"), seen)
-    records = answers(GIVEN["one"], configuration="one", clip="my clip")
-    score_run(run, records, Reference(labels={"my clip": labels(*TRUTH)}))
-    chrome.get("about:blank")
-    _open(chrome, run / "report.html", frame=2)
-    _wait_for_box(chrome, "Frame 2 – wrong")
-    assert chrome.find_elements("css selector", "#frame svg.thumbnail")
-    _press(chrome, "n")
-    _wait_for_box(chrome, "Frame 4 – wrong")
-    (image,) = chrome.find_elements("css selector", "#frame img.thumbnail")
-    WebDriverWait(chrome, 60).until(lambda _: image.get_property("naturalWidth") == 200)
+    path = _write(run, {"one": GIVEN["one"]}, **{"my clip": TRUTH})
+    report.open(path, frame=2)
+    report.box("Frame 2 – wrong")
+    assert report.all("#frame svg.thumbnail")
+    report.press("n")
+    report.box("Frame 4 – wrong")
+    (image,) = report.all("#frame img.thumbnail")
+    report.wait(lambda: image.get_property("naturalWidth") == 200)
     picture_path(run, "my clip", 4).unlink()  # as where the page was sent to somebody
-    chrome.get("about:blank")
-    _open(chrome, run / "report.html", frame=4)
-    _wait_for_box(chrome, "Frame 4 – wrong")
-    WebDriverWait(chrome, 60).until(lambda found: not found.find_elements("css selector", "#frame img"))
+    report.open(path, frame=4)
+    report.box("Frame 4 – wrong")
+    report.wait(lambda: not report.all("#frame img"))
+
+
+CLIPS = [f"clip {number:02d}" for number in range(20)]
 
 
 @pytest.fixture(scope="module")
 def many_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of a run of 20 clips, of which the pager shows eight."""
     run = tmp_path_factory.mktemp("many")
-    clips = [f"clip {number:02d}" for number in range(20)]
-    records = [
-        record
-        for clip in clips
-        for name, said in {"one": ("cup", "dragon"), "two": ("cup", "cup")}.items()
-        for record in answers(said, configuration=name, clip=clip)
-    ]
-    score_run(run, records, Reference(labels={clip: labels("cup", "cup") for clip in clips}))
-    return run / "report.html"
+    return _write(run, {"one": ("cup", "dragon"), "two": ("cup", "cup")}, **dict.fromkeys(CLIPS, ("cup", "cup")))
 
 
-def test_copies_of_figures_hold_every_clip_and_the_legend(chrome: Chrome, many_clips: Path) -> None:
-    chrome.get("about:blank")
-    _open(chrome, many_clips)
-    shown = chrome.find_element("css selector", "#draw-forest > :last-child .drawing")
+def test_copies_of_figures_hold_every_clip_and_the_legend(report: ReportPage, many_clips: Path) -> None:
+    report.open(many_clips)
+    shown = report.find("#draw-forest > :last-child .drawing")
     assert "clip 07" in shown.text
     assert "clip 08" not in shown.text
-    _copy(chrome, "By clip", "SVG", "PNG")
-    drawing = chrome.execute_async_script(
-        "window.copied.find((each) => each.type.startsWith('text')).text().then(arguments[0])"
-    )
+    _copy(report, "By clip", "SVG", "PNG")
+    drawing = report.js_async("window.copied.find((each) => each.type.startsWith('text')).text().then(arguments[0])")
     texts = [each.text for each in ElementTree.fromstring(drawing).iter("{http://www.w3.org/2000/svg}text")]
-    assert [text for text in texts if text and text.startswith("clip ")] == [
-        f"clip {number:02d}" for number in range(20)
-    ]
+    assert [text for text in texts if text and text.startswith("clip ")] == CLIPS
     assert {"By clip", "one", "two"} <= {*texts}
     width, height = (float(re.search(rf'{name}="([\d.]+)"', drawing)[1]) for name in ("width", "height"))  # type: ignore[index]
-    picture = chrome.execute_async_script(
+    picture = report.js_async(
         "createImageBitmap(window.copied.find((each) => each.type === 'image/png'))"
         ".then(({width, height}) => arguments[0]([width, height]))"
     )
     assert picture == [2 * width, 2 * height]
-    assert not chrome.find_elements("css selector", "[style*='visibility: hidden']")
+    assert not report.all("[style*='visibility: hidden']")
 
 
-def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(chrome: Chrome, many_clips: Path) -> None:
-    chrome.get("about:blank")
-    _open(chrome, many_clips)
-    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    chrome.execute_script("window.dispatchEvent(new Event('beforeprint'))")
-    figure = chrome.find_element("css selector", "#draw-forest > :last-child .drawing")
-    assert [f"clip {number:02d}" in figure.text for number in range(20)] == [True] * 20
-    for place in ("errors", "timeline", "confusion"):
-        chosen = chrome.find_element("css selector", f"#draw-{place} select")
-        assert chosen.is_displayed()
-        assert chosen.get_attribute("value") == ("-1" if place == "errors" else "0")
-    assert not any(each.is_displayed() for each in chrome.find_elements("css selector", "button"))
-    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-    chrome.execute_script("window.dispatchEvent(new Event('afterprint'))")
+def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(report: ReportPage, many_clips: Path) -> None:
+    report.open(many_clips)
+    with report.media(media="print"):
+        report.js("window.dispatchEvent(new Event('beforeprint'))")
+        figure = report.find("#draw-forest > :last-child .drawing")
+        assert [clip for clip in CLIPS if clip not in figure.text] == []
+        for place in ("errors", "timeline", "confusion"):
+            chosen = report.find(f"#draw-{place} select")
+            assert chosen.is_displayed()
+            assert chosen.get_attribute("value") == ("-1" if place == "errors" else "0")
+        assert not any(each.is_displayed() for each in report.all("button"))
+    report.js("window.dispatchEvent(new Event('afterprint'))")
     assert "clip 08" not in figure.text
 
 
-def test_the_oracle_ablation_is_a_waterfall(chrome: Chrome, tmp_path: Path) -> None:
+def test_the_oracle_ablation_is_a_waterfall(report: ReportPage, tmp_path: Path) -> None:
     said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
-    records = [record for name, words in said.items() for record in answers(words, configuration=name)]
-    score_run(tmp_path, records, Reference(labels={"clip": labels(*["cup"] * 4)}))
-    _open(chrome, tmp_path / "report.html")
-    titles = chrome.find_elements("css selector", "#draw-oracle rect ~ title, #draw-oracle g > title")
+    report.open(_write(tmp_path, said, clip=["cup"] * 4))
+    titles = report.all("#draw-oracle rect ~ title, #draw-oracle g > title")
     assert [title.get_attribute("textContent") for title in titles] == [
         "as run: FRR 50.0 %",
         "+ true gaze: FRR 75.0 %, +25.0 points",
