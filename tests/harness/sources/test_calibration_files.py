@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import codecs
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +103,7 @@ def _points(seed: int, count: int = 40) -> Float:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_found_beside_the_images_and_says_the_same_rig(tmp_path: Path, name: str) -> None:
-    """Later coefficients are 0; a byte-order mark and line ends of Windows change nothing."""
+    """Later coefficients are 0; a byte-order mark, line ends of Windows and capitals change nothing."""
     paths = FORMATS[name](tmp_path / "calibration")
     write_text(tmp_path / "notes.txt", "P2 is at the door")
     write_yaml(tmp_path / "other.yaml", {"K1": 3})
@@ -119,33 +121,21 @@ def test_every_format_is_found_beside_the_images_and_says_the_same_rig(tmp_path:
     _assert_rows_match_and_depths_come_back(cameras, RIG, _points(0))
     for path in paths:
         path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
-    assert _raw(paths).rectified() == found
-
-
-@pytest.mark.parametrize("name", ["opencv yaml", "opencv xml", "zed"])
-def test_a_suffix_may_be_in_capitals(tmp_path: Path, name: str) -> None:
-    (path,) = FORMATS[name](tmp_path)
-    expected = _raw([path]).rectified()
-    loud = path.rename(path.with_suffix(path.suffix.upper()))
-    assert _raw([loud]).rectified() == expected
-    assert find_calibrations(tmp_path, _size) == ([(loud.name,)], [])
+    loud = [path.rename(path.with_suffix(path.suffix.upper())) for path in paths]
+    assert find_calibrations(tmp_path, _size) == ([tuple(path.relative_to(tmp_path).as_posix() for path in loud)], [])
+    assert _raw(loud).rectified() == found
 
 
 @pytest.mark.parametrize("suffix", ["yml", "xml"])
-def test_a_size_that_the_file_tells_is_not_asked_of_the_images(tmp_path: Path, suffix: str) -> None:
-    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG), SIZE)
-    cameras = read_cameras([path], lambda: pytest.fail("asked"), Options())
-    assert isinstance(cameras, RawCalibration)
-    assert cameras.left.size_px == SIZE
-
-
-@pytest.mark.parametrize("suffix", ["yml", "xml"])
-def test_numbers_that_are_none_do_no_harm_where_nobody_reads_them(tmp_path: Path, suffix: str) -> None:
+def test_what_the_file_tells_and_nobody_needs_is_not_read(tmp_path: Path, suffix: str) -> None:
+    """The images' size where the file has it, and numbers that are none among others."""
     errors = np.array([[np.nan, np.inf, -np.inf]])
     path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"errors": errors}, SIZE)
-    assert _raw([path]).rectified().size_px == SIZE
+    cameras = read_cameras([path], lambda: pytest.fail("asked"))
+    assert isinstance(cameras, RawCalibration)
+    assert cameras.left.size_px == SIZE
     path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"T": errors.T}, SIZE)
-    with pytest.raises(VfoaError, match=r"T: found 3 numbers; expected 3 finite numbers|T: .* finite"):
+    with pytest.raises(VfoaError, match=r"T: .*finite"):
         read_cameras([path], _size)
 
 
@@ -163,19 +153,19 @@ def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"left": RawCamera(size_px=SIZE, k=np.zeros((3, 3)), d=RIG.d[0])}, "rig: left: K: found focal lengths"),
-        ({"right": RawCamera(size_px=SIZE, k=np.eye(2), d=RIG.d[0])}, "rig: right: K: found shape"),
-        ({"right": RawCamera(size_px=SIZE, k=RIG.k[1], d=np.zeros(3))}, "rig: right: D: found 3 coefficients"),
+        ({"left": RawCamera(size_px=SIZE, k=np.zeros((3, 3)), d=RIG.d[0])}, "left: K: found focal lengths"),
+        ({"right": RawCamera(size_px=SIZE, k=np.eye(2), d=RIG.d[0])}, "right: K: found shape"),
+        ({"right": RawCamera(size_px=SIZE, k=RIG.k[1], d=np.zeros(3))}, "right: D: found 3 "),
         (
             {"right": RawCamera(size_px=SIZE, k=RIG.k[1], d=RIG.d[1], model="equidistant")},
             "left is plumb_bob, right equidistant",
         ),
-        ({"rotation": np.ones((3, 3))}, "rig: R: not a rotation"),
-        ({"translation": np.zeros(3)}, r"rig: T: found \[0.0, 0.0, 0.0\]; expected three finite numbers"),
-        ({"translation": np.array([-0.1, np.nan, 0])}, "rig: T: found .* expected three finite numbers"),
-        ({"translation": np.array([-0.1, 0])}, "rig: T: found .* expected three finite numbers"),
-        ({"translation": np.array([0.01, -0.1, 0])}, "rig: T: .* above each other"),
-        ({"translation": np.array([0.01, 0.1, 0])}, "rig: T: .* above each other"),
+        ({"rotation": np.ones((3, 3))}, "R: not a rotation"),
+        ({"translation": np.zeros(3)}, r"T: found \[0.0, 0.0, 0.0\]"),
+        ({"translation": np.array([-0.1, np.nan, 0])}, r"T: found .*nan"),
+        ({"translation": np.array([-0.1, 0])}, r"T: found .* three"),
+        ({"translation": np.array([0.01, -0.1, 0])}, r"T: .* above each other"),
+        ({"translation": np.array([0.01, 0.1, 0])}, r"T: .* above each other"),
         ({"translation": np.array([0.1, 0.01, 0])}, "expected a positive one"),
     ],
 )
@@ -193,21 +183,6 @@ def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
     assert kalibr.rectified() == opencv.rectified()
     for found in (kalibr, zed):
         _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
-
-
-def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
-    rows = "P0: 100 0 31 0 0 1e2 23 0 0 0 1 0\r\nP1: 100 0 31 -2.5e+01 0 100 23 0 0 0 1 0\r\n"
-    path = write_text(tmp_path / "calib.txt", f"\ufeff{rows}")
-    found = read_cameras([path], _size, Options(calibration_cameras=(0, 1)))
-    assert isinstance(found, Calibration)
-    assert found.baseline_m == 0.25
-
-
-def test_a_zed_s_coefficient_that_is_missing_is_named(tmp_path: Path) -> None:
-    path = calibrations.write_zed(tmp_path / "SN1.conf", RIG)
-    write_text(path, path.read_text().replace("k2=", "k_2="))
-    with pytest.raises(VfoaError, match=r"SN1\.conf: .*K2: found None; expected"):
-        read_cameras([path], _size)
 
 
 ZED_SIZES = {
@@ -236,70 +211,35 @@ def test_a_zed_s_resolutions_have_the_maker_s_names(tmp_path: Path, name: str) -
 @pytest.mark.parametrize(
     ("coefficients", "expected"),
     [
-        ({"k1": 0.1, "k2": 0.02}, [0.1, 0.02, 0, 0, 0]),
+        ("k1=0.1 k2=0.02", [0.1, 0.02, 0, 0, 0]),
         (
-            {"k1": 0.1, "k2": 0.02, "k3": 0.03, "k4": 0.04, "k5": 0.05, "k6": 0.06, "p1": 0.001, "p2": 0.002},
+            "k1=0.1 k2=0.02 k3=0.03 k4=0.04 k5=0.05 k6=0.06 p1=0.001 p2=0.002",
             [0.1, 0.02, 0.001, 0.002, 0.03, 0.04, 0.05, 0.06],
         ),
     ],
     ids=["the first ZED", "rational"],
 )
-def test_a_zed_has_as_many_coefficients_as_its_file(
-    tmp_path: Path, coefficients: dict[str, float], expected: list[float]
-) -> None:
-    lines = [f"{key}={value}" for key, value in coefficients.items()]
-    cameras = [line for side in ("LEFT", "RIGHT") for line in (f"[{side}_CAM_HD]", *ZED_LENS, *lines)]
+def test_a_zed_has_as_many_coefficients_as_its_file(tmp_path: Path, coefficients: str, expected: list[float]) -> None:
+    lens = ["fx=700", "fy=700", "cx=640", "cy=360", *coefficients.split()]
     pose = ["[STEREO]", "Baseline=120", "TY=0", "TZ=0", "CV_HD=0", "RX_HD=0", "RZ_HD=0"]
-    path = write_text(tmp_path / "SN1.conf", "\n".join([*cameras, *pose]))
+    path = write_text(tmp_path / "SN1.conf", "\n".join(["[LEFT_CAM_HD]", *lens, "[RIGHT_CAM_HD]", *lens, *pose]))
     assert _raw([path]).left.d.tolist() == expected
-
-
-ZED_LENS = ("fx=700", "fy=700", "cx=640", "cy=360")
 
 
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     """cam0 stands right of cam1, which stands right of cam2, 0.1 m each, so that cam2 and cam0 are 0.2 m apart."""
     step = np.eye(4)
     step[0, 3] = 0.1  # x_cam1 = x_cam0 + 0.1: cam1 is to the left
-    camera = {
-        "camera_model": "pinhole",
-        "intrinsics": [500, 500, 320, 240],
-        "distortion_model": "none",
-        "distortion_coeffs": [],
-        "resolution": [640, 480],
-    }
-    chain = {"cam0": camera, "cam1": {**camera, "T_cn_cnm1": step.tolist()}}
-    path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
+    camera = {"camera_model": "pinhole", "intrinsics": [500, 500, 320, 240], "resolution": [640, 480]}
+    camera |= {"distortion_model": "none", "distortion_coeffs": []}
+    left_of = {**camera, "T_cn_cnm1": step.tolist()}
+    path = write_yaml(tmp_path / "chain.yaml", {"cam0": camera, "cam1": left_of, "cam2": left_of})
     assert _raw([path], Options(calibration_cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
     assert _raw([path], Options(calibration_cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
     with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m"):
         read_cameras([path], _size)
-    with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
+    with pytest.raises(VfoaError, match=r"no cam3; .*cam0, cam1, cam2"):
         read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"resolution": [640, 400]}, r"left is \(1280, 720\) pixels, right \(640, 400\); expected the same"),
-        ({"intrinsics": [1, 2, 3]}, "cam1: intrinsics: found 3 numbers; expected 4 finite numbers"),
-        ({"distortion_coeffs": [0, 0, 0, float("inf")]}, "cam1: distortion_coeffs: found 4 numbers; expected 4 finite"),
-        ({"intrinsics": None}, "cam1: no intrinsics; expected Kalibr's camera chain"),
-        ({"distortion_model": "fov"}, "cam1: model pinhole-fov; expected pinhole with one of"),
-    ],
-)
-def test_a_kalibr_camera_that_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    path = calibrations.write_kalibr(tmp_path / "camchain.yaml", RIG)
-    chain = yaml.safe_load(path.read_text())
-    chain["cam1"] = {key: value for key, value in {**chain["cam1"], **changes}.items() if value is not None}
-    with pytest.raises(VfoaError, match=message):
-        read_cameras([write_yaml(path, chain)], _size)
-
-
-def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
-    paths = [calibrations.write_zed(tmp_path / f"SN{number}.conf", RIG) for number in (1, 2)]
-    with pytest.raises(VfoaError, match=r"SN2\.conf: a second calibration file"):
-        read_cameras(paths, _size)
 
 
 def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
@@ -328,22 +268,48 @@ def test_a_calibration_for_another_size_is_named(tmp_path: Path, name: str) -> N
     assert str(paths[0]) in fault
 
 
+def _kalibr(root: Path, **changes: Any) -> list[Path]:
+    """Kalibr's file with changes of the right camera; None: without that key."""
+    (path,) = FORMATS["kalibr"](root)
+    chain = yaml.safe_load(path.read_text())
+    chain["cam1"] = {key: value for key, value in {**chain["cam1"], **changes}.items() if value is not None}
+    return [write_yaml(path, chain)]
+
+
+def _zed_without_k2(root: Path) -> list[Path]:
+    (path,) = FORMATS["zed"](root)
+    return [write_text(path, path.read_text().replace("k2=", "k_2="))]
+
+
+def _two_zeds(root: Path) -> list[Path]:
+    return [calibrations.write_zed(root / f"SN{number}.conf", RIG) for number in (1, 2)]
+
+
+FIRST = Options(calibration_cameras=(0, 1))
+
+
 @pytest.mark.parametrize(
-    ("name", "options", "message"),
+    ("files", "options", "message"),
     [
-        (
-            "opencv yaml",
-            Options(calibration_cameras=(0, 1)),
-            r"c\.yml: calibration_cameras: found \(0, 1\)",
-        ),
-        ("zed", Options(calibration_cameras=(0, 1)), r"SN1\.conf: calibration_cameras: found"),
-        ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true"),
-        ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true"),
+        (partial(_kalibr, resolution=[640, 400]), Options(), r"left is \(1280, 720\) pixels, right \(640, 400\)"),
+        (partial(_kalibr, intrinsics=[1, 2, 3]), Options(), "cam1: intrinsics: found 3 "),
+        (partial(_kalibr, distortion_coeffs=[0, 0, 0, np.inf]), Options(), "cam1: distortion_coeffs: .*finite"),
+        (partial(_kalibr, intrinsics=None), Options(), "cam1: no intrinsics"),
+        (partial(_kalibr, distortion_model="fov"), Options(), "cam1: model pinhole-fov"),
+        (_zed_without_k2, Options(), r"SN1\.conf: .*K2: found None"),
+        (_two_zeds, Options(), r"SN2\.conf: a second "),
+        # what means nothing for a file
+        (FORMATS["opencv yaml"], FIRST, r"c\.yml: calibration_cameras: found \(0, 1\)"),
+        (FORMATS["zed"], FIRST, r"SN1\.conf: calibration_cameras: found"),
+        (FORMATS["ros"], Options(fisheye=True), r"right\.yaml: fisheye: found true"),
+        (FORMATS["kalibr"], Options(fisheye=True), r"camchain\.yaml: fisheye: found true"),
     ],
 )
-def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, options: Options, message: str) -> None:
+def test_cameras_and_options_that_are_wrong_are_named(
+    tmp_path: Path, files: Callable[[Path], list[Path]], options: Options, message: str
+) -> None:
     with pytest.raises(VfoaError, match=message):
-        read_cameras(FORMATS[name](tmp_path), _size, options)
+        read_cameras(files(tmp_path), _size, options)
 
 
 small = st.floats(-0.03, 0.03)
@@ -385,11 +351,8 @@ def _read(path: Path, options: Options = Options()) -> Calibration:  # noqa: B00
 
 
 def _kitti(*matrices: Float, names: tuple[str, ...] = ("P2", "P3")) -> str:
-    lines = [
-        f"{name}: {' '.join(f'{value:e}' for value in matrix.ravel())}\n"
-        for name, matrix in zip(names, matrices, strict=True)
-    ]
-    return "".join(lines)
+    rows = (" ".join(f"{value:e}" for value in matrix.ravel()) for matrix in matrices)
+    return "".join(f"{name}: {row}\n" for name, row in zip(names, rows, strict=True))
 
 
 def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: Path) -> None:
@@ -401,18 +364,25 @@ def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: P
     assert gray.baseline_m == pytest.approx(0.537, abs=0.001)
 
 
-def test_kitti_s_raw_recordings_name_and_size_theirs(tmp_path: Path) -> None:
-    text = _kitti(_projection(50, 30), _projection(50, 32, -10), names=("P_rect_02", "P_rect_03"))
-    path = write_text(tmp_path / "c.txt", f"calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 6.4e1 4.8e1\n{text}")
-    calibration = _read(path)
+@pytest.mark.parametrize(
+    ("names", "options", "size"),
+    [(("P_rect_02", "P_rect_03"), Options(), (64, 48)), (("P0", "P1"), FIRST, None)],
+    ids=["raw", "gray"],
+)
+def test_kitti_s_rows_are_read(
+    tmp_path: Path, names: tuple[str, str], options: Options, size: tuple[int, int] | None
+) -> None:
+    """Among others, with a byte-order mark and line ends of Windows."""
+    text = _kitti(_projection(50, 30), _projection(50, 32, -10), names=names)
+    text = f"\ufeffcalib_time: 09-Jan-2012 13:57:47\nS_rect_02: 6.4e1 4.8e1\n{text}".replace("\n", "\r\n")
+    calibration = _read(write_text(tmp_path / "c.txt", text), options)
     assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.2, 30.0, 32.0)
-    assert calibration.size_px == (64, 48)
+    assert calibration.size_px == size
 
 
 def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
-    path = write_opencv(
-        tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 33, -5.0), "D1": np.zeros((1, 5))}
-    )
+    pair = {"P1": _projection(50, 30), "P2": _projection(50, 33, -5.0)}
+    path = write_opencv(tmp_path / "c.yml", {**pair, "D1": np.zeros((1, 5))})
     calibration = _read(path)
     assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
     assert _read(path, Options(calibration_unit="mm")).baseline_m == pytest.approx(1e-4)
@@ -423,72 +393,47 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
     rotation, _ = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))
     translation = np.array([[-0.12], [0.001], [0.002]])
     R1, R2, P1, P2, *_ = cv2.stereoRectify(K, np.zeros(5), K, np.zeros(5), (640, 480), rotation, translation)
-    path = write_opencv(
-        tmp_path / "extrinsics.yml", {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
-    )
-    with pytest.raises(
-        VfoaError, match=r"extrinsics\.yml: holds R and T and R1 and R2 of an unrectified pair.*rectified = true"
-    ):
+    nodes = {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
+    path = write_opencv(tmp_path / "extrinsics.yml", nodes)
+    with pytest.raises(VfoaError, match=r"extrinsics\.yml: .*R and T and R1 and R2 .*rectified = true"):
         _read(path)
     calibration = _read(path, Options(rectified=True))
     assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
 
 
 @pytest.mark.parametrize(
-    ("matrices", "message"),
-    [
-        ((_projection(50, 30), _projection(50, 30, 5)), r"baseline is -0\.1 m; expected a positive one"),
-        ((_projection(50, 30), _projection(50, 30)), "baseline is 0 m"),
-        ((_projection(50, 30), _projection(51, 30, -5)), "fx is 50 left and 51 right"),
-        ((_projection(-50, 30), _projection(-50, 30, -5)), "positive focal lengths"),
-    ],
-)
-def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tuple[Float, Float], message: str) -> None:
-    with pytest.raises(VfoaError, match=message):
-        _read(write_text(tmp_path / "c.txt", _kitti(*matrices)))
-
-
-@pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("c.txt", "P2: 1 2 3\n", r"c\.txt:1: found '1 2 3'; expected 12 numbers"),
-        ("c.txt", "P0: 1\nP2: 1 x\n", r"c\.txt:2: found '1 x'; expected 12 numbers"),
-        ("c.txt", "nothing\n", r"no line P2: or P_rect_02:"),
-        (
-            "c.yml",
-            "%YAML:1.0\n---\na: 1\n",
-            r"c\.yml: found none of them; expected K1 D1 K2 D2 with R T",
-        ),
-        ("c.yml", "%YAML:1.0\n---\na: [1,\n", r"c\.yml:4: not YAML: "),
-        ("c.yml", "K1: {rows: 3}", r"c\.yml: K1: found \{'rows': 3\}; expected numbers"),
-        ("c.yml", "K1: !!opencv-matrix [1, 2]", r"c\.yml:1: not YAML: an opencv-matrix that is not a table"),
+        ("c.txt", "P2: 1 2 3\n", ":1: found '1 2 3'; expected 12 numbers"),
+        ("c.txt", "P0: 1\nP2: 1 x\n", ":2: found '1 x'; expected 12 numbers"),
+        ("c.txt", "nothing\n", ": no line P2: or P_rect_02:"),
+        ("c.txt", _kitti(_projection(50, 30), _projection(50, 30, 5)), r": .*baseline is -0\.1 m"),
+        ("c.txt", _kitti(_projection(50, 30), _projection(50, 30)), ": .*baseline is 0 m"),
+        ("c.txt", _kitti(_projection(50, 30), _projection(51, 30, -5)), ": .*fx is 50 left and 51 right"),
+        ("c.txt", _kitti(_projection(-50, 30), _projection(-50, 30, -5)), ": .*positive focal lengths"),
+        ("c.yml", "%YAML:1.0\n---\na: 1\n", ": found none of them; expected K1 D1 K2 D2 with R T"),
+        ("c.yml", "%YAML:1.0\n---\na: [1,\n", ":4: not YAML: "),
+        ("c.yml", "a: [1,\n", ":2: not YAML"),
+        ("c.yml", "", ": not a table of names"),
+        ("c.yml", "K1: {rows: 3}", r": K1: found \{'rows': 3\}"),
+        ("c.yml", "K1: [1, x]", r": K1: found \[1, 'x'\]"),
+        ("c.yml", "K1: !!opencv-matrix [1, 2]", ":1: not YAML: .*opencv-matrix"),
+        ("c.yml", "K1: [1]\nM1: [1]", ": K1 and M1 both are K1"),
         (
             "c.xml",
             '<s><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>1 2</data></K1></s>',
-            r"c\.xml: an opencv-matrix whose data are not as many numbers as its size says",
+            ": .*opencv-matrix .*size",
         ),
-        ("c.yml", "K1: [1, x]", r"c\.yml: K1: found \[1, 'x'\]; expected numbers"),
-        ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
-        ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
-        ("c.yml", "", r"c\.yml: not a table of names"),
-        ("c.xml", "<a>", r"c\.xml:1: not XML: "),
-        ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', r"c\.xml:1: not XML: unknown encoding: klingon"),
-        (
-            "c.xml",
-            '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>',
-            r"c\.xml:1: not XML: undefined",
-        ),
-        ("c.conf", "fx=1", r"c\.conf: cannot be parsed; expected the ZED's"),
-        ("c.conf", "[STEREO]\nBaseline=120\n", r"c\.conf: the images have 64 x 48 pixels; expected one of the ZED's: "),
-        (
-            "c.yaml",
-            "cam0: {camera_model: omni, distortion_model: radtan}",
-            r"cam0: model omni-radtan; expected pinhole",
-        ),
-        ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", r"c\.yaml: one camera of ROS; expected the pair"),
+        ("c.xml", "<a>", ":1: not XML: "),
+        ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', ":1: not XML: .*klingon"),
+        ("c.xml", '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>', ":1: not XML: undefined"),
+        ("c.conf", "fx=1", ": cannot be parsed"),
+        ("c.conf", "[STEREO]\nBaseline=120\n", ": .*64 x 48 pixels; expected one of the ZED's: "),
+        ("c.yaml", "cam0: {camera_model: omni, distortion_model: radtan}", ": .*cam0: model omni-radtan"),
+        ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", ": one camera of ROS; expected the pair"),
     ],
 )
 def test_files_that_are_no_calibration_are_one_line(tmp_path: Path, name: str, content: str, message: str) -> None:
-    with pytest.raises(VfoaError, match=message) as error:
+    with pytest.raises(VfoaError, match=re.escape(name) + message) as error:
         _read(write_text(tmp_path / name, content))
     assert "\n" not in str(error.value)
