@@ -329,7 +329,7 @@ def test_after_a_change_that_did_not_get_into_all_files_nothing_is_labelled_unti
         _add,
     )
     for change in changes:
-        with pytest.raises(VfoaError, match=r"noise\.change\.json: .*open the clip again"):
+        with pytest.raises(VfoaError, match=r"noise\.change\.json: "):
             change(session)
     assert session.path.read_bytes() == before
     session.close()

@@ -334,7 +334,7 @@ def test_a_step_that_cannot_be_undone_leaves_the_journal_as_it_was(store: LabelS
     journal = tmp_path / "journal.jsonl"
     journal.write_text(journal.read_text().replace('"before"', '"earlier"'))
     again, before = _open(tmp_path), journal.read_bytes()
-    with pytest.raises(VfoaError, match=r"journal\.jsonl: not a change of this clip: KeyError\('before'\)"):
+    with pytest.raises(VfoaError, match=r"journal\.jsonl: .*KeyError\('before'\)"):
         again.step_back("undo")
     assert journal.read_bytes() == before
     assert again.track("ann")[0] == Mark(target="cup")

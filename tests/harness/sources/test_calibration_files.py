@@ -395,7 +395,7 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
     R1, R2, P1, P2, *_ = cv2.stereoRectify(K, np.zeros(5), K, np.zeros(5), (640, 480), rotation, translation)
     nodes = {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
     path = write_opencv(tmp_path / "extrinsics.yml", nodes)
-    with pytest.raises(VfoaError, match=r"extrinsics\.yml: .*R and T and R1 and R2 .*rectified = true"):
+    with pytest.raises(VfoaError, match=r"extrinsics\.yml: .*R1.*rectified = true"):
         _read(path)
     calibration = _read(path, Options(rectified=True))
     assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
