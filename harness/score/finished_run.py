@@ -68,20 +68,22 @@ class FinishedRun:
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         return cls(directory=directory, manifest=manifest)
 
-    def records(self, configurations: Collection[str] | None = None) -> Iterator[FrameRecord]:
+    def records(self) -> Iterator[FrameRecord]:
         """Yield the comparable records: those of every configuration that ran on every clip, on these clips.
 
-        Renamed targets have their present names. ``configurations``: of these alone, by their names without seeds.
+        Renamed targets have their present names.
         """
         names = self._names_now(self._manifests(self.manifest.annotator))
         reader = TableReader(self.directory, self.manifest)
-        scored = {*self._scored(reader.paths, configurations)}
+        scored = {*self._scored(reader.paths)}
         for block in reader.blocks:
             if (block.clip, block.configuration) in scored:
                 yield from (renamed(record, names[block.clip]) for record in reader.read(block))
 
     def columns(self, configurations: Collection[str] | None = None) -> Iterator[PairColumns]:
         """Yield the columns of what :meth:`records` yields, a (clip, configuration) at a time.
+
+        ``configurations``: of these alone, by their names without seeds.
 
         Raises
         ------
@@ -104,7 +106,7 @@ class FinishedRun:
             for clip in self.manifest.clips
         }
 
-    def _scored(self, paths: Mapping[Pair, Mapping[str, Path]], wanted: Collection[str] | None) -> list[Pair]:
+    def _scored(self, paths: Mapping[Pair, Mapping[str, Path]], wanted: Collection[str] | None = None) -> list[Pair]:
         """Those (clip, configuration) that can be compared, of the files of the tables of all.
 
         ``wanted``: of these configurations alone, by their names without seeds.
