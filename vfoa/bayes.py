@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from vfoa.geometry import sigma_rad, unit
+from vfoa.geometry import sigma_rad
 from vfoa.methods import MethodSettings, boxes_of_others, seconds_between
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
@@ -206,7 +206,7 @@ def believed(
         keys=(*visible.ids, None),
         directions=visible.directions,
         variances=visible.variances,
-        to_camera=unit(-origin if origin.any() else (0, 0, -1)),
+        to_camera=-origin / distance if (distance := math.hypot(*origin.tolist())) else np.array([0.0, 0.0, -1.0]),
     )
     last, last_ns = before or (None, None)
     dt_s = seconds_between(last_ns, time_ns)

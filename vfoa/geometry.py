@@ -59,7 +59,7 @@ def _angle_of_units(a: Float, b: Float) -> Float:
 
 def sigma_rad(error_deg: float) -> float:
     """Standard deviation per tangent direction, radians, of an error with this mean angle in degrees."""
-    return float(np.deg2rad(error_deg)) / MEAN_ANGLE_PER_SIGMA
+    return math.radians(error_deg) / MEAN_ANGLE_PER_SIGMA
 
 
 def fov_from_radius(radius_m: float) -> float:

@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe, posterior_chances
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings, seconds_between
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
@@ -227,12 +227,13 @@ def probabilities(utility: Float, spread: float = 0.0) -> Float:
     ``spread``: the standard deviation of a normal offset of all utilities, over which they are means (by Gauss-Hermite
     quadrature).
     """
-    if spread > 0:
-        offset = spread * _NODES.reshape(-1, *[1] * utility.ndim)
-        return np.asarray(np.einsum("n,n...->...", _NODE_WEIGHTS, probabilities(utility + offset)))
-    top = np.maximum(utility.max(axis=-1, initial=0.0, keepdims=True), 0)
+    top = utility.max(axis=-1, initial=0.0, keepdims=True)
     power = np.exp(utility - top)
-    return np.asarray(power / (np.exp(-top) + power.sum(axis=-1, keepdims=True)))
+    total = power.sum(axis=-1, keepdims=True)
+    if spread == 0:
+        return np.asarray(power / (np.exp(-top) + total))
+    # exp(offset) times power over 1 + exp(offset) times total, a mean over the offsets
+    return np.asarray(power * (1 / (np.exp(-top - spread * _NODES) + total) @ _NODE_WEIGHTS)[..., None])
 
 
 def weigh_attentions(
@@ -321,7 +322,7 @@ def target_probabilities(seen: Seen, weights: Weights, after: Float | None = Non
     fitted = probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
     if weights.pooled == 0:
         return fitted
-    return (1 - weights.pooled) * fitted + weights.pooled * posterior_chances(seen)
+    return (1 - weights.pooled) * fitted + weights.pooled * seen.posterior
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:

@@ -64,11 +64,11 @@ ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4, 5), "gaze": (0, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Means:
-    """The running means of one track, sums and weights: of the head (4,), and of f (2, C, T) of the targets ``ids``."""
+    """The running means of one track: a sum of the heads (3,), and sums and weights (2, C, T) of f of ``ids``."""
 
     time_ns: int | None = None
     ids: tuple[int, ...] = ()
-    head: Float = field(default_factory=lambda: np.zeros(4))
+    head: Float = field(default_factory=lambda: np.zeros(3))
     sums: Float = field(default_factory=lambda: np.zeros((2, len(LOGIT_CUES), 0)))
 
 
@@ -77,7 +77,7 @@ class Seen:
     """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
 
     ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
-    frame; ``log_size`` (T,) is the logarithm of the angular radius.
+    frame; ``log_size`` (T,) is the logarithm of the angular radius, and ``posterior`` (T,) the posterior's probability.
     """
 
     case: Case
@@ -85,6 +85,7 @@ class Seen:
     now: Float
     before: Float
     log_size: Float
+    posterior: Float
 
 
 def observe(
@@ -110,23 +111,22 @@ def observe(
     case: Case = "head" if gaze is None else "gaze" if head is None else "both"
     head_sum = math.exp(-dt_s / _BODY_S) * means.head
     cues = np.full((4, 3), np.nan)
-    claimed = _GAZE_RAD
     if head is not None:
-        head_sum += [*head.tolist(), 1.0]
+        head_sum += head
         cues[2] = lowered(head, _LOWERED_RAD)
         cues[3] = lowered(_swung(_direction(head_sum, head), head), _LOWERED_RAD)
-    if subject.gaze is not None:
+    if gaze is not None:
         cues[0] = gaze
-        cues[1] = _direction(cues[0] + cues[2], cues[0])
-        claimed = _GAZE_RAD if subject.gaze.sigma_rad is None else subject.gaze.sigma_rad
+        cues[1] = _direction(gaze + cues[2], gaze)
+    claimed = _GAZE_RAD if subject.gaze is None or subject.gaze.sigma_rad is None else subject.gaze.sigma_rad
     shapes = _shapes(boxes_of_others(subject, targets), eyes, origin)
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
     ids = shapes.ids
     chance = np.array([posterior.get(number, 0.0) for number in ids])
-    now = np.empty((len(LOGIT_CUES), len(ids)))
-    now[:4], now[4], now[5] = angles, _overlap(cues[2], shapes), _odds_of_nowhere(chance)
+    now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
-    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
+    size = np.log(shapes.radius_rad)
+    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size, posterior=chance)
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
 
 
@@ -134,12 +134,14 @@ def observe(
 class _Shapes:
     """T targets as seen from the eyes: their extent about their middles, radians.
 
-    ``radius_rad`` (T,) is the angular radius. ``left_from_target`` (T, 3, 3) has the axes right, down and ahead in its
-    columns, ``least_rad`` and ``most_rad`` (T, 2) are the ends of the outline to the right and down.
+    ``radius_rad`` (T,) is the angular radius, and ``inner_rad`` (T,) that of the inner part. ``left_from_target`` (T,
+    3, 3) has the axes right, down and ahead in its columns, ``least_rad`` and ``most_rad`` (2, T) are the ends of the
+    outline to the right and down.
     """
 
     ids: tuple[int, ...]
     radius_rad: Float
+    inner_rad: Float
     left_from_target: Float
     least_rad: Float
     most_rad: Float
@@ -154,7 +156,7 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
     """The targets as seen from ``origin`` (3,): people by their faces, other things by their boxes."""
     of_boxes = tuple(boxes.values())
     distance, frames, corners = outlines(origin, of_boxes)
-    half = stacked(of_boxes).half_size.mean(axis=1)
+    half = stacked(of_boxes).half_size.sum(axis=1) / 3
     faces = [row for row, number in enumerate(boxes) if number in eyes]
     if faces:
         towards = np.array([eyes[number] for number in boxes if number in eyes]) - origin
@@ -162,11 +164,13 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
         distance[faces], half[faces] = length_of(towards), FACE_RADIUS_M
         towards[distance[faces] < NEAREST_M] = 0, 0, 1
         frames[faces] = left_from_crop(towards)
-    outline = np.arctan2(corners[..., :2], corners[..., 2:])
-    radius = np.arctan2(half, distance)
+    right, down, ahead = corners.T
+    outline = np.arctan2([right, down], ahead)
+    radius, inner = np.arctan2([half, _INNER * half], distance)
     least, most = outline.min(axis=1), outline.max(axis=1)
-    least[faces], most[faces] = -radius[faces, None], radius[faces, None]
-    return _Shapes(tuple(boxes), radius, frames, least, most)
+    if faces:
+        least[:, faces], most[:, faces] = -radius[faces], radius[faces]
+    return _Shapes(tuple(boxes), radius, inner, frames, least, most)
 
 
 def _swung(body: Float, head: Float) -> Float:
@@ -175,16 +179,15 @@ def _swung(body: Float, head: Float) -> Float:
     angle = max(2 * math.atan2(math.dist(start, end), math.hypot(*map(operator.add, start, end))), 1e-6)
     turn = min(_SWING * angle, _WIDEST_RAD)
     swung = math.sin(angle - turn) * body + math.sin(turn) * head
-    return np.asarray(swung / length_of(swung))
+    return _direction(swung, head)
 
 
 def _angles(cues: Float, shapes: _Shapes, gaze_scale: float) -> Float:
     """Return f (4, T) of the angles between the cues (4, 3) and the targets."""
     scales = np.array([[gaze_scale], [0.8 * gaze_scale], [_HEAD_RAD], [_HEAD_RAD]])
     cosines = cues @ shapes.directions.T
-    beyond = np.arccos(np.minimum(np.maximum(cosines, -1), 1)) - np.arctan(_INNER * np.tan(shapes.radius_rad))
-    beyond = np.maximum(beyond, 0)
-    right, down = (shapes.directions @ left_from_crop(cues[3])[:, :2]).T
+    beyond = np.maximum(np.arccos(np.minimum(np.maximum(cosines, -1), 1)) - shapes.inner_rad, 0)
+    right, down = left_from_crop(cues[3])[:, :2].T @ shapes.directions.T
     beyond[3] *= np.hypot(_SIDEWAYS * right, down) / np.maximum(np.hypot(right, down), _LEAST_RAD)
     return np.log1p((beyond / scales) ** 2 / 4)
 
@@ -194,22 +197,16 @@ def _overlap(head: Float, shapes: _Shapes) -> Float:
     from scipy.special import ndtr
 
     right, down, ahead = (head @ shapes.left_from_target).T
-    axis = np.array([np.arctan2(right, ahead), np.arctan2(down, np.hypot(right, ahead))]).T
+    axis = np.arctan2([right, down], [ahead, np.hypot(right, ahead)])
     below = ndtr(np.array([shapes.most_rad - axis, shapes.least_rad - axis]) / _OVERLAP_RAD)
     within = below[0] - below[1]
-    return np.asarray(-np.log(within[:, 0] * within[:, 1] + _LEAST_OVERLAP))
+    return np.asarray(-np.log(within[0] * within[1] + _LEAST_OVERLAP))
 
 
 def _odds_of_nowhere(chance: Float) -> Float:
     """Log odds (T,) of nowhere over each target, by the probabilities (T,) of the targets."""
-    return np.asarray(np.log(max(1 - chance.sum(), 0.0) + _LEAST_CHANCE) - np.log(chance + _LEAST_CHANCE))
-
-
-def posterior_chances(seen: Seen) -> Float:
-    """Probabilities (T,) of the targets of a frame by the posterior, which its log odds hold."""
-    odds = np.exp(-seen.now[LOGIT_CUES.index("posterior")])
-    nowhere = (1 + _LEAST_CHANCE * (len(odds) - odds.sum())) / (1 + odds.sum())
-    return np.maximum((nowhere + _LEAST_CHANCE) * odds - _LEAST_CHANCE, 0.0)
+    nowhere = max(1 - float(chance.sum()), 0.0)
+    return np.asarray(np.log((nowhere + _LEAST_CHANCE) / (chance + _LEAST_CHANCE)))
 
 
 def _decay(gap_s: float) -> Float:
@@ -230,8 +227,8 @@ def _mean(sums: Float) -> Float:
 
 def _direction(mean: Float, otherwise: Float) -> Float:
     """The direction (3,) of a sum of directions; ``otherwise`` where it is unknown or they cancel."""
-    length = float(length_of(mean[:3]))
-    return mean[:3] / length if length > 1e-6 else otherwise
+    length = math.hypot(*mean.tolist())
+    return mean / length if length > 1e-6 else otherwise
 
 
 def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
@@ -258,9 +255,5 @@ def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
 def features(seen: Seen, case: Case, after: Float | None = None) -> Float:
     """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
     scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
-    rows = list(ROWS[case])
-    columns = np.empty((len(seen.ids), 2 + len(rows) * len(scales)))
-    columns[:, 0], columns[:, 1] = 1, seen.log_size
-    for place, scale in enumerate(scales, start=2):
-        columns[:, place :: len(scales)] = -scale[rows].T
-    return columns
+    by_cue = np.array(scales).transpose(1, 0, 2)[list(ROWS[case])].reshape(-1, len(seen.ids))
+    return np.concatenate([np.ones_like(seen.log_size)[None], seen.log_size[None], -by_cue]).T

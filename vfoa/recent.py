@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -17,13 +16,14 @@ class Recent(Generic[Answer]):
     """
 
     def __init__(self, count: int) -> None:
-        self._kept: deque[tuple[tuple[object, ...], tuple[object, ...], Answer]] = deque(maxlen=count)
+        self._kept: deque[tuple[object, tuple[object, ...], Answer]] = deque(maxlen=count)
 
     def get(self, objects: tuple[object, ...], values: tuple[object, ...], compute: Callable[[], Answer]) -> Answer:
         """Return the answer to this question, computed if it is not among the last ones."""
-        for known, equal, answer in reversed(tuple(self._kept)):
-            if equal == values and len(known) == len(objects) and all(map(operator.is_, known, objects)):
+        asked = tuple(map(id, objects)), values
+        for known, _, answer in reversed(tuple(self._kept)):
+            if known == asked:
                 return answer
         answer = compute()
-        self._kept.append((objects, values, answer))
+        self._kept.append((asked, objects, answer))  # with the objects, so that their ids stay theirs
         return answer

@@ -91,8 +91,8 @@ def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> 
     box that holds the eyes, or is so near that it fills half of their view.
     """
     seen = outlines(origin, boxes)
-    right, down, ahead = np.moveaxis(seen.corners, -1, 0)
-    reach, axes = np.arctan2(np.hypot(right, down), ahead).max(axis=1), seen.axes
+    right, down, ahead = seen.corners.T
+    reach, axes = np.arctan2(np.hypot(right, down), ahead).max(axis=0), seen.axes
     within = seen.distance <= stacked(boxes).d_max
     if within.any():
         reach[within], axes = np.pi, np.where(within[:, None, None], np.eye(3), axes)
@@ -108,9 +108,7 @@ def _lattices(reach_rad: Float, count: int) -> Float:
     share, right, down = _spiral(count)
     z = 1 - share * (1 - np.cos(reach_rad[:, None]))
     aside = np.sqrt(np.maximum(1 - z**2, 0))
-    rays = np.empty((len(reach_rad), 3, count))
-    rays[:, 0], rays[:, 1], rays[:, 2] = aside * right, aside * down, z
-    return rays
+    return np.stack([aside * right, aside * down, z], axis=1)
 
 
 @lru_cache(maxsize=4)

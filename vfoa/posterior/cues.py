@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offsets, unit
+from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offsets
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.gaze_error import BOTH, GazeError, first_error, next_error
 from vfoa.posterior.head_motion import MEASURED, first_motion, next_motion
@@ -95,10 +95,11 @@ def facing_after(prior: Belief, scenery: Scenery, cues: MeasuredCues, dt_s: floa
     if cues.head is None:
         return prior.facing
     if prior.facing is None:
-        keep = _START_S / (_START_S + _FACING_S)
-        return unit(keep * scenery.middle + (1 - keep) * cues.head)
-    keep = float(np.exp(-dt_s / _FACING_S))
-    return unit(keep * prior.facing + (1 - keep) * cues.head)
+        keep, before = _START_S / (_START_S + _FACING_S), scenery.middle
+    else:
+        keep, before = math.exp(-dt_s / _FACING_S), prior.facing
+    mean = keep * before + (1 - keep) * cues.head
+    return mean / math.hypot(*mean.tolist())
 
 
 def weighed_gaze(
@@ -112,7 +113,7 @@ def weighed_gaze(
     slow = BIAS_SHARE * variance
     no_head = prior.last_head is None and cues.head is None
     around = sigma_rad(NOWHERE_DEG if no_head else _ABOUT_HEAD_DEG)
-    on_target = np.array([*scenery.variances, around**2])[:, None]
+    on_target = np.array([*scenery.variances.tolist(), around**2])[:, None]
     if prior.error is None:
         predicted = first_error(hypotheses.cell_rad**2, slow, on_target)
     else:
