@@ -29,6 +29,7 @@ FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
 DepthForm = Literal["raw", "png", "32FC1", "32FC1 png"]
 
 COLOUR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+INFO = "/camera/color/camera_info"
 PACKET = """std_msgs/Header header
 int32 width
 int32 height
@@ -196,7 +197,7 @@ def write_take(folder: Path, kind: Format, shots: Iterable[Shot], depth: DepthFo
     """Colour and aligned depth under RealSense's names, calibrations with each image."""
     with messages(folder, kind, name) as (path, write):
         for shot in shots:
-            write.camera("/camera/color/camera_info", shot.stamp_ns, shot.lens)
+            write.camera(INFO, shot.stamp_ns, shot.lens)
             write.image(COLOUR, shot.stamp_ns, shot.colour, "rgb8")
             write_depth(write, shot, depth)
     return path

@@ -6,6 +6,7 @@ import os
 import re
 import struct
 import tracemalloc
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -23,9 +24,11 @@ from tests.depth_recordings import (
     COLOUR,
     DEPTH,
     FORMATS,
+    INFO,
     DepthForm,
     Format,
     Lens,
+    Messages,
     Shot,
     messages,
     write_depth,
@@ -65,19 +68,25 @@ def in_metres(counts: np.ndarray) -> np.ndarray:
     return np.where(counts > 0, counts / 1000, np.nan)
 
 
+def assert_recorded(clip: RecordingClip, numbers: Sequence[int]) -> None:
+    """The clip's frames are the shots of these numbers: times, colour and depth."""
+    assert len(clip.frames) == len(numbers)
+    for frame, taken in zip(map(clip.frame, clip.frames), map(shot, numbers), strict=True):
+        assert frame.time_ns == taken.stamp_ns
+        assert np.array_equal(frame.left, taken.colour)
+        np.testing.assert_allclose(frame.depth_m, in_metres(taken.depth_mm), rtol=1e-6)
+
+
 @pytest.mark.parametrize("kind", ALL)
 def test_colour_and_depth_are_those_recorded(tmp_path: Path, kind: Format) -> None:
     clip = open_clip(write_take(tmp_path, kind, map(shot, range(1, 7))))
     assert list(clip.frames) == [1, 2, 3, 4, 5, 6]
     assert clip.rate_hz == pytest.approx(30, abs=0.001)
     assert clip.notes == ()
-    for number in (4, 1, 6):
-        frame = clip.frame(number)
-        assert frame.time_ns == shot(number).stamp_ns
-        assert frame.right is None
-        assert np.array_equal(frame.left, moving_picture(number))
-        np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(number)), rtol=1e-6)
-        assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (60.0, 31.5, 23.5)
+    assert_recorded(clip, range(1, 7))
+    frame = clip.frame(4)
+    assert frame.right is None
+    assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (60.0, 31.5, 23.5)
     check_contract(clip)
 
 
@@ -105,25 +114,27 @@ def test_a_recording_is_not_unpacked_beyond_what_one_can_have(
         open_clip(path)
 
 
-def test_a_file_of_compressed_messages_is_read_without_metadata(tmp_path: Path) -> None:
-    folder = write_take(tmp_path, "db3 zstd message", map(shot, (1, 2)))
-    (file,) = folder.glob("*.db3")
-    clip = open_clip(file.rename(tmp_path / "alone.db3"))
-    assert [clip.frame(number).time_ns for number in clip.frames] == [shot(number).stamp_ns for number in (1, 2)]
-    np.testing.assert_allclose(clip.frame(2).depth_m, in_metres(depth_mm(2)), rtol=1e-6)
+@pytest.mark.parametrize("kind", ["db3", "db3 zstd message"])
+def test_a_database_is_read_without_its_metadata(tmp_path: Path, kind: Format) -> None:
+    path = write_take(tmp_path, kind, map(shot, (1, 2)))
+    (path / "metadata.yaml").unlink()
+    assert BagClip.recognise(path, {})
+    assert_recorded(open_clip(path), (1, 2))
+    (file,) = path.glob("*.db3")
+    assert_recorded(open_clip(file.rename(tmp_path / "alone.db3")), (1, 2))
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])
 def test_a_chunk_of_a_bag_is_not_unpacked_beyond_what_it_claims(tmp_path: Path, compression: str) -> None:
     with messages(tmp_path, f"bag {compression}") as (path, write):  # type: ignore[arg-type]
-        write.camera("/camera/color/camera_info", START_NS, LENS)
+        write.camera(INFO, START_NS, LENS)
         write.image(COLOUR, START_NS, np.zeros((2048, 4096, 3), np.uint8), "rgb8")
     data = path.read_bytes()
     at = data.index(b"size=", data.index(b"compression=")) + 5
     path.write_bytes(data[:at] + struct.pack("<I", 1000) + data[at + 4 :])
     tracemalloc.start()
     before, _ = tracemalloc.get_traced_memory()
-    with pytest.raises(VfoaError, match="does not unpack to the 1000 bytes that it claims"):
+    with pytest.raises(VfoaError, match="1000 bytes"):
         open_clip(path)
     assert tracemalloc.get_traced_memory()[1] - before < 2**23
     tracemalloc.stop()
@@ -137,28 +148,19 @@ def test_containers_are_recognised_by_their_content(tmp_path: Path) -> None:
     assert found == {kind: ["mcap" if kind == "mcap" else "rosbag"] for kind in ALL}
 
 
-def test_a_database_without_its_metadata_is_read(tmp_path: Path) -> None:
-    path = write_take(tmp_path, "db3", map(shot, (1, 2)))
-    (path / "metadata.yaml").unlink()
-    assert BagClip.recognise(path, {})
-    assert len(open_clip(path).frames) == 2
-    (file,) = path.glob("*.db3")
-    assert len(open_clip(file).frames) == 2
-
-
 @pytest.mark.parametrize("count", ["2001-01-01", "1.5", "many"])
 def test_a_count_of_messages_that_is_no_number_is_refused(tmp_path: Path, count: str) -> None:
     path = write_take(tmp_path, "db3", map(shot, (1, 2)))
     noted = (path / "metadata.yaml").read_text(encoding="utf-8")
     changed = re.sub(r"message_count: \d+(?=\n    topic_metadata)", f"message_count: {count}", noted)
     write_text(path / "metadata.yaml", changed)
-    with pytest.raises(VfoaError, match="expected a name, a type with a definition, and a whole number"):
+    with pytest.raises(VfoaError, match=r"take_db3.*: found the topic"):
         open_clip(path)
 
 
 def test_counts_and_offsets_differ_as_a_rule_and_are_told(tmp_path: Path) -> None:
     with messages(tmp_path, "mcap") as (path, write):
-        write.camera("/camera/color/camera_info", START_NS, LENS)
+        write.camera(INFO, START_NS, LENS)
         for number in range(1, 8):
             stamp_ns = START_NS + number * STEP_NS
             if number != 3:
@@ -203,9 +205,7 @@ def test_topics_of_cameras_are_found(tmp_path: Path, family: str) -> None:
             write.image("/ir/image_raw", taken.stamp_ns, other.depth_mm, "mono16", "ir")
             write.image("/camera/camera/depth/image_rect_raw", taken.stamp_ns, other.depth_mm, "16UC1", "depth")
             write.image("/zed/confidence/confidence_map", taken.stamp_ns, np.ones((4, 4), np.float32), "32FC1")
-    frame = open_clip(path).frame(2)
-    assert np.array_equal(frame.left, moving_picture(2))
-    np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(2)), rtol=1e-6)
+    assert_recorded(open_clip(path), (1, 2))
 
 
 # Depth of another camera
@@ -222,6 +222,13 @@ def plane_depth(lens: Lens, normal: np.ndarray, distance_m: float) -> np.ndarray
     return distance_m / (rays @ normal)
 
 
+def write_unaligned(write: Messages, millimetres: np.ndarray) -> None:
+    write.camera(INFO, START_NS, LENS, "colour")
+    write.camera("/camera/depth/camera_info", START_NS, WIDE, "depth")
+    write.image(COLOUR, START_NS, moving_picture(1), "rgb8", "colour")
+    write.image("/camera/depth/image_rect_raw", START_NS, millimetres, "16UC1", "depth")
+
+
 @pytest.mark.parametrize("how", ["tf", "reversed chain", "extrinsics"])
 def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None:
     """A plane in the depth camera's frame is the same plane, moved, in the colour camera's."""
@@ -236,10 +243,7 @@ def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None
             write.transform("/tf_static", START_NS, "middle", "colour", -back.apply(SHIFT), back.as_quat())
         else:
             write.extrinsics("/camera/extrinsics/depth_to_color", START_NS, TURN.as_matrix(), SHIFT)
-        write.camera("/camera/color/camera_info", START_NS, LENS, "colour")
-        write.camera("/camera/depth/camera_info", START_NS, WIDE, "depth")
-        write.image(COLOUR, START_NS, moving_picture(1), "rgb8", "colour")
-        write.image("/camera/depth/image_rect_raw", START_NS, millimetres, "16UC1", "depth")
+        write_unaligned(write, millimetres)
     clip = open_clip(path)
     assert any("not aligned" in note for note in clip.notes)
     found = clip.frame(1).depth_m
@@ -253,11 +257,8 @@ def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None
 
 def test_unaligned_depth_without_extrinsics_says_what_is_missing(tmp_path: Path) -> None:
     with messages(tmp_path, "bag") as (path, write):
-        write.camera("/camera/color/camera_info", START_NS, LENS, "colour")
-        write.camera("/camera/depth/camera_info", START_NS, WIDE, "depth")
-        write.image(COLOUR, START_NS, moving_picture(1), "rgb8", "colour")
-        write.image("/camera/depth/image_rect_raw", START_NS, depth_mm(1), "16UC1", "depth")
-    with pytest.raises(VfoaError, match=r"^[^\n]*depth/image_rect_raw.*not aligned.*tf_static[^\n]*$"):
+        write_unaligned(write, depth_mm(1))
+    with pytest.raises(VfoaError, match=r"depth/image_rect_raw.*tf_static"):
         open_clip(path)
 
 
@@ -308,7 +309,7 @@ def test_a_bag_whose_recorder_was_killed_says_what_mends_it(tmp_path: Path) -> N
     path = write_take(tmp_path, "bag", map(shot, (1, 2)))
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * 0.8)])
-    with pytest.raises(VfoaError, match=r"^[^\n]*take\.bag[^\n]*reindex[^\n]*$"):
+    with pytest.raises(VfoaError, match=r"take\.bag.*reindex"):
         open_clip(path)
 
 
@@ -316,7 +317,7 @@ def test_a_bag_that_is_refused_is_closed(tmp_path: Path) -> None:
     path = write_take(tmp_path, "bag", [shot(1)])
     path.write_bytes(path.read_bytes().replace(b"size=", b"mize="))  # rosbags itself does not read this field
     before = os.listdir("/proc/self/fd")
-    with pytest.raises(VfoaError, match=r"cannot be read as a bag.*'size'") as error:
+    with pytest.raises(VfoaError, match=r"take\.bag.*'size'") as error:
         bags.open_reader(path)
     assert len(os.listdir("/proc/self/fd")) == len(before), error.value
 
@@ -329,7 +330,7 @@ def test_the_sdk_of_realsense_never_aligns(tmp_path: Path) -> None:
             write.camera(f"{stream}/info/camera_info", START_NS, LENS, "0")
         write.image(f"{colour}/image/data", START_NS, moving_picture(1), "rgb8", "0")
         write.image(f"{depth}/image/data", START_NS, depth_mm(1), "mono16", "0")
-    with pytest.raises(VfoaError, match=r"^[^\n]*Depth_0/image/data.*not aligned.*align_depth[^\n]*$"):
+    with pytest.raises(VfoaError, match=r"Depth_0/image/data.*align_depth"):
         open_clip(path)
 
 
@@ -360,7 +361,7 @@ def test_images_of_two_types_on_one_topic_are_those_of_the_type_with_the_most(
     shots = [shot(number) for number in range(1, COUNT + 1)]
     with messages(tmp_path, kind) as (path, write):
         for number, each in enumerate(shots):
-            write.camera("/camera/color/camera_info", each.stamp_ns, each.lens)
+            write.camera(INFO, each.stamp_ns, each.lens)
             write_depth(write, each, "raw")
             done, png = cv2.imencode(".png", each.colour[:, :, ::-1] // 2)
             assert done
@@ -372,9 +373,8 @@ def test_images_of_two_types_on_one_topic_are_those_of_the_type_with_the_most(
     for number, each in zip(clip.frames, shots, strict=True):
         assert np.array_equal(clip.frame(number).left, each.colour if raw == COUNT else each.colour // 2)
     less, more = ("CompressedImage", "Image") if raw == COUNT else ("Image", "CompressedImage")
-    of = "messages of sensor_msgs/msg"
-    (note,) = (note for note in clip.notes if of in note)
-    assert note.endswith(f"{COLOUR}: {raw} {of}/{less} are left out, {COUNT} of sensor_msgs/msg/{more} are read")
+    (note,) = (note for note in clip.notes if "messages of sensor_msgs/msg" in note)
+    assert re.search(rf"{COLOUR}: {raw} .*/{less} .*, {COUNT} .*/{more} ", note)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -387,20 +387,12 @@ def test_other_messages_on_the_topic_of_the_images_are_passed_over(tmp_path: Pat
             write_depth(write, each, "raw")
     clip = open_clip(path, left_info=COLOUR)
     assert clip.notes == ()
-    assert [number for number in clip.frames if np.array_equal(clip.frame(number).left, shot(number).colour)] == [
-        *clip.frames
-    ]
-    assert len(clip.frames) == COUNT
+    assert_recorded(clip, range(1, COUNT + 1))
 
 
 def test_two_schemas_of_one_type_on_one_topic_are_one_topic(tmp_path: Path) -> None:
     """What two recorders wrote, joined: the definitions differ in a comment, or one of them is empty."""
-    with messages(tmp_path, "mcap") as (folder, write):
-        for each in map(shot, range(1, COUNT + 1)):
-            write.camera("/camera/color/camera_info", each.stamp_ns, each.lens)
-            write.image(COLOUR, each.stamp_ns, each.colour, "rgb8")
-            write_depth(write, each, "raw")
-    (whole,) = folder.glob("*.mcap")
+    (whole,) = write_take(tmp_path, "mcap", map(shot, range(1, COUNT + 1))).glob("*.mcap")
     joined = tmp_path / "joined.mcap"
     with whole.open("rb") as source, joined.open("wb") as target:
         writer = McapWriter(target)
@@ -419,6 +411,4 @@ def test_two_schemas_of_one_type_on_one_topic_are_one_topic(tmp_path: Path) -> N
     assert len({number for (topic, number) in channels if topic == COLOUR}) > 1
     clip = open_clip(joined)
     assert clip.notes == ()
-    for number in clip.frames:
-        assert np.array_equal(clip.frame(number).left, shot(number).colour)
-    assert len(clip.frames) == COUNT
+    assert_recorded(clip, range(1, COUNT + 1))
