@@ -60,7 +60,7 @@ def test_the_table_stands_before_the_key() -> None:
 def test_files_that_are_no_toml_are_named(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"gone\.toml: no such file"):
         read_toml(tmp_path / "gone.toml")
-    with pytest.raises(VfoaError, match=r"latin\.toml:1: not UTF-8 text: found byte 0xe9"):
+    with pytest.raises(VfoaError, match=r"latin\.toml:1: not UTF-8 .*0xe9"):
         read_toml(write_bytes(tmp_path / "latin.toml", b'a = "\xe9"'))
     with pytest.raises(VfoaError, match=r"twice\.toml: not TOML: .*line 2"):
         read_toml(write_text(tmp_path / "twice.toml", "a = 1\na = 2\n"))

@@ -170,7 +170,7 @@ def test_what_cannot_be_is_refused_and_named(message, make):
 def test_the_maps_of_a_frame_have_its_size(part):
     good = rendered_boxes(RIG, [])
     other = rendered_boxes(make_rig(9, 6), [])
-    with pytest.raises(ValueError, match=rf"Percepts\.{part}: expected a map of \(6, 8\), found \(6, 9\)"):
+    with pytest.raises(ValueError, match=rf"Percepts\.{part}: .*\(6, 8\), .*\(6, 9\)"):
         dataclasses.replace(good, **{part: getattr(other, part)})
 
 

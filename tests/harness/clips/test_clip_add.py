@@ -84,7 +84,7 @@ def test_a_manifest_is_never_overwritten(tmp_path: Path) -> None:
     path = scene_folder(tmp_path)
     vfoa("add", path)
     before = {each: each.read_bytes() for each in Path.cwd().rglob("*.*")}
-    with pytest.raises(VfoaError, match=r"sintel_alley\.toml: a clip of this name exists; .* --name NAME"):
+    with pytest.raises(VfoaError, match=r"sintel_alley\.toml: .* --name NAME"):
         vfoa("add", path)
     assert {each: each.read_bytes() for each in Path.cwd().rglob("*.*")} == before
 
@@ -101,7 +101,7 @@ def test_an_adding_that_was_killed_between_its_files_can_be_done_again(tmp_path:
 
 def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) -> None:
     write_text(Path.cwd() / "annotations" / "sintel_alley.csv", "mine")
-    with pytest.raises(VfoaError, match=r"sintel_alley\.csv: a clip of this name exists"):
+    with pytest.raises(VfoaError, match=r"sintel_alley\.csv: .*exists"):
         vfoa("add", scene_folder(tmp_path))
     assert (Path.cwd() / "annotations" / "sintel_alley.csv").read_text() == "mine"
     assert not (Path.cwd() / "datasets").exists()

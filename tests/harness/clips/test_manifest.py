@@ -137,7 +137,7 @@ def test_an_environment_variable_is_filled_in(folder: Path, monkeypatch: pytest.
 
 
 def test_an_unknown_clip_gets_the_nearest_name() -> None:
-    with pytest.raises(VfoaError, match=r"no clip 'sintel_bandage2'.*'sintel_bandage_2'"):
+    with pytest.raises(VfoaError, match=r"'sintel_bandage2'.*'sintel_bandage_2'"):
         load_manifest("sintel_bandage2")
 
 
@@ -242,7 +242,7 @@ def test_a_root_takes_variables_of_the_environment_unless_they_are_the_familys(
     path = write_text(tmp_path / "datasets" / "talks.toml", text)
     assert load_manifest("talk_2").resolve_root() == path.parent / "files" / "ben"
     write_text(path, text.replace('{ WHO = "ben" }', "{}"))
-    with pytest.raises(VfoaError, match=r"talks\.toml: clips\.talk_2: WHO: missing.*root"):
+    with pytest.raises(VfoaError, match=r"talks\.toml: clips\.talk_2: WHO: "):
         load_manifest("talk_2")
 
 
@@ -251,7 +251,7 @@ def test_labels_among_the_files_that_are_not_there_are_named(tmp_path: Path, mon
     write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
     measured_tables(tmp_path / "datasets" / "files" / "talk_1")
     manifest = load_manifest("talk_1")
-    with pytest.raises(VfoaError, match=r"talks\.toml: labels_file: .*talk_1/labels\.csv: no such file"):
+    with pytest.raises(VfoaError, match=r"talks\.toml: .*talk_1/labels\.csv: "):
         manifest.labels(None)
     own = write_text(manifest.annotations.place(), true_labels())
     assert manifest.annotations.find() == own
@@ -288,5 +288,5 @@ def test_a_family_is_not_a_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
-    with pytest.raises(VfoaError, match=r"clips: talks: none of its 2 clips is here.*talk_1"):
+    with pytest.raises(VfoaError, match=r"clips: talks: .*2 clips.*talk_1"):
         load_experiment("conversation", clips=("talks",))

@@ -94,7 +94,7 @@ def test_documents_of_very_many_levels_are_refused_and_of_few_are_read(kind: str
 def test_integers_of_more_than_64_bits_are_refused(parse: Callable[[str, object], Any], digits: int) -> None:
     text = "a = {}" if parse is parse_toml else '{{"a": {}}}'
     assert parse(text.format(2**63 - 1), PATH) == {"a": 2**63 - 1}
-    with pytest.raises(VfoaError, match="it: holds an integer of more than 64 bits"):
+    with pytest.raises(VfoaError, match=r"it: .*64 bits"):
         parse(text.format(digits * "9"), PATH)
 
 
@@ -111,7 +111,7 @@ def test_integers_of_more_than_64_bits_are_refused(parse: Callable[[str, object]
 def test_yaml_whose_aliases_multiply_is_refused(bomb: str, tmp_path: Path) -> None:
     path = tmp_path / "camchain.yaml"
     path.write_text(bomb)
-    with pytest.raises(VfoaError, match=r"camchain\.yaml: has more than 1000000 values"):
+    with pytest.raises(VfoaError, match=r"camchain\.yaml: .*1000000"):
         read_cameras([path], lambda: (64, 48))
 
 
@@ -174,5 +174,5 @@ def test_an_assignment_is_toml_where_it_can_be(text: str, expected: tuple[str, A
 
 
 def test_an_assignment_without_an_equals_sign_shows_the_example() -> None:
-    with pytest.raises(VfoaError, match="--set a: expected KEY=VALUE, such as pass=final"):
+    with pytest.raises(VfoaError, match=r"--set a: .*KEY=VALUE"):
         parse_assignment("a", "pass=final")

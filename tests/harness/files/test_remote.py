@@ -62,7 +62,7 @@ def test_what_is_on_this_machine_is_read_in_place(bucket, tmp_path: Path, scheme
     (private / "a.png").touch(mode=0o600)
     assert local_copy(f"{scheme}://{private}", "root") == private
     assert local_copy(f"{scheme}://{private}/a.png", "root") == private / "a.png"
-    with pytest.raises(VfoaError, match=rf"^root: {scheme}://{private}/b\.png: nothing there$"):
+    with pytest.raises(VfoaError, match=rf"^root: {scheme}://{private}/b\.png: "):
         local_copy(f"{scheme}://{private}/b.png", "root")
     assert not (tmp_path / "cache").exists()
 
@@ -79,7 +79,7 @@ def test_a_name_that_leads_out_of_the_copy_is_refused(bucket, tmp_path: Path) ->
     evil = f"{name}/clip/../../../escaped.txt"
     storage.store[evil] = storage.store[f"{name}/clip/a.txt"]  # what an object store can hold, pipe would tidy up
     try:
-        with pytest.raises(VfoaError, match=r"clip: holds '\.\./\.\./\.\./escaped\.txt'"):
+        with pytest.raises(VfoaError, match=r"clip: .*'\.\./.*/escaped\.txt'"):
             local_copy(f"memory:/{name}/clip", "root")
     finally:
         del storage.store[evil]

@@ -85,13 +85,13 @@ def test_stamps_of_today_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
 @pytest.mark.parametrize("timeline", [None, Timeline(frames=[1, 2], times_ns=[])])
 def test_ranges_of_time_need_a_clip_that_can_be_opened(tmp_path: Path, timeline: Timeline | None) -> None:
     path = write_text(tmp_path / "a.csv", TIME_HEAD + "0,1,girl,bird,\n")
-    with pytest.raises(VfoaError, match=r"a\.csv:2: ranges of time need the clip's frame times"):
+    with pytest.raises(VfoaError, match=r"a\.csv:2: .*frame times"):
         read_annotations(path, timeline=timeline, subjects=SUBJECTS, targets=TARGETS)
 
 
 def test_without_a_clip_every_number_between_two_ranges_is_a_frame(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", HEAD + "1,5,girl,bird,\n6,6,girl,cup,\n9,9,girl,cup,\n")
-    with pytest.raises(VfoaError, match=r"a\.csv:5: 'girl' has no label for frames 7 to 8, after .*:4"):
+    with pytest.raises(VfoaError, match=r"a\.csv:5: 'girl' .* 7 to 8, .*:4"):
         read_annotations(path, timeline=None, subjects=SUBJECTS, targets=TARGETS)
 
 
@@ -283,5 +283,5 @@ def test_tens_of_thousands_of_rows_are_read(tmp_path: Path) -> None:
     rows = "".join(f"{n},{n},girl,{TARGETS[n % 2]},\n" for n in range(1, 30_001))
     labels = _read(write_text(tmp_path / "a.csv", HEAD + rows), range(1, 30_001))
     assert len(labels.ranges) == 30_000
-    with pytest.raises(VfoaError, match=r"a\.csv:30003: .* two labels in frame 7: overlaps with .*:9"):
+    with pytest.raises(VfoaError, match=r"a\.csv:30003: .*frame 7: .*:9"):
         _read(write_text(tmp_path / "a.csv", HEAD + rows + "7,7,girl,bird,\n"), range(1, 30_001))

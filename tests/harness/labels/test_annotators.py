@@ -36,7 +36,7 @@ def test_each_annotator_has_a_file_and_the_clip_has_one_that_is_scored(manifest:
 
 
 def test_an_annotator_without_a_file_is_never_replaced_by_another(manifest: ClipManifest) -> None:
-    with pytest.raises(VfoaError, match=r"clip: no annotations by 'ana' \(clip@ana\.csv\).*'anna'"):
+    with pytest.raises(VfoaError, match=r"clip: .*\(clip@ana\.csv\).*'anna'"):
         manifest.labels(None, "ana")
 
 

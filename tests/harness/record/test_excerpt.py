@@ -73,7 +73,7 @@ def test_an_excerpt_that_fails_leaves_the_old_one_alone(frames, record_run, tmp_
     write_excerpt(recording, 25, 13, 1, excerpt)
     before = excerpt.read_bytes()
     recorded.files.attention(CONFIGURATION).write_bytes(b"no recording")
-    with pytest.raises(VfoaError, match=r"clip__two cones\.rrd: incomplete or damaged recording"):
+    with pytest.raises(VfoaError, match=r"clip__two cones\.rrd: .*damaged"):
         write_excerpt(recording, 25, 10, 1, excerpt)
     assert excerpt.read_bytes() == before
     assert os.listdir(excerpt.parent) == ["excerpt.rrd"]
@@ -83,7 +83,7 @@ def test_the_verb_replaces_a_file_of_its_user_only_where_that_was_said(frames, r
     recorded, own = record_run(frames), tmp_path / "labels.csv"
     own.write_text("mine")
     words = ["export-failure", str(recorded.run), "--frame", "13", "--margin", "0", "--out", str(own)]
-    with pytest.raises(VfoaError, match=r"labels\.csv: exists already.*--replace, or another --out"):
+    with pytest.raises(VfoaError, match=r"labels\.csv: .*--replace, .*--out"):
         CliRunner().invoke(app, words, catch_exceptions=False)
     assert own.read_text() == "mine"
     assert CliRunner().invoke(app, [*words, "--replace"], catch_exceptions=False).exit_code == 0

@@ -35,5 +35,5 @@ def test_a_damaged_layer_is_one_line(record_run, frames):
     recorded = record_run(frames)
     (clip,) = find_clips(recorded.run, None, None)
     recorded.files.images.write_bytes(b"RRF2" + b"x" * 50)
-    with pytest.raises(VfoaError, match=r"clip\.rrd: incomplete or damaged recording"):
+    with pytest.raises(VfoaError, match=r"clip\.rrd: .*damaged"):
         read_frame(clip, CONFIGURATION, ANN, 10)

@@ -104,7 +104,7 @@ def test_what_is_drawn_is_an_input_of_the_run(drawn_clip: Path) -> None:
     names = {"subjects": ("anna", "ben"), "targets": ("mug", "bear", "bowl", "plant")}
     drawn = read_drawn(drawn_clip, frames=None, **names)
     write_drawn(drawn_clip, replace(drawn, tracks=drawn.tracks[:-1]))
-    with pytest.raises(VfoaError, match=rf"holds another run \(different: notes, drawn_sha256 of {CLIP}\)"):
+    with pytest.raises(VfoaError, match=rf"\(different: notes, drawn_sha256 of {CLIP}"):
         _run("run", limit=1)
     write_drawn(drawn_clip, drawn)
     assert _run("run", limit=1).path == first.path
@@ -112,5 +112,5 @@ def test_what_is_drawn_is_an_input_of_the_run(drawn_clip: Path) -> None:
 
 def test_nothing_but_what_is_drawn_needs_something_drawn(drawn_clip: Path) -> None:
     drawn_clip.unlink()
-    with pytest.raises(VfoaError, match=f"{CLIP}: segmentation = 'drawn', and no targets are drawn on the clip"):
+    with pytest.raises(VfoaError, match=f"{CLIP}: segmentation = 'drawn'"):
         _run("run", limit=1)

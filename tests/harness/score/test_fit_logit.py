@@ -167,7 +167,7 @@ def test_weights_of_a_version_that_this_program_does_not_know_are_refused(versio
     text = fitted.read_text()
     assert f'version = "{__version__}"' in text
     fitted.write_text(text.replace(f'version = "{__version__}"', f'version = "{version}"\nof_later = 1'))
-    with pytest.raises(VfoaError, match=rf"fitted\.toml: fit\.version: found '{version}'.*{__version__}"):
+    with pytest.raises(VfoaError, match=rf"fit\.version: found '{version}'.*{__version__}"):
         load_experiment("talk.toml", preset=str(fitted))
 
 
@@ -208,7 +208,7 @@ def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one",), 40)  # 8 s
-    with pytest.raises(VfoaError, match=rf"--first {first}: each person has at most 7\.8 labelled seconds"):
+    with pytest.raises(VfoaError, match=rf"--first {first}: .*7\.8 "):
         fit("talk.toml", Path("fitted.toml"), first=first)
     with pytest.raises(VfoaError, match=r"--first 0\.1s: no labelled frame"):
         fit("talk.toml", Path("fitted.toml"), first="0.1s", even_if_worse=True)
@@ -306,11 +306,11 @@ def test_a_script_attends_again_with_the_weights_of_the_run(left_out: None, tmp_
 
 
 def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left_out: None, tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match="talk: forward: its weights are to be fitted"):
+    with pytest.raises(VfoaError, match=r"talk: forward: .*fitted"):
         run_plan(prepare(load_experiment("talk.toml")), tmp_path / "plain", workers=1, progress=lambda clip: None)
     assert not (tmp_path / "plain").exists()
     (tmp_path / "annotations" / "two.csv").unlink()
-    with pytest.raises(VfoaError, match=r'attention\.weights = "left-out": labels of one alone'):
+    with pytest.raises(VfoaError, match=r'attention\.weights = "left-out": '):
         _run(tmp_path / "alone")
 
 

@@ -80,5 +80,5 @@ def test_a_recording_of_json_says_in_what_its_images_are(tmp_path: Path) -> None
             channel = writer.register_channel(topic, "json", schema)
             writer.add_message(channel, log_time=1, publish_time=1, data=json.dumps(MESSAGE).encode())
         writer.finish()
-    with pytest.raises(VfoaError, match=r"a\.mcap: images in json \(jsonschema\), which is not read.*protobuf"):
+    with pytest.raises(VfoaError, match=r"a\.mcap: .*\(jsonschema\), .*protobuf"):
         McapClip(McapClip.Settings.model_validate({"recording": "a.mcap"}), tmp_path)

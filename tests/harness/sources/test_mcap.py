@@ -94,7 +94,7 @@ def test_stamps_of_the_log_join_what_headers_cannot(tmp_path: Path, header_ns: i
 
 
 def test_unset_headers_are_said_with_the_way_out(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r'without time stamp.*\(stamps = "log" in \[source\]'):
+    with pytest.raises(VfoaError, match=r'time stamp.*\(stamps = "log" in'):
         open_clip(write_unset(tmp_path / "a.mcap"))
 
 
@@ -144,7 +144,7 @@ def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
         "/left/image: 3 of 10 images have no partner within 1 ms",
         "/right/image: 1 of 8 images have no partner within 1 ms",
     )
-    with pytest.raises(VfoaError, match=r"no two stamps of /left/image .* are within 0\.1 ms"):
+    with pytest.raises(VfoaError, match=r"/left/image .*0\.1 ms"):
         open_clip(path, tolerance_ms=0.1)
 
 
@@ -195,7 +195,7 @@ def test_the_calibration_may_be_a_file(tmp_path: Path) -> None:
     rows = {"P2": "100 0 31.5 0 0 100 23.5 0 0 0 1 0", "P3": "100 0 31.5 -25 0 100 23.5 0 0 0 1 0"}
     (tmp_path / "calib.txt").write_text("".join(f"{key}: {row}\n" for key, row in rows.items()))
     assert open_clip(path, calibration="calib.txt").frame(1).rig.baseline_m == pytest.approx(0.25)
-    with pytest.raises(VfoaError, match="no single calibration topic belongs to /left/image"):
+    with pytest.raises(VfoaError, match=r"calibration .*/left/image"):
         open_clip(path)
 
 
@@ -226,7 +226,7 @@ def test_a_file_that_changed_since_it_was_opened_is_one_line(tmp_path: Path) -> 
     path = write_pairs(tmp_path / "a.mcap", pairs())
     clip = open_clip(path)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(VfoaError, match=r"a\.mcap: frame 5: the record at byte \d+ can no longer be read"):
+    with pytest.raises(VfoaError, match=r"a\.mcap: frame 5: .*byte \d+ "):
         clip.frame(5)
 
 
@@ -238,10 +238,10 @@ def test_many_cameras_are_listed_with_type_and_count(tmp_path: Path) -> None:
                 for side, calibration in (("left", LEFT), ("right", RIGHT)):
                     record.picture(f"/{camera}/{side}/image", stamp(n), picture(n))
                     record.camera(f"/{camera}/{side}/camera_info", stamp(n), calibration)
-    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image \(sensor_msgs/msg/Image, 3 messages\)"):
+    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image .*3 messages"):
         open_clip(path)
     assert len(open_clip(path, left="/rear/left/image").frames) == 3
-    with pytest.raises(VfoaError, match="no right topic '/rear/image'; found /front/left/image"):
+    with pytest.raises(VfoaError, match=r"right .*'/rear/image'; .*/front/left"):
         open_clip(path, left="/rear/left/image", right="/rear/image")
 
 
@@ -267,7 +267,7 @@ def test_another_file_is_refused(tmp_path: Path, content: bytes, said: str) -> N
 
 def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "day").mkdir()
-    with pytest.raises(VfoaError, match=r"day: no \.mcap, \.bag or \.db3 in this folder"):
+    with pytest.raises(VfoaError, match=r"day: no \.mcap, \.bag or \.db3"):
         McapClip(RecordingSettings(), tmp_path / "day")
 
 
@@ -307,7 +307,7 @@ def test_a_message_that_is_not_what_its_channel_says_is_refused(tmp_path: Path) 
             record.camera(f"/{side}/camera_info", stamp(1), camera)
             record.picture(f"/{side}/image", stamp(1), picture(1))
         record.writer.add_message(1, stamp(2), b"\x0f no message", stamp(2))
-    with pytest.raises(VfoaError, match=r"/left/camera_info: not a foxglove\.CameraCalibration in protobuf: "):
+    with pytest.raises(VfoaError, match=r"/left/camera_info: .*CameraCalibration"):
         open_clip(path)
 
 

@@ -107,5 +107,5 @@ def test_a_chunk_is_not_unpacked_beyond_what_it_claims_and_a_recording_can_have(
 def test_a_compression_that_nobody_reads_is_named(tmp_path: Path, has_checksum: bool) -> None:
     path = write_pairs(tmp_path / "a.mcap", pairs(), "protobuf", enable_crcs=has_checksum)
     path.write_bytes(path.read_bytes().replace(b"zstd", b"zst2"))
-    with pytest.raises(VfoaError, match=r"a\.mcap: no message can be read: .*compression 'zst2'.*lz4"):
+    with pytest.raises(VfoaError, match=r"a\.mcap: .*compression 'zst2'.*lz4"):
         open_clip(path)

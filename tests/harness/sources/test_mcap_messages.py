@@ -79,5 +79,5 @@ def test_both_byte_orders_of_cdr_are_read(order: str, frame_id: str) -> None:
 @pytest.mark.parametrize("kind", ["0006", "0007", "0009", "000b", "0002", "0003"])
 def test_another_encapsulation_is_refused_rather_than_misread(kind: str) -> None:
     data = bytes.fromhex(kind) + camera_info("<")[2:]
-    with pytest.raises(VfoaError, match=rf"x: not a .*CameraInfo in cdr: encapsulation {kind}.*0000 or 0001"):
+    with pytest.raises(VfoaError, match=rf"x: .*CameraInfo .*{kind}.*0000 or 0001"):
         camera(CAMERA_TYPE, data, "x")

@@ -97,9 +97,9 @@ def test_a_part_of_nothing_is_one_line(tmp_path: Path) -> None:
 
 def test_a_part_that_is_none_is_one_line(tmp_path: Path) -> None:
     path = write_pairs(tmp_path / "a.mcap", pairs())
-    with pytest.raises(VfoaError, match=r"a\.mcap: source\.start_s: found 9; the recording lasts 0\.160 s"):
+    with pytest.raises(VfoaError, match=r"source\.start_s: found 9; .*0\.160 s"):
         open_clip(path, start_s=9)
-    with pytest.raises(VfoaError, match=r"a\.mcap: source\.start_s, source\.end_s: no images in that part"):
+    with pytest.raises(VfoaError, match=r"source\.start_s, source\.end_s: "):
         open_clip(path, start_s=0.09, end_s=0.1)
     with pytest.raises(ValueError, match=r"found end_s 1.*start_s, 2"):
         open_clip(path, start_s=2, end_s=1)

@@ -118,7 +118,7 @@ def test_yuv_of_an_odd_width_is_refused(encoding: str) -> None:
 def test_data_that_are_too_short_are_refused() -> None:
     whole = raw("rgb8", COLOURS)
     cut = dataclasses.replace(whole, data=whole.data[:-1])
-    with pytest.raises(VfoaError, match=f"{WIDTH} x {HEIGHT} pixels of rgb8 in {len(cut.data)} bytes"):
+    with pytest.raises(VfoaError, match=rf"{WIDTH} x {HEIGHT} .*{len(cut.data)} bytes"):
         rgb(cut, "x")
 
 
@@ -126,5 +126,5 @@ def test_data_that_are_too_short_are_refused() -> None:
 def test_a_packet_of_a_video_among_pictures_is_named_as_one(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
     packet = Picture(form=form, frame_id="", size_px=None, step=0, is_bigendian=False, data=b"\0\0\0\1\x67")
     monkeypatch.setattr(pixels, "picture", lambda kind, data, where: packet)
-    with pytest.raises(VfoaError, match=r"/left: a packet of a video .* on a topic that began with a picture"):
+    with pytest.raises(VfoaError, match=r"/left: a packet .*picture"):
         pixels.read_image(None, b"", "/left")  # type: ignore[arg-type]

@@ -70,7 +70,7 @@ def test_zeros_for_p_and_r_are_not_set(tmp_path: Path, r: tuple[float, ...]) -> 
     left, right = replace(LENS, r=r), replace(LENS, r=r, k=right_k)
     path = _record(tmp_path / "a.mcap", left, right)
     names = "P and R" if not any(r) else "P"
-    with pytest.raises(VfoaError, match=rf"right/camera_info: {names}: found zeros .* --baseline METRES"):
+    with pytest.raises(VfoaError, match=rf"right/camera_info: {names}: .* --baseline"):
         open_clip(path).frame(1)
     clip = open_clip(path, baseline_m=0.25)
     frame = clip.frame(1)
@@ -138,7 +138,7 @@ def test_two_files_of_ros_take_a_baseline_as_a_recording_does(
         write_image(tmp_path / side / "0.png", picture(number))
         paths.append(f"{side}.yaml")
     views = {"left": "left", "right": "right", "calibration": paths}
-    with pytest.raises(VfoaError, match=r"left\.yaml and .*right\.yaml: .* --baseline METRES"):
+    with pytest.raises(VfoaError, match=r"left\.yaml .*right\.yaml: .* --baseline"):
         StereoFolderClip(StereoFolderSettings.model_validate(views), tmp_path).frame(0)
     frame = StereoFolderClip(StereoFolderSettings.model_validate(views | {"baseline_m": 0.25}), tmp_path).frame(0)
     assert frame.rig == recorded.rig

@@ -137,7 +137,7 @@ def test_the_standard_definition_of_ros_1_has_a_sequence_number() -> None:
 
 def test_a_type_that_no_standard_defines_is_named() -> None:
     kind = message_type("cdr", "", "ffmpeg_image_transport_msgs/msg/FFMPEGPacket", b"")
-    with pytest.raises(VfoaError, match="no definition of ffmpeg_image_transport_msgs/msg/FFMPEGPacket"):
+    with pytest.raises(VfoaError, match=r"definition of .*/FFMPEGPacket"):
         picture(kind, bytes([0, 1, 0, 0]), "x")
 
 
@@ -152,7 +152,7 @@ def test_a_file_that_rosbag2_compressed_says_how_to_unpack_it(tmp_path: Path, gi
     packed = folder / "a.mcap.zstd"
     whole = _rewritten(tmp_path)
     packed.write_bytes(zstandard.compress(whole.read_bytes()))
-    with pytest.raises(VfoaError, match=r"a\.mcap\.zstd: compressed as a whole .*metadata\.yaml") as error:
+    with pytest.raises(VfoaError, match=r"a\.mcap\.zstd: .*metadata\.yaml") as error:
         refuse_foreign(packed if given == "file" else folder)
     command = str(error.value).rpartition("unpacked: ")[2]
     assert command == f"zstd -d '{packed}' -o '{folder / 'a.mcap'}'"

@@ -113,7 +113,7 @@ def test_a_part_that_a_stage_asks_for_is_named(root: Path) -> None:
         'SintelClip, frame 2: the clip has no true instances; needed by segmentation.model = "truth" '
         f"({path}: no such file; expected the segmentation set of MPI Sintel (vfoa clips fetch sintel))"
     )
-    with pytest.raises(VfoaError, match=r"disparities/alley/frame_0002\.png: no such file"):
+    with pytest.raises(VfoaError, match=r"disparities/alley/frame_0002\.png: "):
         TruthMatcher(OracleSettings(), clip).match(frame)
     write_image(path, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     again = SintelClip(SETTINGS, root)
@@ -155,7 +155,7 @@ def test_a_truth_of_another_size_is_one_line(root: Path, kind: str) -> None:
 
 def test_a_right_image_of_another_size_is_one_line(root: Path) -> None:
     write_image(root / "training/clean_right/alley/frame_0001.png", picture(0, WIDTH, HEIGHT - 1))
-    with pytest.raises(VfoaError, match=r"frame_0001\.png: the right image is 64 x 47 pixels, the left .* 64 x 48"):
+    with pytest.raises(VfoaError, match=r"frame_0001\.png: .*64 x 47 .* 64 x 48"):
         SintelClip(SETTINGS, root).frame(1)
 
 

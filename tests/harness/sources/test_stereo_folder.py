@@ -56,7 +56,7 @@ def test_images_without_a_partner_are_left_out_and_said(tmp_path: Path, side: st
 def test_sides_without_a_common_number_are_one_line(tmp_path: Path) -> None:
     write_image(tmp_path / "left" / "1.png", picture(1))
     write_image(tmp_path / "right" / "2.png", picture(2))
-    with pytest.raises(VfoaError, match=r"no frame number is on both sides: left starts with .*1\.png, right with"):
+    with pytest.raises(VfoaError, match=r"both sides: left .*1\.png, right"):
         StereoFolderClip(SETTINGS, tmp_path)
 
 
@@ -64,9 +64,7 @@ def test_other_sizes_wrong_folders_and_numbers_are_one_line(tmp_path: Path) -> N
     stereo_pair_folder(tmp_path)
     write_image(tmp_path / "right" / "000001.png", picture(0, WIDTH + 2, HEIGHT))
     clip = StereoFolderClip(SETTINGS, tmp_path)
-    with pytest.raises(
-        VfoaError, match=r"right/000001\.png: the right image is 66 x 48 pixels, the left one .* 64 x 48"
-    ):
+    with pytest.raises(VfoaError, match=r"right/000001\.png: .*66 x 48 .* 64 x 48"):
         clip.frame(1)
     with pytest.raises(VfoaError, match="no frame 7; expected 1 to 3"):
         clip.frame(7)
@@ -82,7 +80,7 @@ def test_times_beyond_64_bits_and_a_camera_of_true_are_one_line(tmp_path: Path) 
             write_image(tmp_path / side / f"{number}.png", picture(0, WIDTH, HEIGHT))
     head = 'name = "clip"\nadapter = "stereo_folder"\nroot = "."\n[source]\nleft = "left"\nright = "right"\n'
     camera = "[source.camera]\nfx_px = {}\ncx_px = 3\ncy_px = 2\nbaseline_m = 0.1\n"
-    with pytest.raises(VfoaError, match=r'clip\.toml: frame 17000.*: its time is 1\.7e\+17 s; .* stamps = "ns"'):
+    with pytest.raises(VfoaError, match=r'clip\.toml: frame 17000.* stamps = "ns"'):
         load_manifest(write_text(tmp_path / "clip.toml", f"{head}rate_hz = 10\n{camera.format(9)}")).open()
     with pytest.raises(VfoaError, match="fx_px: expected a number, found true"):
         load_manifest(write_text(tmp_path / "clip.toml", head + camera.format("true"))).open()
@@ -114,7 +112,7 @@ def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
 
 def test_a_calibration_without_a_name_is_one_line(tmp_path: Path) -> None:
     stereo_pair_folder(tmp_path)
-    with pytest.raises(VfoaError, match=f"{tmp_path}: cannot be read: Is a directory"):
+    with pytest.raises(VfoaError, match=rf"{tmp_path}: .*directory"):
         StereoFolderClip(StereoFolderSettings(left="left", right="right", calibration=""), tmp_path)
 
 
@@ -123,7 +121,5 @@ def test_a_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
     nodes = {"P1": _projection(50, 30), "P2": _projection(50, 30, -5.0)}
     _opencv(tmp_path / "c.yml", image_width=128, image_height=90, **nodes)
     clip = StereoFolderClip(StereoFolderSettings(left="left", right="right", calibration="c.yml"), tmp_path)
-    with pytest.raises(
-        VfoaError, match=r"000001\.png: the calibration is for \(128, 90\) pixels, the images .*\(64, 48\)"
-    ):
+    with pytest.raises(VfoaError, match=r"000001\.png: .*\(128, 90\) .*\(64, 48\)"):
         clip.frame(1)

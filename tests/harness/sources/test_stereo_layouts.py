@@ -242,7 +242,7 @@ def test_what_cannot_be_halved_or_joined_is_one_line(tmp_path: Path) -> None:
     write_video(tmp_path / "l.mkv", [_pair(1)[0]], rate_hz=30)
     write_video(tmp_path / "r.mkv", [_pair(1)[1]], rate_hz=25)
     settings = {"layout": "videos", "left": "l.mkv", "right": "r.mkv", "camera": CAMERA}
-    with pytest.raises(VfoaError, match=r"r\.mkv: 25 frames per second, .*l\.mkv has 30"):
+    with pytest.raises(VfoaError, match=r"r\.mkv: 25 .*l\.mkv has 30"):
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
 
 
@@ -280,11 +280,11 @@ def test_two_views_are_found_after_black_frames(tmp_path: Path, name: str, layou
 
 def test_the_layout_is_enough_where_the_halves_are_not_alike(tmp_path: Path) -> None:
     write_video(tmp_path / "v.avi", [np.zeros((HEIGHT, 2 * WIDTH, 3), np.uint8)] * 4)
-    with pytest.raises(VfoaError, match=r"v\.avi: no two views .*--set layout=video_side_by_side"):
+    with pytest.raises(VfoaError, match=r"v\.avi: .*layout=video_side_by_side"):
         recognise_stereo(tmp_path / "v.avi", {})
     (reading,) = recognise_stereo(tmp_path / "v.avi", {"layout": "video_side_by_side"})
     assert reading.source == {"layout": "video_side_by_side", "both": "v.avi"}
-    with pytest.raises(VfoaError, match=r"images_side_by_side' for the film 'v\.avi'.*'video_side"):
+    with pytest.raises(VfoaError, match=r"images_side_by_side' .*'v\.avi'.*'video_"):
         recognise_stereo(tmp_path / "v.avi", {"layout": "images_side_by_side"})
 
 

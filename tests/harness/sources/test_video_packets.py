@@ -72,7 +72,7 @@ def test_every_codec_gives_each_frame_in_any_order(tmp_path: Path, name: str) ->
 def test_a_packet_of_too_many_pixels_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     clip = open_clip(write_sdk(tmp_path / "a.mcap", name, coded(name)))
     monkeypatch.setattr(video, "MOST_PIXELS", WIDTH * HEIGHT // 2)
-    with pytest.raises(VfoaError, match=r"frame 1: [^\n]*packet 1 is damaged, or larger than 6144 pixels"):
+    with pytest.raises(VfoaError, match=r"frame 1: [^\n]*packet 1 .*6144 pixels"):
         clip.frame(1)
 
 
@@ -144,7 +144,7 @@ def test_a_window_begins_between_key_frames(tmp_path: Path) -> None:
 def test_a_video_that_begins_without_a_key_frame_says_from_where_it_can_be_read(tmp_path: Path) -> None:
     path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264")[4:])
     clip = open_clip(path)
-    with pytest.raises(VfoaError, match=r"^[^\n]*/rgb/video[^\n]*key frame[^\n]*start_s[^\n]*$"):
+    with pytest.raises(VfoaError, match=r"/rgb/video[^\n]*key frame[^\n]*start_s"):
         clip.frame(1)
     assert_is(clip.frame(8).left, 11)
 

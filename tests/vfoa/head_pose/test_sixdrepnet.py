@@ -104,5 +104,5 @@ def test_a_head_without_a_face_has_no_pose(tmp_path: Path) -> None:
 
 def test_a_graph_that_gives_six_numbers_is_refused(tmp_path: Path) -> None:
     weights = graphs.constant(tmp_path / "six.onnx", INPUT, {"ortho6d": np.zeros((1, 6))})
-    with pytest.raises(VfoaError, match=r"six\.onnx: another model's outputs.*\[1, 3, 3\].*found.*\[1, 6\]"):
+    with pytest.raises(VfoaError, match=r"six\.onnx: .*\[1, 3, 3\].*\[1, 6\]"):
         SixDRepNet(SixDRepNet.Settings(weights=weights)).estimate(BLACK, head_at(149.5, 99.5))

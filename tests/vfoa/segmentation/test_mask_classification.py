@@ -139,5 +139,5 @@ def test_the_input_is_rgb_by_imagenets_statistics(tmp_path: Path) -> None:
 def test_a_model_of_other_classes_is_refused(tmp_path: Path) -> None:
     answer = outputs((PERSON, 0.9, np.ones((SIZE, SIZE), bool)))
     answer["class_queries_logits"] = np.zeros((1, 1, 151))
-    with pytest.raises(VfoaError, match=r"expected class_queries_logits \[1, any, 134\].*found.* \[1, 1, 151\]"):
+    with pytest.raises(VfoaError, match=r"\[1, any, 134\].*\[1, 1, 151\]"):
         segment(tmp_path, answer)

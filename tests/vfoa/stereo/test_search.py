@@ -40,7 +40,7 @@ def test_the_last_column_s_disparity_is_searched_and_none_beyond():
 @pytest.mark.parametrize("offset_px", [-5, 4])
 def test_a_depth_without_a_disparity_is_refused(offset_px):
     rig = make_rig(200, 100, cx_right_offset_px=offset_px)
-    with pytest.raises(VfoaError, match=r"stereo\.min_depth_m: expected a depth with a disparity above [05] px"):
+    with pytest.raises(VfoaError, match=r"stereo\.min_depth_m: .*above [05] px"):
         disparity_range(rig, 1e30)
 
 

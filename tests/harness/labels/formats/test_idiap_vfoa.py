@@ -73,7 +73,7 @@ def test_what_does_not_fit_is_named(tmp_path: Path, arrays: dict[str, object], m
 
 def test_the_other_person_has_to_be_one(tmp_path: Path) -> None:
     np.savez(tmp_path / "a_gt.npz", **CODES)
-    with pytest.raises(VfoaError, match="'other person' of '1': found 2 other people"):
+    with pytest.raises(VfoaError, match="'other person' of '1': found 2 "):
         IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path, ("1", "2", "3")))
 
 

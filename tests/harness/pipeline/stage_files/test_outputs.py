@@ -103,15 +103,15 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
         settings = CocoPanopticSettings(root=_coco(tmp_path / name, **change))
         CocoPanoptic(settings, clip).segment(clip.frame(4))
 
-    with pytest.raises(VfoaError, match=r"frame_0004\.png: holds segment 5, which is not in panoptic\.json"):
+    with pytest.raises(VfoaError, match=r"frame_0004\.png: .*5, .*panoptic\.json"):
         segment("unknown", segments=[SEGMENTS[0], SEGMENTS[1], SEGMENTS[3]])
-    with pytest.raises(VfoaError, match=r"segment 3 has category_id 2.*\[1, 16, 187\]"):
+    with pytest.raises(VfoaError, match=r"segment 3 .*category_id 2.*16, 187"):
         segment("category", segments=[{"id": 3, "category_id": 2}, *SEGMENTS[1:]])
-    with pytest.raises(VfoaError, match=r"frame_0004\.png: the masks are 64 x 47 pixels, the left image 64 x 48"):
+    with pytest.raises(VfoaError, match=r"frame_0004\.png: .*64 x 47.*64 x 48"):
         segment("size", ids=_map()[1:])
-    with pytest.raises(VfoaError, match=r"panoptic\.json: annotations\[0\]\.segments_info\[0\]: .*`category_id`"):
+    with pytest.raises(VfoaError, match=r"segments_info\[0\]: .*`category_id`"):
         segment("broken", segments=[{"id": 3}])
-    with pytest.raises(VfoaError, match=r"panoptic\.json: frame_0004\.png: segments_info: id 3 occurs twice"):
+    with pytest.raises(VfoaError, match=r"frame_0004\.png: segments_info: id 3 "):
         segment("twice", segments=[SEGMENTS[0], *SEGMENTS])
 
 
@@ -121,13 +121,13 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
         CocoPanoptic(CocoPanopticSettings(root=root, stuff=("ski",)), clip)
     with pytest.raises(VfoaError, match=r"gone/panoptic\.json: no such file"):
         CocoPanoptic(CocoPanopticSettings(root=str(tmp_path / "gone")), clip)
-    with pytest.raises(VfoaError, match=r"needs the environment variable VFOA_NOT_SET"):
+    with pytest.raises(VfoaError, match="VFOA_NOT_SET"):
         CocoPanoptic(CocoPanopticSettings(root="${VFOA_NOT_SET}/x"), clip)
     document = json.loads((tmp_path / "coco" / "panoptic.json").read_text())
     for table, said in (("annotations", r"file_name 'frame_0004\.png'"), ("categories", "id 1")):
         twice = document | {table: [*document[table], document[table][0]]}
         write_text(tmp_path / "coco" / "panoptic.json", json.dumps(twice))
-        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} occurs twice"):
+        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said}"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
     deep = '{"info": ' + "[" * 100_000
     for content, said in (("{", "not JSON"), ("[]", "the document"), (deep, "nested"), ("\ud800", "not JSON")):
@@ -248,7 +248,7 @@ def test_a_map_of_another_size_or_a_missing_one_is_one_line(clip: StereoFolderCl
     for number in (4, 7):
         np.save(tmp_path / f"{number}.npy", np.ones((5, 6), np.float32))
     matcher = FileMatcher(FileMatcherSettings(root=str(tmp_path), pattern="%d.npy"), clip)
-    with pytest.raises(VfoaError, match=r"4\.npy: the map is 6 x 5 pixels, the left image 64 x 48"):
+    with pytest.raises(VfoaError, match=r"4\.npy: .*6 x 5.*64 x 48"):
         matcher.match(clip.frame(4))
     (tmp_path / "7.npy").unlink()
     with pytest.raises(VfoaError, match=r"7\.npy: no such file.*7"):

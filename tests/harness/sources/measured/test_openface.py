@@ -130,14 +130,14 @@ def test_one_face_in_every_frame_is_one_person_wherever_it_is(tmp_path: Path) ->
 
 def test_stamps_that_do_not_ascend_ask_for_the_rate_which_replaces_them(tmp_path: Path) -> None:
     rows = [row(number, timestamp=0) for number in (1, 2, 3)]
-    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: does not ascend .*rate_hz in \[source\]"):
+    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: .*rate_hz in"):
         opened(tmp_path, rows)
     clip = open_measured("openface", tmp_path, file="faces.csv", rate_hz=50.0)
     assert [clip.time_ns(number) for number in clip.frames] == [0, 20_000_000, 40_000_000]
 
 
 def test_a_frame_number_far_from_all_others_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"faces\.csv: frame: found 1 to 9000000.*1,000,000"):
+    with pytest.raises(VfoaError, match=r"faces\.csv: frame: .*9000000.*1,000,000"):
         opened(tmp_path, [row(1), {**row(9_000_000), "timestamp": 9}])
 
 
@@ -170,5 +170,5 @@ def test_a_table_is_added_and_a_table_of_one_image_is_named(tmp_path: Path, monk
     assert (added.name, added.adapter, added.frames) == ("talk", "openface", 2)
     assert (added.subjects, added.targets) == (("person_1", "person_2"), ("screen",))
     path.write_text(path.read_text().replace("frame,face_id,timestamp,confidence,success", "face,confidence", 1))
-    with pytest.raises(VfoaError, match=r"talk\.csv:1: a table of OpenFace for one image .*-fdir FOLDER"):
+    with pytest.raises(VfoaError, match=r"talk\.csv:1: .*-fdir FOLDER"):
         add_clip(path, name="other")

@@ -30,7 +30,7 @@ def test_heads_of_pfm(tmp_path: Path, head: bytes) -> None:
 
 @pytest.mark.parametrize("scale", [b"0", b"-0.0", b"-", b"1e", b"--1"])
 def test_a_pfm_whose_byte_order_nobody_can_tell_is_refused(tmp_path: Path, scale: bytes) -> None:
-    with pytest.raises(VfoaError, match=r"a\.pfm: not a one-channel PFM: the header is "):
+    with pytest.raises(VfoaError, match=r"a\.pfm: .*one-channel"):
         read_disparity(write_bytes(tmp_path / "a.pfm", b"Pf\n2 1\n" + scale + b"\n" + PIXELS.tobytes()))
 
 

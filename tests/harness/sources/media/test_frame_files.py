@@ -85,7 +85,7 @@ def test_a_file_s_own_name_is_that_file(tmp_path: Path, name: str) -> None:
 
 def test_a_number_that_nothing_can_count_to_is_refused(tmp_path: Path) -> None:
     _touch(tmp_path, "f1.png", f"f{2**63}.png")
-    with pytest.raises(VfoaError, match=rf"left: .*the frame number {2**63} is too large"):
+    with pytest.raises(VfoaError, match=rf"left: .*{2**63} "):
         find_frames(tmp_path, "f*.png", "left")
 
 

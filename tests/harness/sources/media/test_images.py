@@ -52,7 +52,7 @@ def test_raw_colours_come_as_rgb_without_their_alpha(tmp_path: Path, dtype: type
 
 def test_colours_of_other_depths_are_one_clear_error(tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "deep.tiff"), np.zeros((3, 4, 3), np.float64))
-    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 channels of float64.*8 or 16"):
+    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 .*float64.*8 or 16"):
         read_raw(tmp_path / "deep.tiff")
 
 
@@ -122,7 +122,7 @@ def test_a_jpeg_whose_data_end_early_is_refused(tmp_path: Path, share: float, ho
     whole = _jpeg(**how)
     assert read_rgb(write_bytes(tmp_path / "whole.jpg", whole)).shape == (240, 320, 3)
     half = write_bytes(tmp_path / "half.jpg", whole[: int(share * len(whole))] + b"\xff\xd9")
-    with pytest.raises(VfoaError, match=r"half\.jpg: damaged JPEG: its data end before the image does"):
+    with pytest.raises(VfoaError, match=r"half\.jpg: damaged JPEG"):
         read_rgb(half)
 
 

@@ -50,7 +50,7 @@ def test_a_cut_file_has_the_frames_before_the_cut_and_says_so(tmp_path: Path, na
     assert COUNT / 2 < count < COUNT
     assert cut.notes == (f"{name}: the container says {COUNT} frames, {count} can be read",)
     assert all(np.array_equal(cut.read(place), frames[place]) for place in range(count - 1))
-    with pytest.raises(VfoaError, match=rf"{name}: no frame {count}.*0 to {count - 1}"):
+    with pytest.raises(VfoaError, match=rf"{name}: .*{count}.*0 to {count - 1}"):
         cut.read(count)
 
 
@@ -71,7 +71,7 @@ def test_files_that_are_no_video_are_one_line(tmp_path: Path, capfd: pytest.Capt
 def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.mkv"))
     write_video(tmp_path / "a.mkv", [moving_picture(0)]).rename(path)
-    with pytest.raises(VfoaError, match=r"its name is not UTF-8, which FFmpeg cannot open; rename it"):
+    with pytest.raises(VfoaError, match="not UTF-8"):
         Video(path)
 
 
@@ -161,7 +161,7 @@ def test_pictures_are_turned_as_the_file_says(
 
 def test_pictures_that_are_turned_by_a_part_of_a_quarter_are_refused(tmp_path: Path) -> None:
     path = _with_display_matrix(write_video(tmp_path / "a.mp4", IMAGES[:2], "mp4v"), 0.7, 0.7, -0.7, 0.7)
-    with pytest.raises(VfoaError, match=r"a\.mp4: pictures are rotated by a part of 90 degrees"):
+    with pytest.raises(VfoaError, match=r"a\.mp4: .*90 degrees"):
         Video(path)
 
 
