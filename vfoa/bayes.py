@@ -11,21 +11,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from vfoa.geometry import sigma_rad
-from vfoa.methods import MethodSettings, boxes_of_others, seconds_between
+from vfoa.methods import MethodSettings, answer_of, boxes_of_others, revised, seconds_between
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
 from vfoa.posterior.grid import Error
-from vfoa.posterior.looks import Keys
 from vfoa.recent import Recent
-from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
+from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
 from vfoa.visible import RAYS, visible_targets
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
@@ -124,39 +122,22 @@ def infer_attentions(
 
 def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
     """Return the frames of a window with the focus and the probabilities of every subject given all its frames."""
-    tracks = {attention.subject.track_id for frame in window for attention in frame.attentions}
-    smoothed_by_track = {track: _smoothed_track(window, track, settings) for track in tracks}
-    return [
-        replace(
-            frame,
-            attentions=tuple(
-                smoothed_by_track[attention.subject.track_id].get(index, attention) for attention in frame.attentions
-            ),
-        )
-        for index, frame in enumerate(window)
-    ]
 
+    def of_track(frames: list[tuple[FrameResult, Attention]]) -> list[Attention]:
+        beliefs = [attention.belief for _, attention in frames]
+        return [
+            _answer(
+                attention.subject,
+                [value.instance_id for value in attention.values],
+                belief,
+                measured_cues(attention.subject, settings),
+                answered(belief, probabilities, settings.error, later_known=True),
+                attention.fit,
+            )
+            for (_, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True)
+        ]
 
-def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSettings) -> dict[int, Attention]:
-    """Return one subject's attention by the frame's position in the window, for frames that have one."""
-    known = [
-        (index, attention, attention.belief)
-        for index, frame in enumerate(window)
-        for attention in frame.attentions
-        if attention.subject.track_id == track and isinstance(attention.belief, Belief)
-    ]
-    if not known:
-        return {}
-    beliefs = [belief for _, _, belief in known]
-    return {
-        index: _with_probabilities(
-            attention,
-            belief.keys,
-            answered(belief, probability, settings.error, later_known=True),
-            ((value.instance_id, *_divided(value.gaze, value.head)) for value in attention.values),
-        )
-        for (index, attention, belief), probability in zip(known, smoothed(beliefs), strict=True)
-    }
+    return revised(window, Belief, of_track)
 
 
 def _infer(
@@ -171,10 +152,22 @@ def _infer(
     if isinstance(found, NoAttention):
         return Attention(subject=subject, missing=found)
     belief, cues = found
-    divided = _divided(*cue_shares(cues, belief))
-    parts = ((number, *divided) for number in boxes_of_others(subject, targets))
-    attention = Attention(subject=subject, belief=belief, fit=fit_of(belief, cues))
-    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings.error), parts)
+    probabilities = answered(belief, belief.probabilities, settings.error)
+    return _answer(subject, boxes_of_others(subject, targets), belief, cues, probabilities, fit_of(belief, cues))
+
+
+def _answer(
+    subject: Subject,
+    ids: Iterable[int],
+    belief: Belief,
+    cues: MeasuredCues,
+    probabilities: Float,
+    fit: DirectionFit | None,
+) -> Attention:
+    """The attention with these probabilities (T,) of the targets of the belief, for the targets ``ids``."""
+    chance = dict(zip(belief.keys, probabilities.tolist(), strict=True))
+    totals = {number: chance.get(number, 0.0) for number in ids}
+    return answer_of(subject, totals, chance[None], cue_shares(cues, belief), belief=belief, fit=fit)
 
 
 _RECENT: Recent[Belief] = Recent(16)
@@ -196,9 +189,9 @@ def believed(
     origin = subject.person.eye_origin_left
     if origin is None:
         return NoAttention.NO_EYES_3D
-    cues = measured_cues(subject, settings)
-    if cues is None:
+    if subject.gaze is None and subject.head_pose is None:
         return NoAttention.NO_DIRECTION
+    cues = measured_cues(subject, settings)
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
     visible = visible_targets(origin, others, eyes, clouds=True)
@@ -215,11 +208,9 @@ def believed(
     return _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error)), cues
 
 
-def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues | None:
-    """Return the measured cues with their claimed errors; None if there are none."""
+def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues:
+    """Return the measured cues with their claimed errors."""
     gaze, head = subject.gaze, subject.head_pose
-    if gaze is None and head is None:
-        return None
     claims = []
     for source, error_deg in ((gaze, settings.gaze_error_deg), (head, settings.head_error_deg)):
         claimed = source.sigma_rad if source is not None and settings.spread == "model" else None
@@ -240,28 +231,3 @@ def eyes_of(subjects: Iterable[Subject]) -> dict[int, Float]:
         for person in people
         if person.instance_id is not None and person.eye_origin_left is not None
     }
-
-
-def _with_probabilities(
-    attention: Attention, keys: Keys, probabilities: Float, parts: Iterable[tuple[int, float, float]]
-) -> Attention:
-    """Return the attention with these probabilities (T,) and the matching focus.
-
-    ``parts`` are the instances with the shares of gaze and head in the total.
-    """
-    probability = dict(zip(keys, probabilities.tolist(), strict=True))
-    values = []
-    for number, by_gaze, by_head in parts:
-        total = probability.get(number, 0.0)
-        values.append(TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total))
-    best = max(probability.values())
-    if probability[None] == best:
-        return replace(attention, values=tuple(values), focus=None, tied=())
-    first, *tied = (value.instance_id for value in values if value.total == best)
-    return replace(attention, values=tuple(values), focus=first, tied=tuple(tied))
-
-
-def _divided(gaze: float, head: float) -> tuple[float, float]:
-    """Two parts over their sum, without those that are NaN; the parts themselves where they sum to 0."""
-    whole = sum(part for part in (gaze, head) if not math.isnan(part))
-    return (gaze / whole, head / whole) if whole > 0 else (gaze, head)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
@@ -31,12 +30,12 @@ from pydantic import Field, model_validator
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe
-from vfoa.methods import MethodSettings, seconds_between
+from vfoa.methods import MethodSettings, answer_of, revised, seconds_between
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
 from vfoa.settings import Settings
-from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target, TargetAttention
+from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
 
 
 class Weights(Settings):
@@ -292,29 +291,16 @@ def _observed(
 
 def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:
     """Return the frames of a window with every subject's attention given the later frames of the window, too."""
-    weighed: dict[tuple[int, int], Attention] = {}
-    for track in {attention.subject.track_id for frame in window for attention in frame.attentions}:
-        of_track = [
-            (index, frame.scene.time_ns, attention)
-            for index, frame in enumerate(window)
-            for attention in frame.attentions
-            if attention.subject.track_id == track and isinstance(attention.belief, Seen)
+
+    def of_track(frames: list[tuple[FrameResult, Attention]]) -> list[Attention]:
+        seen = [attention.belief for _, attention in frames]
+        gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
+        return [
+            _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
+            for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True)
         ]
-        seen = [attention.belief for _, _, attention in of_track]
-        times = [time_ns for _, time_ns, _ in of_track]
-        gaps_s = [seconds_between(*pair) for pair in pairwise(times)]
-        for (index, _, attention), after in zip(of_track, later_means(seen, gaps_s), strict=True):
-            weights = settings.of_case(attention.belief.case, later=True)
-            weighed[index, track] = _attention(attention.subject, attention.belief, weights, after)
-    return [
-        replace(
-            frame,
-            attentions=tuple(
-                weighed.get((index, attention.subject.track_id), attention) for attention in frame.attentions
-            ),
-        )
-        for index, frame in enumerate(window)
-    ]
+
+    return revised(window, Seen, of_track)
 
 
 def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
@@ -327,15 +313,9 @@ def target_probabilities(seen: Seen, weights: Weights, after: Float | None = Non
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
     probability = target_probabilities(seen, weights, after)
-    nowhere = 1 - probability.sum()
-    by_gaze, by_head = _SHARES.get(seen.case) or _prepared(weights)[1]
-    values = tuple(
-        TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total)
-        for number, total in zip(seen.ids, probability.tolist(), strict=True)
-    )
-    best = max((value.total for value in values), default=0.0)
-    first = [value.instance_id for value in values if value.total == best > nowhere]
-    return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), belief=seen)
+    totals = dict(zip(seen.ids, probability.tolist(), strict=True))
+    shares = _SHARES.get(seen.case) or _prepared(weights)[1]
+    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen)
 
 
 _SHARES: dict[Case, tuple[float, float]] = {"gaze": (1.0, math.nan), "head": (math.nan, 1.0)}

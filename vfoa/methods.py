@@ -1,13 +1,14 @@
-"""Methods of attention: what a class must have to be one, and the names of those that there are."""
+"""Methods of attention: what a class must have to be one, the names of those that there are, and what several share."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol, Self, TypeVar
 
 from vfoa.registry import Registry
 from vfoa.settings import Settings
-from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target
+from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target, TargetAttention
 
 State = TypeVar("State")
 FRAME_S = 0.04
@@ -128,3 +129,43 @@ def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, 
     return {
         target.instance.id: target.box for target in targets if target.box is not None and target.instance.id != own
     }
+
+
+def answer_of(
+    subject: Subject, totals: Mapping[int, float], nowhere: float, shares: tuple[float, float], **details: Any
+) -> Attention:
+    """Return the attention of probabilities by instance id; the focus is None where ``nowhere`` has the greatest.
+
+    ``shares`` are those of gaze and head in each total, NaN for a cue that was not measured; ``details`` are other
+    fields of the attention.
+    """
+    by_gaze, by_head = shares
+    values = tuple(
+        TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total)
+        for number, total in totals.items()
+    )
+    best = max(totals.values(), default=0.0)
+    first = [number for number, total in totals.items() if total == best > nowhere]
+    return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), **details)
+
+
+def revised(
+    window: Sequence[FrameResult],
+    kind: type,
+    of_track: Callable[[list[tuple[FrameResult, Attention]]], list[Attention]],
+) -> list[FrameResult]:
+    """Return the frames of a window with the attentions of each track that have a ``belief`` of a kind revised."""
+    tracks: dict[int, list[tuple[FrameResult, Attention]]] = {}
+    for frame in window:
+        for attention in frame.attentions:
+            if isinstance(attention.belief, kind):
+                tracks.setdefault(attention.subject.track_id, []).append((frame, attention))
+    after = {
+        id(attention): later
+        for frames in tracks.values()
+        for (_, attention), later in zip(frames, of_track(frames), strict=True)
+    }
+    return [
+        replace(frame, attentions=tuple(after.get(id(attention), attention) for attention in frame.attentions))
+        for frame in window
+    ]
