@@ -19,8 +19,7 @@ from urllib.request import HTTPCookieProcessor, ProxyHandler, Request, build_ope
 import pytest
 
 from harness.report.frames_csv import export_frames
-from tests import own_recordings
-from tests.annotating import served_by_the_program
+from tests import annotating, own_recordings
 from tests.command import vfoa
 from tests.homes import NEEDED, serve_models
 from tests.pages import is_shown_by, steps
@@ -69,13 +68,14 @@ def label_and_draw(clip: str) -> None:
         {"kind": "range", "subject": "ann", "at": at, "last": at + half - 1, "target": target}
         for at, target in ((0, "screen"), (half, "shelf"))
     ]
-    with served_by_the_program(Path.cwd(), clip) as (_, address):
+    with annotating.serve(clip=clip) as page:
         opener = build_opener(ProxyHandler({}), HTTPCookieProcessor(CookieJar()))
-        opener.open(address, timeout=60).read()
+        opener.open(page.address, timeout=60).read()
         body = json.dumps({"revision": 1, "drawn": 1, "changes": changes}).encode()
-        headers = {"Content-Type": "application/json", "X-Vfoa-Token": address.partition("token=")[2]}
-        site = address.partition("/?")[0]
-        answer = opener.open(Request(f"{site}/api/change", data=body, headers=headers), timeout=60)
+        headers = {"Content-Type": "application/json", "X-Vfoa-Token": page.token}
+        answer = opener.open(
+            Request(f"{page.address.partition('/?')[0]}/api/change", data=body, headers=headers), timeout=60
+        )
         assert answer.status == 200
 
 
