@@ -239,10 +239,8 @@ def tangent_offsets(directions: Float, others: Float) -> Float:
     """Angles (2, ...) of :func:`tangent_offset` between vectors (3, ...) of any length: components first."""
     (x, y, z), (p, q, r) = directions, others
     level, sine, cosine = _bearing(x, z)
-    length = np.hypot(level, y)
-    level, y = level / length, y / length
     along = sine * p + cosine * r
-    right, down = cosine * p - sine * r + _TINY, level * q - y * along
+    right, down = np.hypot(level, y) * (cosine * p - sine * r) + _TINY, level * q - y * along
     aside = np.hypot(right, down)
     return np.arctan2(aside, y * q + level * along) / aside * np.array([right, down])
 
@@ -252,8 +250,8 @@ def on_the_way(starts: Float, ends: Float, share: Float) -> Float:
 
     Their length is the sine of the whole angle.
     """
-    apart, across = (np.sqrt((vectors**2).sum(axis=0)) for vectors in (starts - ends, starts + ends))
-    angle = np.maximum(2 * np.arctan2(apart, across), 1e-6)
+    half_chord = np.minimum(np.sqrt(((starts - ends) ** 2).sum(axis=0)) / 2, 1)
+    angle = np.maximum(2 * np.arcsin(half_chord), 1e-6)
     return np.sin((1 - share) * angle) * starts + np.sin(share * angle) * ends
 
 

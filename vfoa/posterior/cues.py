@@ -68,9 +68,9 @@ def offsets_of(prior: Belief, scenery: Scenery, cues: MeasuredCues) -> Offsets:
     share, gains = prior.head.share, () if cues.gaze is None else prior.gaze.gains
     of_gaze = len(gains)
     counts = [of_gaze] * (of_gaze > 0) + [len(share)] * len(heads)
-    measured = np.repeat([cues.gaze, *heads] if of_gaze else heads, counts, axis=0).T[:, None]
-    starts = np.repeat([scenery.to_camera, facing], (of_gaze, sum(counts) - of_gaze), axis=0).T[:, None]
-    ends = np.concatenate([scenery.directions, facing[None]]).T[..., None]
+    measured = np.array([cues.gaze, *heads] if of_gaze else heads).T.repeat(counts, axis=1)[:, None]
+    starts = np.array([scenery.to_camera, facing]).T.repeat((of_gaze, sum(counts) - of_gaze), axis=1)[:, None]
+    ends = np.concatenate([scenery.directions, facing[None]]).T.copy()[..., None]
     expected = on_the_way(starts, ends, np.concatenate([gains, *[share] * len(heads)]))
     if heads:
         expected[:, -1, :of_gaze] = lowered(heads[-1], _BELOW_RAD)[:, None]

@@ -59,19 +59,18 @@ def next_error(before: GazeError, transition: Transition, slow: Float, on_target
     drift at the end of a look, the part ``lasting`` is the error's and goes over to the next look; the point on the
     next target is new.
     """
-    outlasting = _with_drift_times(before.state, before.lasting)
+    outlasting = Normal(before.state.means.copy(), before.state.covariances.copy())
+    _scale_drift(outlasting, before.lasting)
     outlasting.covariances[DRIFT, DRIFT] += slow * (1 - before.lasting)
     state = mixed(before.state, pooled(outlasting, transition.looked), transition)
     state.covariances[DRIFT, DRIFT] += (1 - transition.stay) * on_target
-    state = _with_drift_times(state, keep)
+    _scale_drift(state, keep)
     drift = slow + on_target
     state.covariances[DRIFT, DRIFT] += (1 - keep**2) * drift
     return GazeError(state, slow / drift)
 
 
-def _with_drift_times(state: Normal, factor: float | Float) -> Normal:
-    means, covariances = state.means.copy(), state.covariances.copy()
-    means[DRIFT] *= factor
-    covariances[DRIFT] *= factor
-    covariances[:, DRIFT] *= factor
-    return Normal(means, covariances)
+def _scale_drift(state: Normal, factor: float | Float) -> None:
+    state.means[DRIFT] *= factor
+    state.covariances[DRIFT] *= factor
+    state.covariances[:, DRIFT] *= factor
