@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from importlib import util
 from pathlib import Path
 from typing import Any
@@ -66,19 +67,26 @@ def _rows(run: Path, clip: str) -> dict[str, dict[str, str]]:
         }
 
 
-def _asked(address: str, folder: Path) -> list[list[dict[str, str]]]:
+def _asked(address: str) -> list[list[dict[str, str]]]:
     """The two tables that the documented query prints."""
     (query,) = (block["text"] for block in BLOCK.finditer(PAGE) if block["title"] == "query.py")
-    (folder / "query.py").write_text(query, encoding="utf-8")
-    command = [sys.executable, "query.py", address]
-    said = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["query.py", address])
+        said = _printed(query)
     return [list(csv.DictReader(io.StringIO(table))) for table in said.strip().split("\n\n")]
 
 
+def _printed(program: str) -> str:
+    """What a program of Python prints, executed here: a process would import all of Rerun and DataFusion again."""
+    with redirect_stdout(io.StringIO()) as said:
+        exec(compile(program, "program", "exec"), {"__name__": "__main__"})
+    return said.getvalue()
+
+
 @needs_datafusion
-def test_the_documented_query_finds_the_rates_of_frr_csv(served: tuple[str, Path], tmp_path: Path) -> None:
+def test_the_documented_query_finds_the_rates_of_frr_csv(served: tuple[str, Path]) -> None:
     address, run = served
-    rates, errors = _asked(address, tmp_path)
+    rates, errors = _asked(address)
     clips = ("demo_crowd", "demo_1")
     expected = {(clip, name): row for clip in clips for name, row in _rows(run, clip).items()}
     assert len(expected) == 12
@@ -135,7 +143,7 @@ def test_recordings_without_error_types_are_named(tmp_path: Path, monkeypatch: p
     old = write_run(tmp_path / "old", {"two cones": four_frames()}).run
     with serving([new, old]) as catalogue:
         assert catalogue.unmarked == (old,)
-        rates, errors = _asked(catalogue.address, tmp_path)
+        rates, errors = _asked(catalogue.address)
     assert [(row["run"], row["configuration"], row["n"], row["frr"]) for row in rates] == [
         ("new", "two cones", "4", "0.250000"),
         ("old", "two cones", "4", "0.250000"),
@@ -200,8 +208,7 @@ def test_the_command_prints_three_lines_of_python_and_ends_with_ctrl_c(tmp_path:
         assert said[0] == "Serving until Ctrl-C: run\n"
         *imports, table = (line.strip() for line in said[3:])
         program = "\n".join([*imports, f"print(*{table})"])
-        printed = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-        assert "property:run:clip" in printed.split()
+        assert "property:run:clip" in _printed(program).split()
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=180) == ("", "")
         assert process.returncode == 0
