@@ -15,23 +15,11 @@ from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.experiments import BLOCKS, experiment_of
 from tests.records import tables_of
 
 FRAMES = 3
-EXPERIMENT = """
-clips = ["studio_table"]
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "person_mask"
-defaults.head_pose.model = "none"
-[[configuration]]
-name = "temporal"
-stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
-gaze = {{ model = "gaze360", weights = "{temporal}", stride = 1 }}
-[[configuration]]
-name = "single"
-stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
-gaze = {{ model = "l2cs", weights = "{single}" }}
-"""
+STAGES = {**BLOCKS, "heads.detector": "person_mask", "head_pose.model": "none"}
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +28,11 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     temporal = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
     angles = {"horizontal": np.zeros((1, 90)), "vertical": np.zeros((1, 90))}
     single = Path(graphs.constant(folder / "l2cs.onnx", {"face": (1, 3, 448, 448)}, angles)).as_posix()
-    return write_text(folder / "cached.toml", EXPERIMENT.format(temporal=temporal, single=single))
+    configurations = {
+        "temporal": {"gaze.model": "gaze360", "gaze.weights": temporal, "gaze.stride": 1},
+        "single": {"gaze.model": "l2cs", "gaze.weights": single},
+    }
+    return write_text(folder / "cached.toml", experiment_of(["studio_table"], configurations, STAGES))
 
 
 @pytest.fixture(scope="module")

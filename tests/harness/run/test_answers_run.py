@@ -27,20 +27,20 @@ from harness.score.calibration import reliabilities
 from harness.score.score import ScoreRow, Scores
 from harness.sources import Clip, MeasuredClip
 from tests.disk import write_text
+from tests.experiments import BLOCKS, experiment_of
 from tests.measured import LABELS_HEADER, idiap_file, measured_tables, true_labels
 from vfoa.errors import VfoaError
 
-THEIRS = 'attention.method = "answers"\nattention.file = "answers/${CLIP}.csv"\n'
+THEIRS = {"attention.method": "answers", "attention.file": "answers/${CLIP}.csv"}
 
 
-def _experiment(**configurations: str) -> str:
-    """An experiment on the clip ``talk`` with these configurations, each a name and its settings."""
-    listed = (f'[[configuration]]\nname = "{name}"\n{settings}\n' for name, settings in configurations.items())
-    return "\n".join(['clips = ["talk"]', 'preset = "measured"', *listed])
+def _experiment(**configurations: dict[str, object]) -> str:
+    """An experiment on the clip ``talk`` with these configurations."""
+    return experiment_of(["talk"], configurations, preset="measured")
 
 
-def _nearest(limit_deg: float) -> str:
-    return f'attention.method = "nearest"\nattention.limit_deg = {limit_deg}\n'
+def _nearest(limit_deg: float) -> dict[str, object]:
+    return {"attention.method": "nearest", "attention.limit_deg": limit_deg}
 
 
 def _vfoa(*words: str) -> Result:
@@ -55,7 +55,7 @@ def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     assert _vfoa("clips", "add", str(tmp_path / "data" / "talk")).exit_code == 0
     write_text(tmp_path / "annotations" / "talk.csv", true_labels())
-    write_text(tmp_path / "talk.toml", _experiment(cones="", theirs=THEIRS))
+    write_text(tmp_path / "talk.toml", _experiment(cones={}, theirs=THEIRS))
     return tmp_path
 
 
@@ -196,14 +196,16 @@ def test_probabilities_are_judged(talk: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "row", "header", "correct"),
     [
-        ("", "{time_s:.3f},{subject},{target}", "time_s,subject,target", 24),
-        ("attention.frame_offset = 1", "{before},{subject},{target}", "frame,subject,target", 24),
-        ("", "{frame},{subject},cup#4", "frame,subject,target", 0),
+        ({}, "{time_s:.3f},{subject},{target}", "time_s,subject,target", 24),
+        ({"attention.frame_offset": 1}, "{before},{subject},{target}", "frame,subject,target", 24),
+        ({}, "{frame},{subject},cup#4", "frame,subject,target", 0),
     ],
     ids=["times", "frames from 0", "an object without a name"],
 )
-def test_frames_and_objects_are_said_otherwise(talk: Path, settings: str, row: str, header: str, correct: int) -> None:
-    write_text(talk / "talk.toml", _experiment(theirs=THEIRS + settings))
+def test_frames_and_objects_are_said_otherwise(
+    talk: Path, settings: dict[str, object], row: str, header: str, correct: int
+) -> None:
+    write_text(talk / "talk.toml", _experiment(theirs=THEIRS | settings))
     _answer_all(talk, row, header)
     scored = _row(_run(talk)[1])
     assert (scored.correct, scored.predicted) == (correct, 24)
@@ -239,22 +241,12 @@ def test_a_mistake_is_named_before_anything_runs(talk: Path, header: str, row: s
     assert not (talk / "run" / "answers").exists()
 
 
-POINTS = """
-clips = ["studio_talk"]
-defaults.stereo = {matcher = "bm", min_depth_m = 0.8, wls = false}
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "truth"
-defaults.gaze.model = "truth"
-defaults.attention = {method = "answers", file = "points.csv"}
-
-[[configuration]]
-name = "theirs"
-
-[[configuration]]
-name = "nobody_found"
-tracking.sigma_l = 2
-"""
+STAGES = {**BLOCKS, "head_pose.model": "truth", "gaze.model": "truth"}
+POINTS = experiment_of(
+    ["studio_talk"],
+    {"theirs": {}, "nobody_found": {"tracking.sigma_l": 2}},
+    {**STAGES, "attention.method": "answers", "attention.file": "points.csv"},
+)
 
 
 @pytest.fixture
@@ -326,13 +318,13 @@ def test_shares_of_the_image_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
 def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None:
     """A posterior with its probabilities, and a rule that can say "nowhere"."""
     write_text(talk / "annotations" / "talk.csv", true_labels().replace("7,12,ben,robot", "7,12,ben,none"))
-    methods = {"forward": 'attention.method = "bayes"', "near": _nearest(5)}
+    methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5)}
     write_text(talk / "talk.toml", _experiment(**methods))
     first, scores = _run(talk)
     for name in methods:
         given = ("answers", "export", str(first.path), "--config", name, "--out", name)
         assert _vfoa(*given).stdout == f"{name}/talk.csv\n"
-    read = {f"{name}_read": THEIRS.replace("answers/", f"{name}/") for name in methods}
+    read = {f"{name}_read": THEIRS | {"attention.file": f"{name}/${{CLIP}}.csv"} for name in methods}
     write_text(talk / "talk.toml", _experiment(**methods, **read))
     plan = prepare(load_experiment("talk.toml"))
     scores = rescore(run_plan(plan, talk / "again", workers=1, progress=lambda clip: None))
@@ -419,7 +411,7 @@ def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_text(path, "\n".join(f"{','.join(c[:13])},{said},{other[c[1]]},0.05" for c in (x.split(",") for x in lines)))
     assert _vfoa("clips", "add", str(path), "--name", "talk").exit_code == 0
     write_text(tmp_path / "annotations" / "talk.csv", LABELS_HEADER + "0,5,1,robot,\n0,5,2,none,\n")
-    write_text(tmp_path / "talk.toml", _experiment(hmm=THEIRS.replace("answers/${CLIP}", "talk/tracker")))
+    write_text(tmp_path / "talk.toml", _experiment(hmm=THEIRS | {"attention.file": "talk/tracker.csv"}))
     return path
 
 

@@ -28,72 +28,34 @@ from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of
 from tests.disk import write_text
+from tests.experiments import BLOCKS, experiment_of
 from tests.measured import START_NS, STEP_NS, measured_tables
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings
 from vfoa.pipeline import AttendSettings
 
-EXPERIMENT = """
-clips = ["studio_talk"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "simulated"
-
-[[configuration]]
-name = "cones"
-[[configuration]]
-name = "wide"
-attention.cones_cm = [10, 25]
-[[configuration]]
-name = "filtered"
-gaze_filter.cues = "both"
-[[configuration]]
-name = "oriented"
-reconstruction.boxes = "oriented"
-gaze_filter.cues = "both"
-[[configuration]]
-name = "keys"
-gaze_filter.cues = "gaze"
-segmentation.every = 3
-[[configuration]]
-name = "nearest"
-attention.method = "nearest"
-[[configuration]]
-name = "off"
-attention = {{ method = "bayes", smoothing = "off", error = "told" }}
-[[configuration]]
-name = "forward"
-attention.method = "bayes"
-[[configuration]]
-name = "both"
-attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.2 }}
-[[configuration]]
-name = "logit"
-attention = {{ method = "logit", smoothing = "both", look_ahead_s = 0.1 }}
-[[configuration]]
-name = "logit-forward"
-attention.method = "logit"
-[[configuration]]
-name = "window"
-gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-head_pose.model = "none"
-attention.method = "bayes"
-"""
-POSES = """
-clips = ["talk"]
-preset = "measured"
-[[configuration]]
-name = "cones"
-gaze_filter.cues = "both"
-[[configuration]]
-name = "bayes"
-attention.method = "bayes"
-[[configuration]]
-name = "logit"
-attention.method = "logit"
-"""
+CONFIGURATIONS: dict[str, dict[str, object]] = {
+    "cones": {},
+    "wide": {"attention.cones_cm": [10, 25]},
+    "filtered": {"gaze_filter.cues": "both"},
+    "oriented": {"reconstruction.boxes": "oriented", "gaze_filter.cues": "both"},
+    "keys": {"gaze_filter.cues": "gaze", "segmentation.every": 3},
+    "nearest": {"attention.method": "nearest"},
+    "off": {"attention.method": "bayes", "attention.smoothing": "off", "attention.error": "told"},
+    "forward": {"attention.method": "bayes"},
+    "both": {"attention.method": "bayes", "attention.smoothing": "both", "attention.look_ahead_s": 0.2},
+    "logit": {"attention.method": "logit", "attention.smoothing": "both", "attention.look_ahead_s": 0.1},
+    "logit-forward": {"attention.method": "logit"},
+}
+POSES = experiment_of(
+    ["talk"],
+    {
+        "cones": {"gaze_filter.cues": "both"},
+        "bayes": {"attention.method": "bayes"},
+        "logit": {"attention.method": "logit"},
+    },
+    preset="measured",
+)
 SHARING = ("off", "both")
 FRAMES = 7
 
@@ -121,7 +83,9 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A run on a clip with images."""
     folder = tmp_path_factory.mktemp("images")
     weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    return _run(write_text(folder / "all.toml", EXPERIMENT.format(weights=weights)), FRAMES)
+    window = {"gaze.model": "gaze360", "gaze.weights": weights, "gaze.stride": 1, "head_pose.model": "none"}
+    configurations = CONFIGURATIONS | {"window": window | {"attention.method": "bayes"}}
+    return _run(write_text(folder / "all.toml", experiment_of(["studio_talk"], configurations, BLOCKS)), FRAMES)
 
 
 @pytest.fixture(scope="module")

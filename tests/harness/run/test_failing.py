@@ -18,6 +18,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
+from tests.experiments import BLOCKS, experiment_of
 from tests.recorded import values_of
 from tests.records import tables_of
 from vfoa.cones import Cones
@@ -25,21 +26,8 @@ from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
 from vfoa.types import Disparity, Scene, StereoFrame
 
-STAGES = """
-[defaults]
-stereo.min_depth_m = 0.8
-stereo.wls = false
-segmentation.model = "truth"
-heads.detector = "truth"
-head_pose.model = "none"
-gaze.model = "truth"
-[[configuration]]
-name = "bm"
-stereo.matcher = "bm"
-[[configuration]]
-name = "sgbm"
-stereo.matcher = "sgbm"
-"""
+STAGES = {**BLOCKS, "head_pose.model": "none", "gaze.model": "truth"}
+MATCHERS = {"bm": {}, "sgbm": {"stereo.matcher": "sgbm"}}
 
 
 @pytest.fixture
@@ -55,7 +43,7 @@ def broken_sgbm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _run(folder: Path, clips: list[str], *, retry: bool = False, recorded: bool = False) -> RunDirectory:
-    file = write_text(folder / "two.toml", f"clips = {clips!r}\n{STAGES}")
+    file = write_text(folder / "two.toml", experiment_of(clips, MATCHERS, STAGES))
     experiment = load_experiment(str(file))
     plan = prepare(experiment, limit=3, sinks=composed_sinks(experiment.configurations, recorded=recorded))
     out = folder / "out"
@@ -176,7 +164,7 @@ def test_a_clip_on_which_all_fail_is_left_out(tmp_path: Path, monkeypatch: pytes
 def test_the_command_line_says_what_failed_and_leaves_with_1(
     tmp_path: Path, broken_sgbm: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = write_text(tmp_path / "two.toml", f'clips = ["studio_table"]\n{STAGES}')
+    file = write_text(tmp_path / "two.toml", experiment_of(["studio_table"], MATCHERS, STAGES))
     monkeypatch.chdir(tmp_path)
     arguments = ["vfoa", "run", file.name, "--workers", "1", "--recording", "none", "--limit", "3", "--no-cache"]
     monkeypatch.setattr(sys, "argv", arguments)

@@ -19,27 +19,13 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from tests import graphs
 from tests.disk import write_text
+from tests.experiments import BLOCKS, experiment_of
 from vfoa.segmentation.yolo_seg import YoloSeg
 from vfoa.types import Instances, StereoFrame
 
 FRAMES = 8
 KEYS = [None, 1, 1, None, 4, 4, None, 7]
-EXPERIMENT = """
-clips = ["studio_table"]
-defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "none"
-[[configuration]]
-name = "network"
-segmentation = {{ model = "yolo_seg", weights = "{yolo}", every = 3 }}
-[[configuration]]
-name = "truth"
-segmentation = {{ model = "truth", every = 3 }}
-[[configuration]]
-name = "all"
-segmentation.model = "truth"
-"""
+STAGES = {**BLOCKS, "gaze.model": "none"}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +34,12 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dark = np.zeros((1, 116, 1), np.float32)  # a "person": what is dark in the middle of the picture
     dark[0, [0, 1, 2, 3, 4, 84]] = [[160], [160], [200], [200], [0.9], [-1]]
     weights = Path(graphs.yolo_seg(folder / "yolo.onnx", dark)).as_posix()
-    return write_text(folder / "key_frames.toml", EXPERIMENT.format(yolo=weights))
+    configurations = {
+        "network": {"segmentation.model": "yolo_seg", "segmentation.weights": weights, "segmentation.every": 3},
+        "truth": {"segmentation.every": 3},
+        "all": {},
+    }
+    return write_text(folder / "key_frames.toml", experiment_of(["studio_table"], configurations, STAGES))
 
 
 @contextmanager

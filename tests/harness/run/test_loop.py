@@ -13,24 +13,15 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from tests.disk import write_text
+from tests.experiments import TRUTH, experiment_of
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.pipeline import Attending
 from vfoa.tracking import Tracked
 from vfoa.types import Scene
 
 FRAMES, LOOK_AHEAD_S = 8, 60
-EXPERIMENT = f"""
-clips = ["studio_talk"]
-defaults.stereo.matcher = "truth"
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "simulated"
-
-[[configuration]]
-name = "smoothed"
-attention = {{ method = "bayes", smoothing = "both", look_ahead_s = {LOOK_AHEAD_S} }}
-"""
+SMOOTHED = {"attention.method": "bayes", "attention.smoothing": "both", "attention.look_ahead_s": LOOK_AHEAD_S}
+EXPERIMENT = experiment_of(["studio_talk"], {"smoothed": SMOOTHED}, TRUTH)
 
 
 def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
+from tests.experiments import TRUTH, experiment_of
 from tests.recorded import values_of
 from tests.records import tables_of
 from vfoa.errors import VfoaError
@@ -29,21 +30,7 @@ from vfoa.types import Instances, StereoFrame
 FRAMES = 2
 
 # two segmentations, whose masks are in one file; two reconstructions
-EXPERIMENT = """
-clips = ["studio_table"]
-defaults.stereo.matcher = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "simulated"
-defaults.segmentation.model = "truth"
-
-[[configuration]]
-name = "every"
-
-[[configuration]]
-name = "second"
-segmentation.every = 2
-"""
+EXPERIMENT = experiment_of(["studio_table"], {"every": {}, "second": {"segmentation.every": 2}}, TRUTH)
 RECORDINGS = {f"studio_table{part}.rrd" for part in ("", "__every", "__every.scene", "__second", "__second.scene")}
 
 

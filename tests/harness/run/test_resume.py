@@ -27,6 +27,7 @@ from harness.run.frame_sink import FinishedFrame
 from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
+from tests.experiments import TRUTH, experiment_of
 from tests.recorded import values_of
 from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
@@ -36,32 +37,17 @@ FRAMES = 7
 TABLES = ("frr.csv", "comparisons.csv")
 
 # tracks, filtered gazes, a window over frames, beliefs: all that a stage can carry from frame to frame
-EXPERIMENT = """
-clips = ["studio_table"]
-defaults.stereo.min_depth_m = 0.8
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-
-[[configuration]]
-name = "filtered"
-stereo = {{ matcher = "bm", wls = false }}
-segmentation.every = 3
-gaze.model = "simulated"
-
-[[configuration]]
-name = "window"
-stereo.matcher = "truth"
-gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
-attention = {{ method = "bayes", smoothing = "forward" }}
-"""
+FILTERED = {"stereo.matcher": "bm", "stereo.wls": False, "segmentation.every": 3}
+WINDOW = {"gaze.model": "gaze360", "gaze.stride": 1, "attention.method": "bayes", "attention.smoothing": "forward"}
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("resume")
     weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    return write_text(folder / "stateful.toml", EXPERIMENT.format(weights=weights))
+    configurations = {"filtered": FILTERED, "window": {**WINDOW, "gaze.weights": weights}}
+    text = experiment_of(["studio_table"], configurations, {**TRUTH, "stereo.min_depth_m": 0.8})
+    return write_text(folder / "stateful.toml", text)
 
 
 def _finish(experiment: Path, out: Path) -> RunDirectory:

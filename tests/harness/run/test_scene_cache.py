@@ -25,6 +25,7 @@ from harness.studio import StudioClip
 from tests.alley import write_experiment
 from tests.disk import picture, write_image, write_text
 from tests.drawn_clip import CLIP, DRAWN
+from tests.experiments import BLOCKS, experiment_of
 from tests.measured import measured_tables
 from tests.records import tables_of
 from tests.repository import copy_clip
@@ -255,36 +256,18 @@ def test_directions_are_used_with_their_own_scene_alone(
     assert read == [1, 2, 3] * 3
 
 
-STUDIO = """
-clips = ["studio_talk"]
-defaults.stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "simulated"
-seeds = 2
-[[configuration]]
-name = "cones"
-[[configuration]]
-name = "posterior"
-attention.method = "bayes"
-[[configuration]]
-name = "keys"
-segmentation.every = 2
-[[configuration]]
-name = "truth"
-stereo.matcher = "truth"
-reconstruction.boxes = "oriented"
-"""
-POSES = """
-clips = ["talk"]
-preset = "measured"
-[[configuration]]
-name = "cones"
-[[configuration]]
-name = "posterior"
-attention.method = "bayes"
-"""
+STUDIO = experiment_of(
+    ["studio_talk"],
+    {
+        "cones": {},
+        "posterior": {"attention.method": "bayes"},
+        "keys": {"segmentation.every": 2},
+        "truth": {"stereo.matcher": "truth", "reconstruction.boxes": "oriented"},
+    },
+    BLOCKS,
+    seeds=2,
+)
+POSES = experiment_of(["talk"], {"cones": {}, "posterior": {"attention.method": "bayes"}}, preset="measured")
 
 
 def _draw(frame: int) -> None:

@@ -19,44 +19,24 @@ from harness.run.scenes import SceneWriters
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
 from tests.disk import write_text
+from tests.experiments import TRUTH, experiment_of
 from tests.records import write_manifest
 from vfoa.bayes import RAYS
 from vfoa.types import HeadView
 from vfoa.visible import spaced
 
-EXPERIMENT = """
-clips = ["studio_talk"]
-defaults.stereo.matcher = "bm"
-defaults.stereo.min_depth_m = 0.8
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "simulated"
-defaults.gaze.model = "simulated"
-defaults.reconstruction.boxes = "oriented"
-
-[[configuration]]
-name = "raw"
-
-[[configuration]]
-name = "filtered"
-gaze_filter.cues = "both"
-
-[[configuration]]
-name = "other-gaze"
-gaze.seed = 7
-
-[[configuration]]
-name = "posterior"
-attention.method = "bayes"
-
-[[configuration]]
-name = "other-depth"
-stereo.matcher = "truth"
-"""
+CONFIGURATIONS: dict[str, dict[str, object]] = {
+    "raw": {},
+    "filtered": {"gaze_filter.cues": "both"},
+    "other-gaze": {"gaze.seed": 7},
+    "posterior": {"attention.method": "bayes"},
+    "other-depth": {"stereo.matcher": "truth"},
+}
+STAGES = {**TRUTH, "stereo.matcher": "bm", "stereo.min_depth_m": 0.8, "reconstruction.boxes": "oriented"}
 
 
 def _run(folder: Path, progress: Callable[[str], None] = lambda clip: None, frames: int = 3) -> RunDirectory:
-    path = write_text(folder / "four.toml", EXPERIMENT)
+    path = write_text(folder / "four.toml", experiment_of(["studio_talk"], CONFIGURATIONS, STAGES))
     return run_plan(prepare(load_experiment(str(path)), limit=frames), folder / "out", workers=1, progress=progress)
 
 
@@ -206,7 +186,8 @@ def test_clouds_have_the_points_that_a_method_chooses(followed: tuple[RunDirecto
 
 
 def test_a_run_without_such_a_method_has_no_clouds(tmp_path: Path) -> None:
-    path = write_text(tmp_path / "cones.toml", EXPERIMENT.replace('attention.method = "bayes"\n', ""))
+    cones = experiment_of(["studio_talk"], CONFIGURATIONS | {"posterior": {}}, STAGES)
+    path = write_text(tmp_path / "cones.toml", cones)
     directory = run_plan(
         prepare(load_experiment(str(path)), limit=1), tmp_path / "out", workers=1, progress=lambda clip: None
     )

@@ -21,45 +21,29 @@ from harness.run.table_records import read_records
 from harness.sources import Clip
 from tests import graphs
 from tests.disk import write_text
+from tests.experiments import TRUTH, experiment_of
 from vfoa.gaze.gaze360 import Gaze360
 from vfoa.gaze.temporal import HeadWindow
 from vfoa.types import Gaze, Head, Instances, Percepts, StereoFrame
 
 CLIPS = ("studio_table", "studio_talk")
 LAST = 7
-EXPERIMENT = """
-clips = ["studio_table", "studio_talk"]
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "none"
-defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 2 }}
-defaults.stereo.min_depth_m = 0.8
-
-[[configuration]]
-name = "truth"
-stereo.matcher = "truth"
-
-[[configuration]]
-name = "bm"
-stereo = {{ matcher = "bm", wls = false }}
-
-[[configuration]]
-name = "every"
-stereo.matcher = "truth"
-gaze.stride = 1
-
-[[configuration]]
-name = "static"
-stereo.matcher = "truth"
-gaze.model = "truth"
-"""
+CONFIGURATIONS: dict[str, dict[str, object]] = {
+    "truth": {},
+    "bm": {"stereo.matcher": "bm", "stereo.wls": False},
+    "every": {"gaze.stride": 1},
+    "static": {"gaze.model": "truth"},
+}
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     folder = tmp_path_factory.mktemp("temporal")
     weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    return load_experiment(str(write_text(folder / "temporal.toml", EXPERIMENT.format(weights=weights))))
+    window = {"gaze.model": "gaze360", "gaze.weights": weights, "gaze.stride": 2}
+    stages = {**TRUTH, "stereo.min_depth_m": 0.8, "head_pose.model": "none", **window}
+    text = experiment_of(CLIPS, CONFIGURATIONS, stages)
+    return load_experiment(str(write_text(folder / "temporal.toml", text)))
 
 
 def run(experiment: Experiment, out: Path, *, only: str | None = None) -> list[FrameRecord]:
