@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,21 @@ class TableColumns:
         self._refuse_none(column, values, "a whole number of 64 bits")
         return np.array(values, dtype=np.int64)
 
+    def integers_or_none(self, column: str) -> list[int | None]:
+        """The whole numbers (n,) of a column, None where a cell is blank; all None without the column.
+
+        Raises
+        ------
+        VfoaError
+            For the first cell that is not a whole number of 64 bits.
+        """
+        cells = self.cells.get(column, ("",) * len(self.lines))
+        values = [None if is_missing(cell) else _whole_number_or_float(cell) for cell in cells]
+        for row, (cell, value) in enumerate(zip(cells, values, strict=True)):
+            if value is None and not is_missing(cell):
+                self._refuse(row, column, cell, "a whole number of 64 bits")
+        return values
+
     def numbers(self, column: str) -> Float:
         """The numbers (n,) of a column, NaN where a cell is blank; all NaN without the column.
 
@@ -134,8 +149,24 @@ class TableColumns:
         """Reject the first cell without a value."""
         if None in values:
             row = values.index(None)
-            cell = self.cells[column][row]
-            raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, {_found(cell)}{number_hint(cell)}")
+            self._refuse(row, column, self.cells[column][row], expected)
+
+    def _refuse(self, row: int, column: str, cell: str, expected: str) -> NoReturn:
+        raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, {_found(cell)}{number_hint(cell)}")
+
+    def vectors(self, columns: Sequence[str]) -> Float:
+        """The coordinates (n, columns) of :meth:`group`, each at most :data:`LARGEST`.
+
+        Raises
+        ------
+        VfoaError
+            For the first row with a greater one, or as :meth:`group`.
+        """
+        values = self.group(columns)
+        for row in np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))[:1]:
+            named = f"{self.where(int(row))}: {', '.join(columns)}"
+            raise VfoaError(f"{named}: found {values[row]}; expected at most {LARGEST:g}")
+        return values
 
     def group(self, columns: Sequence[str]) -> Float:
         """The numbers (n, columns) of columns that belong together, NaN in rows where all of them are blank.

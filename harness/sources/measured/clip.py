@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,9 +90,25 @@ class MeasuredPerson:
     true_target: str | None = None
 
 
+class PlacedObject(Protocol):
+    """One object in one frame. If it has a person's name, it is the box of that person; None: the person has no box."""
+
+    @property
+    def name(self) -> str:
+        """The same in all frames."""
+
+    @property
+    def category(self) -> str:
+        """The same in all frames."""
+
+    @property
+    def box(self) -> Box3D | None:
+        """Where it is."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredObject:
-    """One object in one frame. If it has a person's name, it is the box of that person; None: the person has no box."""
+    """A :class:`PlacedObject` with its box."""
 
     name: str
     category: str
@@ -105,7 +121,7 @@ class MeasuredFrame:
 
     time_ns: int
     people: tuple[MeasuredPerson, ...]
-    objects: tuple[MeasuredObject, ...] = ()
+    objects: tuple[PlacedObject, ...] = ()
 
 
 class FramesOfMeasurements:
@@ -126,7 +142,7 @@ class FramesOfMeasurements:
     def __init__(
         self,
         frames: Mapping[int, MeasuredFrame],
-        fixed: Sequence[MeasuredObject],
+        fixed: Sequence[PlacedObject],
         settings: MeasuredSettings,
         where: str,
         content: str,

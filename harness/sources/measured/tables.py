@@ -21,7 +21,8 @@ A blank cell is an unknown value. The dialects of other programs are read (:mod:
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,18 +31,18 @@ from pydantic import Field
 
 from harness.files.dialects import is_missing
 from harness.files.digests import digest_files
-from harness.files.tables import TableRow, read_header, read_rows, write_rows
+from harness.files.tables import TableColumns, read_columns, read_header, write_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
-    MeasuredObject,
     MeasuredPerson,
     MeasuredSettings,
+    PlacedObject,
 )
 from vfoa.errors import VfoaError, located
 from vfoa.measured import PERSON
-from vfoa.types import Float, Gaze, HeadPose
+from vfoa.types import Box3D, Float, Gaze, HeadPose
 
 POSITION = ("x_m", "y_m", "z_m")
 SIZE = ("size_x_m", "size_y_m", "size_z_m")
@@ -111,7 +112,7 @@ class MeasuredTables(FramesOfMeasurements):
             return ()
         if not {"frame", "person"} <= {name.lower() for name in read_header(people)}:
             if people.stem == "people":  # reading names what is wrong with it
-                read_rows(people, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
+                read_columns(people, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
             return ()
         source, layout = {"people_file": people.name}, f"measurements of people in {people.name}"
         if objects := _table_in(folder, "objects"):
@@ -129,115 +130,199 @@ def _times_and_people(
     path: Path, settings: MeasuredTablesSettings
 ) -> tuple[dict[int, int], dict[int, dict[str, MeasuredPerson]]]:
     """The time of each frame, ns, and its people by name, both by frame number."""
+    table = read_columns(path, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
+    names, eyes = _names(table, "person"), _rows(table.vectors(POSITION))
+    heads, gazes = (_cues(table, cue) for cue in CUES)
     times: dict[int, int] = {}
     people: dict[int, dict[str, MeasuredPerson]] = {}
-    for row in read_rows(path, PEOPLE_COLUMNS, _PEOPLE_REQUIRED):
-        frame, time_ns, name = row.integer("frame"), _time_ns(row), _name(row, "person")
-        if frame is None:
-            raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
+    for row, (frame, time_ns, name) in enumerate(
+        zip(table.integers("frame").tolist(), _times_ns(table), names, strict=True)
+    ):
         if times.setdefault(frame, time_ns) != time_ns:
-            raise VfoaError(f"{row.where}: frame {frame}: found two times; expected one for all of its rows")
+            raise VfoaError(f"{table.where(row)}: frame {frame}: found two times; expected one for all of its rows")
         of_frame = people.setdefault(frame, {})
         if name in of_frame:
-            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
+            raise VfoaError(f"{table.where(row)}: frame {frame}, person {name!r}: occurs twice")
         if name is not None:
-            of_frame[name] = _person(row, name, settings)
+            of_frame[name] = _person(name, eyes[row], heads[row], gazes[row], settings)
     return times, people
 
 
-def _time_ns(row: TableRow) -> int:
-    stamp, seconds = row.integer("time_ns"), row.number("time_s")
-    if (stamp is None) == (seconds is None):
-        raise VfoaError(f"{row.where}: found {'both' if stamp is not None else 'no time'}; expected time_ns or time_s")
-    return round(1e9 * seconds) if seconds is not None else stamp or 0
+def _times_ns(table: TableColumns) -> list[int]:
+    """The time of each row, nanoseconds."""
+    times = list[int]()
+    for row, (stamp, seconds) in enumerate(
+        zip(table.integers_or_none("time_ns"), _known(table.numbers("time_s")), strict=True)
+    ):
+        if (stamp is None) == (seconds is None):
+            found = "both" if stamp is not None else "no time"
+            raise VfoaError(f"{table.where(row)}: found {found}; expected time_ns or time_s")
+        times.append(round(1e9 * seconds) if seconds is not None else stamp or 0)
+    return times
 
 
-def _name(row: TableRow, column: str) -> str | None:
-    """The name in a row; None in a row that measures nothing.
+def _known(numbers: Float) -> list[float | None]:
+    """The numbers (n,), None in place of NaN."""
+    return [None if math.isnan(number) else number for number in numbers.tolist()]
+
+
+def _rows(vectors: Float) -> list[Float | None]:
+    """The rows of vectors (n, K), None in place of one of NaN."""
+    return [vector if known else None for vector, known in zip(vectors, ~np.isnan(vectors[:, 0]), strict=True)]
+
+
+def _names(table: TableColumns, column: str) -> list[str | None]:
+    """The name in each row; None in a row that measures nothing.
 
     Raises
     ------
     VfoaError
         If measurements have no name, or a word such as ``nan`` in its place.
     """
-    name = row.cells.get(column, "")
-    if not is_missing(name):
-        return name
-    if all(is_missing(cell) for key, cell in row.cells.items() if key not in {column, "frame", *TIMES}):
-        return None
-    raise VfoaError(
-        f"{row.where}: {column}: found {repr(name) if name else 'nothing'} beside measurements; expected a name"
-    )
+    names = list[str | None]()
+    beside = [cells for key, cells in table.cells.items() if key not in {column, "frame", *TIMES}]
+    for row, name in enumerate(table.cells[column]):
+        if is_missing(name) and not all(is_missing(cells[row]) for cells in beside):
+            found = repr(name) if name else "nothing"
+            raise VfoaError(f"{table.where(row)}: {column}: found {found} beside measurements; expected a name")
+        names.append(None if is_missing(name) else name)
+    return names
 
 
-def _person(row: TableRow, name: str, settings: MeasuredTablesSettings) -> MeasuredPerson:
-    head, gaze = (_direction(row, cue) for cue in CUES)
-    true_gaze = gaze if settings.gaze == "truth" else None
+_Cue = tuple[Float, float | None] | None
+"""A unit vector (3,) and its claimed error, radians."""
+
+
+def _cues(table: TableColumns, cue: str) -> list[_Cue]:
+    """The direction of each row that has one."""
+    columns = [f"{cue}_{axis}" for axis in "xyz"]
+    directions = table.vectors(columns)
+    lengths = np.linalg.norm(directions, axis=1)
+    for row in np.flatnonzero(np.abs(lengths - 1) > _UNIT_TOLERANCE)[:1]:
+        named = f"{table.where(int(row))}: {', '.join(columns)}"
+        raise VfoaError(f"{named}: expected a unit vector, found one of length {lengths[row]:.4g}")
+    pairs = zip(_rows(directions), _sigmas_rad(table, cue), strict=True)
+    return [None if direction is None else (direction, sigma_rad) for direction, sigma_rad in pairs]
+
+
+def _sigmas_rad(table: TableColumns, cue: str) -> list[float | None]:
+    """The claimed error of each row, radians."""
+    degrees, radians = table.numbers(f"{cue}_sigma_deg"), table.numbers(f"{cue}_sigma_rad")
+    for row in np.flatnonzero(~np.isnan(degrees) & ~np.isnan(radians))[:1]:
+        raise VfoaError(f"{table.where(int(row))}: {cue}_sigma: found degrees and radians; expected one of them")
+    sigmas = np.where(np.isnan(radians), degrees * (math.pi / 180), radians)
+    for row in np.flatnonzero(sigmas < 0)[:1]:
+        named = f"{table.where(int(row))}: {cue}_sigma"
+        raise VfoaError(f"{named}: expected an angle of at least 0, found {sigmas[row]:g} rad")
+    return _known(sigmas)
+
+
+def _person(
+    name: str, eyes_m: Float | None, head: _Cue, gaze: _Cue, settings: MeasuredTablesSettings
+) -> MeasuredPerson:
+    is_truth = settings.gaze == "truth"
     return MeasuredPerson(
         name=name,
-        eyes_m=row.numbers(POSITION),
-        head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
-        gaze=None if gaze is None or true_gaze is not None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
-        true_gaze=true_gaze,
+        eyes_m=eyes_m,
+        head_pose=None if head is None else HeadPose(direction=head[0], sigma_rad=head[1]),
+        gaze=None if gaze is None or is_truth else Gaze(direction=gaze[0], sigma_rad=gaze[1]),
+        true_gaze=gaze[0] if gaze is not None and is_truth else None,
     )
-
-
-def _direction(row: TableRow, cue: str) -> Float | None:
-    columns = [f"{cue}_{axis}" for axis in "xyz"]
-    direction = row.numbers(columns)
-    if direction is not None and abs((length := math.hypot(*direction)) - 1) > _UNIT_TOLERANCE:
-        raise VfoaError(f"{row.where}: {', '.join(columns)}: expected a unit vector, found one of length {length:.4g}")
-    return direction
-
-
-def _sigma(row: TableRow, cue: str) -> float | None:
-    degrees, radians = row.number(f"{cue}_sigma_deg"), row.number(f"{cue}_sigma_rad")
-    if degrees is not None and radians is not None:
-        raise VfoaError(f"{row.where}: {cue}_sigma: found degrees and radians; expected one of them")
-    sigma = math.radians(degrees) if degrees is not None else radians
-    if sigma is not None and sigma < 0:
-        raise VfoaError(f"{row.where}: {cue}_sigma: expected an angle of at least 0, found {sigma:g} rad")
-    return sigma
 
 
 def _objects(
     path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int], people: Collection[str]
-) -> tuple[list[MeasuredObject], dict[int, list[MeasuredObject]]]:
+) -> tuple[list[PlacedObject], dict[int, list[PlacedObject]]]:
     """The objects that are in every frame, and those of single frames by frame."""
-    fixed, moving = list[MeasuredObject](), dict[int, list[MeasuredObject]]()
-    seen: dict[tuple[int | None, str], str] = {}
-    known: dict[tuple[str | None, ...], MeasuredObject] = {}  # most objects rest: their rows differ in the frame alone
-    for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
-        frame, cells = row.integer("frame"), tuple(map(row.cells.get, OBJECT_COLUMNS[1:]))
-        if (measured_object := known.get(cells)) is None:
-            measured_object = known[cells] = _object(row, settings, people)
+    if path is None:
+        return [], {}
+    table = read_columns(path, OBJECT_COLUMNS, ("frame", "object", *POSITION))
+    rows = _ObjectRows.read(table, settings, people)
+    fixed, moving = list[PlacedObject](), dict[int, list[PlacedObject]]()
+    seen: dict[tuple[int | None, str], int] = {}
+    for row, (frame, name) in enumerate(zip(table.integers_or_none("frame"), rows.names, strict=True)):
         if frame is not None and frame not in times:
-            raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
-        if before := seen.get((frame, measured_object.name)):
-            raise VfoaError(f"{row.where}: object {measured_object.name!r}: occurs twice, first at {before}")
-        seen[frame, measured_object.name] = row.where
-        (fixed if frame is None else moving.setdefault(frame, [])).append(measured_object)
+            raise VfoaError(f"{table.where(row)}: frame {frame}: not in the table of people")
+        if (before := seen.setdefault((frame, name), row)) != row:
+            raise VfoaError(f"{table.where(row)}: object {name!r}: occurs twice, first at {table.where(before)}")
+        (fixed if frame is None else moving.setdefault(frame, [])).append(_ObjectOfRow(rows, row))
     return fixed, moving
 
 
-def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[str]) -> MeasuredObject:
-    name, center = _name(row, "object"), row.numbers(POSITION)
-    if name and center is None and name in people:
-        return MeasuredObject(name=name, category=PERSON, box=None)
-    if not name or center is None:
-        raise VfoaError(f"{row.where}: {'x_m' if name else 'object'}: found nothing; expected a name and a place")
-    size, quaternion = row.numbers(SIZE), row.numbers(QUATERNION)
-    if quaternion is not None and abs(math.hypot(*quaternion) - 1) > _UNIT_TOLERANCE:
-        raise VfoaError(f"{row.where}: {', '.join(QUATERNION)}: expected a unit quaternion, found {quaternion}")
-    rotation = None
-    if quaternion is not None:
-        from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _ObjectRows:
+    """The objects of a table by row. ``geometry`` (n, 10) are places, sizes and quaternions, NaN where unknown."""
 
-        rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
-    with located(row.where):
-        box = settings.box(center, size, rotation)
-    category = row.cells.get("category", "")
-    return MeasuredObject(name=name, category=name if is_missing(category) else category, box=box)
+    names: Sequence[str]
+    categories: Sequence[str]
+    geometry: Float
+    settings: MeasuredTablesSettings
+
+    @classmethod
+    def read(cls, table: TableColumns, settings: MeasuredTablesSettings, people: Collection[str]) -> _ObjectRows:
+        """Read the rows. Those of people without a place are their boxes, which are unknown."""
+        names, places, sizes = _names(table, "object"), table.vectors(POSITION), table.vectors(SIZE)
+        unplaced = np.isnan(places[:, 0]).tolist()
+        for row, (name, is_unplaced) in enumerate(zip(names, unplaced, strict=True)):
+            if not name or (is_unplaced and name not in people):
+                missing = "x_m" if name else "object"
+                raise VfoaError(f"{table.where(row)}: {missing}: found nothing; expected a name and a place")
+        known = [name for name in names if name is not None]
+        given = zip(known, table.cells.get("category", known), unplaced, strict=True)
+        rows = cls(
+            names=known,
+            categories=[
+                PERSON if is_unplaced else name if is_missing(category) else category
+                for name, category, is_unplaced in given
+            ],
+            geometry=np.hstack([places, sizes, _quaternions(table)]),
+            settings=settings,
+        )
+        for row in np.flatnonzero((sizes <= 0).any(axis=1) & ~np.isnan(places[:, 0]))[:1]:
+            with located(table.where(int(row))):
+                rows.box(int(row))
+        return rows
+
+    def box(self, row: int) -> Box3D | None:
+        """The box of a row; None for a person's that is unknown."""
+        center, size, quaternion = (
+            None if np.isnan(part[0]) else part for part in np.split(self.geometry[row], (3, 6))
+        )
+        rotation = None
+        if quaternion is not None:
+            from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
+
+            rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
+        return None if center is None else self.settings.box(center, size, rotation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ObjectOfRow:
+    """The object of a row, whose box is made when it is asked for: a long table has more than a process needs."""
+
+    table: _ObjectRows
+    row: int
+
+    @property
+    def name(self) -> str:
+        return self.table.names[self.row]
+
+    @property
+    def category(self) -> str:
+        return self.table.categories[self.row]
+
+    @property
+    def box(self) -> Box3D | None:
+        return self.table.box(self.row)
+
+
+def _quaternions(table: TableColumns) -> Float:
+    """The unit quaternion (n, 4) of each row, NaN without one."""
+    quaternions = table.vectors(QUATERNION)
+    for row in np.flatnonzero(np.abs(np.linalg.norm(quaternions, axis=1) - 1) > _UNIT_TOLERANCE)[:1]:
+        named = f"{table.where(int(row))}: {', '.join(QUATERNION)}"
+        raise VfoaError(f"{named}: expected a unit quaternion, found {quaternions[row]}")
+    return quaternions
 
 
 _CUE = ("head_x", "head_y", "head_z", "head_sigma_rad", "gaze_x", "gaze_y", "gaze_z", "gaze_sigma_rad")
@@ -275,7 +360,7 @@ def _direction_cells(cue: HeadPose | Gaze | None, truth: Float | None = None) ->
     return [*_vector_cells(truth), None] if cue is None else [*_vector_cells(cue.direction), cue.sigma_rad]
 
 
-def _object_cells(number: int, measured_object: MeasuredObject) -> Cells:
+def _object_cells(number: int, measured_object: PlacedObject) -> Cells:
     box, named = measured_object.box, [number, measured_object.name, measured_object.category]
     if box is None:
         return [*named, *[None] * 10]
