@@ -7,21 +7,18 @@ compared, but the words and the number of cells around them.
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
-import signal
-import socket
-import subprocess
-import sys
-import time
-from contextlib import redirect_stderr, redirect_stdout, suppress
+import threading
+from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
+import httpx
 import pytest
 
+from harness.server.local_server import LocalServer
 from harness.studio.store import cache_folder
 from tests.command import run_in
 from tests.disk import write_text
@@ -35,7 +32,6 @@ SHORT = ("--limit", "3", "--workers", "1")
 CLIPS = 'clips = ["demo_crowd", "demo_1"]'
 """Two of the demo's ten clips: one that pages name, and one that is drawn by chance."""
 CONFIGURATIONS = ("bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgbm-nearest")
-SERVING = ("--serve", "--web", "annotate")
 
 
 @pytest.fixture(scope="module")
@@ -89,41 +85,31 @@ def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> st
     runs_demo = words[0] == "demo" or words[:2] == ["run", "demo"]
     command = [*words, *(SHORT if runs_demo and "--limit" not in words else ())]
     variables = {"VFOA_CACHE": str(cache), "COLUMNS": str(columns)}
-    if any(word in SERVING for word in words):
-        return _served(command, folder, variables)
     said = StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
         for name, value in variables.items():
             patch.setenv(name, value)
         patch.delenv("DISPLAY", raising=False)
+        patch.setattr(LocalServer, "run", _serve_once)
         run_in(folder, *command)
     return said.getvalue()
 
 
-def _served(command: list[str], folder: Path, variables: dict[str, str]) -> str:
-    """What a server prints until it takes connections, and after it is told to end."""
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), **variables}
-    environment.pop("DISPLAY", None)
-    program, said = [sys.executable, "-m", "harness.cli", *command], ""
-    with subprocess.Popen(
-        program, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    ) as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            said += line
-            if address := re.search(r"http://127\.0\.0\.1:(\d+)", line):
-                _wait_for_server(int(address[1]))
-                process.send_signal(signal.SIGINT)
-    assert process.returncode == 0, said
-    return said
+SERVE = LocalServer.run
 
 
-def _wait_for_server(port: int) -> None:
-    """Return when the server takes connections: it prints its address before."""
-    until = time.monotonic() + 30
-    while time.monotonic() < until:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1) as connection:
-            connection.sendall(b"GET / HTTP/1.0\r\n\r\n")
-            if connection.recv(1):
-                return
-        time.sleep(0.1)
+def _serve_once(server: LocalServer) -> None:
+    """Serve until the page has answered, and end."""
+    answers: list[int] = []
+
+    def ask() -> None:
+        try:
+            answers.append(httpx.get(server.address, follow_redirects=True, trust_env=False).status_code)
+        finally:
+            server.stop()
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    SERVE(server)
+    asking.join()
+    assert answers == [200]
