@@ -147,24 +147,23 @@ setInterval(() => {
 
 
 def test_a_recording_is_covered_until_it_is_whole_and_then_drawn(
-    browser: Chrome, frames: list[Any], clip: RecordedClip, viewer_files: dict[str, bytes], tmp_path: Path
+    browser: Chrome, frames: list[Any], viewer_files: dict[str, bytes], tmp_path: Path
 ) -> None:
+    """Of JPEG images; the next test draws those of a video."""
     of_jpeg = write_run(tmp_path / "jpeg", {CONFIGURATION: frames}, jpeg=True)
-    recordings = [clip.compose(), replace(find_clips(of_jpeg.run, None, None)[0], subjects=(BEN, ANN)).compose()]
+    recording = replace(find_clips(of_jpeg.run, None, None)[0], subjects=(BEN, ANN)).compose()
     sampler = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _SAMPLER})
-    app = site({str(number): each for number, each in enumerate(recordings)}, viewer_files, page=lambda where: "")
-    with running(app) as server:
+    with running(site({"jpeg": recording}, viewer_files, page=lambda where: "")) as server:
         browser.get(server.address)  # sets the cookie
-        for number, frame in ((0, 10), (1, 14)):  # the second time, the viewer's files are in the browser's cache
-            browser.get(urljoin(server.address, f"/open?recording={number}&frame={frame}&subject={ANN}"))
-            wait_for(lambda: _samples(browser)[-1:] == [[False, True, False]], at_most_s=LOADED_S, every_s=0.2)
-            first = Image.open(io.BytesIO(_picture(browser))).convert("L")
-            samples = _samples(browser)
-            assert [True, True, False] in samples
-            assert [False, True, True] not in samples  # what loads is never seen
-            settled = Image.fromarray(_wait_for(browser, frame)).convert("L")
-            changed = np.abs(np.subtract(first, settled, dtype=float)) > 40
-            assert changed.mean() < 0.25, frame  # the same panes in the same places
+        browser.get(urljoin(server.address, f"/open?recording=jpeg&frame=14&subject={ANN}"))
+        wait_for(lambda: _samples(browser)[-1:] == [[False, True, False]], at_most_s=LOADED_S, every_s=0.2)
+        first = Image.open(io.BytesIO(_picture(browser))).convert("L")
+        samples = _samples(browser)
+        assert [True, True, False] in samples
+        assert [False, True, True] not in samples  # what loads is never seen
+        settled = Image.fromarray(_wait_for(browser, 14)).convert("L")
+        changed = np.abs(np.subtract(first, settled, dtype=float)) > 40
+        assert changed.mean() < 0.25  # the same panes in the same places
         _assert_picture(browser, 14, frames)
         browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", sampler)
 
