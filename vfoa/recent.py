@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
 Answer = TypeVar("Answer")
@@ -16,14 +16,15 @@ class Recent(Generic[Answer]):
     """
 
     def __init__(self, count: int) -> None:
-        self._kept: deque[tuple[object, tuple[object, ...], Answer]] = deque(maxlen=count)
+        self._count = count
+        self._kept: OrderedDict[Hashable, tuple[tuple[object, ...], Answer]] = OrderedDict()
 
-    def get(self, objects: tuple[object, ...], values: tuple[object, ...], compute: Callable[[], Answer]) -> Answer:
+    def get(self, objects: tuple[object, ...], values: tuple[Hashable, ...], compute: Callable[[], Answer]) -> Answer:
         """Return the answer to this question, computed if it is not among the last ones."""
         asked = tuple(map(id, objects)), values
-        for known, _, answer in reversed(tuple(self._kept)):
-            if known == asked:
-                return answer
-        answer = compute()
-        self._kept.append((asked, objects, answer))  # with the objects, so that their ids stay theirs
-        return answer
+        known = self._kept.get(asked)
+        if known is None:
+            known = self._kept[asked] = objects, compute()  # with the objects, so that their ids stay theirs
+            while len(self._kept) > self._count:
+                self._kept.popitem(last=False)
+        return known[1]
