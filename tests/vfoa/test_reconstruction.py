@@ -25,6 +25,8 @@ from vfoa.types import Disparity, Head, HeadView, Instance, Instances
 
 RIG = make_rig(320, 200, fx_px=260)
 CUBE = make_box((-0.4, 0.3, 1.8), 0.2)
+SEEN = rendered_boxes(RIG, [CUBE])
+SHAPE = (RIG.height_px, RIG.width_px)
 PIXEL_M = 2.0 / 260
 """The size of a pixel at the depth of the cube's back, in metres."""
 RAW = ReconstructionSettings(erode_px=0, outlier_ratio=1e6, gate_mads=1e6, max_points=10**6)
@@ -82,41 +84,37 @@ def test_with_the_default_filters_a_box_is_true_to_a_few_pixels(offset_px):
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_few_wrong_disparities_hardly_move_the_box(seed):
     rng = np.random.default_rng(seed)
-    percepts = rendered_boxes(RIG, [CUBE])
-    wrong = (percepts.instances.ids == 1) & (rng.random(percepts.instances.ids.shape) < 0.01)
-    disturbed = with_disparity(percepts, wrong, rng.uniform(2, 60, wrong.sum()))
+    wrong = (SEEN.instances.ids == 1) & (rng.random(SHAPE) < 0.01)
+    disturbed = with_disparity(SEEN, wrong, rng.uniform(2, 60, wrong.sum()))
     assert np.ptp(seen_points(disturbed, 1)[:, 2]) > 1
     np.testing.assert_allclose(faces(only_target(disturbed).box), faces(CUBE), atol=0.2)
 
 
 def test_a_mask_that_takes_the_wall_along_hardly_moves_the_box():
-    percepts = rendered_boxes(RIG, [CUBE])
-    v, u = np.nonzero(percepts.instances.ids)
-    ids = percepts.instances.ids.copy()
+    v, u = np.nonzero(SEEN.instances.ids)
+    ids = SEEN.instances.ids.copy()
     ids[v.min() - 2 : v.max() + 3, u.min() - 2 : u.max() + 3] = 1
-    greedy = replace(percepts, instances=Instances(ids=ids, instances=percepts.instances.instances))
+    greedy = replace(SEEN, instances=Instances(ids=ids, instances=SEEN.instances.instances))
     assert_near_the_cube(only_target(greedy).box)
 
 
 def test_flying_pixels_between_the_thing_and_the_wall_hardly_move_the_box():
     """WLS and wide blocks draw a ramp of disparities over an edge."""
-    percepts = rendered_boxes(RIG, [CUBE])
-    ids, disparity = percepts.instances.ids, percepts.disparity.disparity_px
+    ids, disparity = SEEN.instances.ids, SEEN.disparity.disparity_px
     v, u = np.nonzero(ids)
-    edge = np.zeros(ids.shape, bool)
+    edge = np.zeros(SHAPE, bool)
     edge[v.min() : v.max() + 1, u.max() - 1 : u.max() + 1] = True
     edge &= ids == 1
-    ramped = with_disparity(percepts, edge, np.linspace(disparity[edge].max(), disparity.min(), edge.sum()))
+    ramped = with_disparity(SEEN, edge, np.linspace(disparity[edge].max(), disparity.min(), edge.sum()))
     assert_near_the_cube(only_target(ramped).box, back_m=0.2)
 
 
 def test_unknown_pixels_are_left_out():
-    percepts = rendered_boxes(RIG, [CUBE])
-    hole = np.zeros(percepts.instances.ids.shape, bool)
-    u = np.nonzero(percepts.instances.ids)[1]
+    hole = np.zeros(SHAPE, bool)
+    u = np.nonzero(SEEN.instances.ids)[1]
     hole[:, : int(np.median(u))] = True
-    (target,) = reconstruct(with_disparity(percepts, hole, np.nan), RAW).targets
-    visible = seen_points(percepts, 1)[u >= int(np.median(u))]
+    (target,) = reconstruct(with_disparity(SEEN, hole, np.nan), RAW).targets
+    visible = seen_points(SEEN, 1)[u >= int(np.median(u))]
     np.testing.assert_allclose(np.sort(target.points_left, axis=0), np.sort(visible, axis=0), atol=1e-4)
 
 
@@ -144,21 +142,20 @@ def test_a_deep_thing_seen_from_the_front_keeps_its_depth():
 
 @pytest.mark.parametrize("boxes", ["aabb", "oriented"])
 def test_too_few_points_give_no_box_but_keep_the_target(boxes):
-    percepts = rendered_boxes(RIG, [CUBE])
-    v, u = np.nonzero(percepts.instances.ids)
-    unknown = np.ones(percepts.instances.ids.shape, bool)
+    v, u = np.nonzero(SEEN.instances.ids)
+    unknown = np.ones(SHAPE, bool)
     unknown[v[:19], u[:19]] = False
-    sparse = with_disparity(percepts, unknown, np.nan)
+    sparse = with_disparity(SEEN, unknown, np.nan)
     target = only_target(sparse, boxes=boxes, erode_px=0)
     assert target.box is None
     assert 0 < len(target.points_left) < 20
-    nothing = only_target(with_disparity(percepts, unknown | True, np.nan), boxes=boxes)
+    nothing = only_target(with_disparity(SEEN, unknown | True, np.nan), boxes=boxes)
     assert nothing.box is None
     assert nothing.points_left.shape == (0, 3)
 
 
 def test_a_box_must_be_possible():
-    with pytest.raises(ValidationError, match="min_points: expected at most max_points = 1000, found 1001"):
+    with pytest.raises(ValidationError, match=r"min_points: .*1000, found 1001"):
         ReconstructionSettings(min_points=1001)
 
 
@@ -188,7 +185,7 @@ def test_a_big_cloud_is_thinned_without_losing_its_edges():
 )
 def test_a_mask_loses_its_border_unless_that_is_more_than_half_of_it(radius_px, size, left):
     percepts = rendered_boxes(RIG, [])
-    ids = np.zeros((RIG.height_px, RIG.width_px), np.uint16)
+    ids = np.zeros(SHAPE, np.uint16)
     ids[50 : 50 + size[0], 70 : 70 + size[1]] = 1
     thing = Instance(id=1, label="cup", category_id=41, is_thing=True, score=0.9)
     (target,) = reconstruct(
@@ -284,10 +281,9 @@ def test_things_are_targets_and_stuff_only_by_name():
 
 
 def test_the_extent_of_a_target_is_that_of_its_mask():
-    percepts = rendered_boxes(RIG, [CUBE])
-    v, u = np.nonzero(percepts.instances.ids)
+    v, u = np.nonzero(SEEN.instances.ids)
     expected = [u.min() - 0.5, v.min() - 0.5, u.max() + 0.5, v.max() + 0.5]
-    np.testing.assert_array_equal(only_target(percepts).box_px, expected)
+    np.testing.assert_array_equal(only_target(SEEN).box_px, expected)
 
 
 # Boxes about points
@@ -339,10 +335,14 @@ FACE_PX = (100.0, 40.0, 140.0, 100.0)
 EYES_PX = (120, 61)
 
 
-def portrait(*heads, ids=None, label="person", known=True, depth_m=2.0):
+def body_depth(u, v):
+    return 2.0 + 0.001 * (u - EYES_PX[0]) + 0.002 * (v - EYES_PX[1])
+
+
+def portrait(*heads, ids=None, label="person", known=True):
     """Heads before a slanted body that fills the left half of the image, the wall behind on the right."""
     v, u = np.mgrid[: RIG.height_px, : RIG.width_px]
-    depth = np.where(u < 160, depth_m + 0.001 * (u - EYES_PX[0]) + 0.002 * (v - EYES_PX[1]), 4.0)
+    depth = np.where(u < 160, body_depth(u, v), 4.0)
     disparity = np.where(known, RIG.fx_px * RIG.baseline_m / depth, np.nan).astype(np.float32)
     ids = np.where(u < 160, 1, 0) if ids is None else ids
     labels = [Instance(id=int(k), label=label, category_id=1, is_thing=True, score=1.0) for k in np.unique(ids) if k]
@@ -365,35 +365,31 @@ def only_person(percepts, **changes):
 
 
 def known_only(rows, columns):
-    known = np.zeros((RIG.height_px, RIG.width_px), bool)
+    known = np.zeros(SHAPE, bool)
     known[rows, columns] = True
     return known
 
 
-def test_the_eyes_are_at_35_percent_of_the_head_from_the_top():
-    origin = only_person(portrait(face())).eye_origin_left
-    np.testing.assert_allclose(origin, back_project(*EYES_PX, 2.0, RIG), atol=1e-3)
-    np.testing.assert_allclose(project(origin, RIG), EYES_PX, atol=0.2)
+RING = known_only(slice(53, 70), slice(112, 129))
+RING[57:66, 116:125] = False
+CHIN = known_only(slice(85, 100), slice(100, 140))
+
+
+@pytest.mark.parametrize(
+    ("known", "at_px", "within_m"),
+    [(True, EYES_PX, 1e-3), (RING, EYES_PX, 0.02), (CHIN, (119.5, 92), 0.008)],
+    ids=["35 percent of the head from its top", "a patch with too few points is doubled", "else the head decides"],
+)
+def test_the_eyes_are_where_points_of_the_person_are_known(known, at_px, within_m):
+    origin = only_person(portrait(face(), known=known)).eye_origin_left
+    np.testing.assert_allclose(origin, back_project(*at_px, body_depth(*at_px), RIG), atol=within_m)
 
 
 def test_only_the_patch_decides_where_there_is_one():
-    around = np.ones((RIG.height_px, RIG.width_px), bool)
+    around = np.ones(SHAPE, bool)
     around[57:66, 116:125] = False
     disturbed = with_disparity(portrait(face()), around, 50.0)
     np.testing.assert_allclose(only_person(disturbed).eye_origin_left[2], 2.0, atol=1e-3)
-
-
-def test_a_patch_with_too_few_points_is_doubled():
-    ring = known_only(slice(53, 70), slice(112, 129))
-    ring[57:66, 116:125] = False
-    origin = only_person(portrait(face(), known=ring)).eye_origin_left
-    np.testing.assert_allclose(origin, back_project(*EYES_PX, 2.0, RIG), atol=0.02)
-
-
-def test_without_points_about_the_eyes_the_head_decides():
-    chin = known_only(slice(85, 100), slice(100, 140))
-    origin = only_person(portrait(face(), known=chin)).eye_origin_left
-    np.testing.assert_allclose(project(origin, RIG), (119.5, 92), atol=1)
 
 
 def test_without_points_on_the_head_there_are_no_eyes():
@@ -403,17 +399,16 @@ def test_without_points_on_the_head_there_are_no_eyes():
 
 
 def test_without_a_person_only_the_patches_are_tried():
-    nobody = {"ids": np.zeros((RIG.height_px, RIG.width_px))}
+    nobody = {"ids": np.zeros(SHAPE)}
     person = only_person(portrait(face(), **nobody))
     assert person.instance_id is None
     np.testing.assert_allclose(person.eye_origin_left, back_project(*EYES_PX, 2.0, RIG), atol=1e-3)
-    chin = known_only(slice(85, 100), slice(100, 140))
-    assert only_person(portrait(face(), known=chin, **nobody)).eye_origin_left is None
+    assert only_person(portrait(face(), known=CHIN, **nobody)).eye_origin_left is None
 
 
 def test_what_is_not_the_person_does_not_count():
     """A hand before the eyes, another instance, hides most of the patch."""
-    hand = np.zeros((RIG.height_px, RIG.width_px), bool)
+    hand = np.zeros(SHAPE, bool)
     hand[57:66, 116:123] = True
     ids = np.where(np.arange(RIG.width_px) < 160, 1, 0) * np.where(hand, 2, 1)
     percepts = with_disparity(portrait(face(), ids=ids), hand, 60.0)
@@ -421,7 +416,7 @@ def test_what_is_not_the_person_does_not_count():
 
 
 def test_a_head_belongs_to_the_person_that_covers_most_of_it():
-    columns = np.broadcast_to(np.arange(RIG.width_px), (RIG.height_px, RIG.width_px))
+    columns = np.broadcast_to(np.arange(RIG.width_px), SHAPE)
     ids = np.select([columns < 115, columns < 160], [1, 2], 0)
     assert only_person(portrait(face(), ids=ids)).instance_id == 2
     assert only_person(portrait(face(instance_id=1), ids=ids)).instance_id == 1
@@ -430,7 +425,7 @@ def test_a_head_belongs_to_the_person_that_covers_most_of_it():
 
 
 def test_a_single_pixel_in_the_heads_box_is_enough_to_belong_and_of_equals_the_first_has_it():
-    ids = np.zeros((RIG.height_px, RIG.width_px), int)
+    ids = np.zeros(SHAPE, int)
     ids[60, 120] = 2
     assert only_person(portrait(face(), ids=ids)).instance_id == 2
     ids[61, 120] = 1
