@@ -1,0 +1,87 @@
+"""The steps of the Kalman filter against the moments of mixtures and the formula of Kalman, number by number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vfoa.posterior import normal
+from vfoa.posterior.looks import Transition
+from vfoa.posterior.normal import Normal, mixed, pooled, weighed
+
+PARTS, TARGETS, HYPOTHESES = 3, 4, 2
+
+
+def drawn(seed: int, targets: int = TARGETS) -> Normal:
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(PARTS, PARTS, targets, HYPOTHESES))
+    means = rng.normal(size=(PARTS, 2, targets, HYPOTHESES))
+    return Normal(means, np.einsum("prth,qrth->pqth", roots, roots))
+
+
+def moments(states: list[tuple[float, Normal, int]], hypothesis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (P, 2) and covariance (P, P), averaged over the directions, of a mixture of targets of states."""
+    means = [state.means[:, :, target, hypothesis] for _, state, target in states]
+    mean = sum(share * each for (share, _, _), each in zip(states, means, strict=True))
+    covariance = sum(
+        share * (state.covariances[:, :, target, hypothesis] + (each - mean) @ (each - mean).T / 2)
+        for (share, state, target), each in zip(states, means, strict=True)
+    )
+    return np.asarray(mean), np.asarray(covariance)
+
+
+def test_targets_are_pooled_to_the_mean_and_the_covariance_of_their_mixture() -> None:
+    states, shares = drawn(0), np.random.default_rng(1).dirichlet(np.ones(TARGETS), HYPOTHESES).T
+    found = pooled(states, shares)
+    for hypothesis in range(HYPOTHESES):
+        mean, covariance = moments([(shares[t, hypothesis], states, t) for t in range(TARGETS)], hypothesis)
+        np.testing.assert_allclose(found.means[:, :, 0, hypothesis], mean, rtol=1e-12)
+        np.testing.assert_allclose(found.covariances[:, :, 0, hypothesis], covariance, rtol=1e-12)
+
+
+def test_looks_that_go_on_are_mixed_with_new_ones_also_where_targets_have_other_places() -> None:
+    before, new = drawn(2), drawn(3, targets=2)
+    columns, stay = np.array([3, 1]), np.array([[0.0, 0.25], [0.6, 1.0]])
+    found = mixed(before, new, Transition(columns, np.ones((TARGETS, HYPOTHESES)), stay, stay))
+    for target, hypothesis in np.ndindex(2, HYPOTHESES):
+        share = float(stay[target, hypothesis])
+        parts = [(share, before, int(columns[target])), (1 - share, new, target)]
+        mean, covariance = moments(parts, hypothesis)
+        np.testing.assert_allclose(found.means[:, :, target, hypothesis], mean, rtol=1e-12)
+        np.testing.assert_allclose(found.covariances[:, :, target, hypothesis], covariance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seen", [slice(None), slice(2, None)], ids=["the sum of all parts", "the last part"])
+def test_without_heavy_tails_a_measurement_is_weighed_as_by_kalman(
+    seen: slice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(normal, "TAILS", 1e9)
+    predicted, noise = drawn(4), np.array([0.3, 2.0])
+    offset = np.random.default_rng(5).normal(size=(2, TARGETS, HYPOTHESES))
+    after, evidence = weighed(predicted, seen, offset, noise)
+    observed = np.zeros(PARTS)
+    observed[seen] = 1
+    likelihood = np.empty((TARGETS, HYPOTHESES))
+    for at in np.ndindex(TARGETS, HYPOTHESES):
+        mean, covariance = predicted.means[:, :, *at], predicted.covariances[:, :, *at]
+        variance = observed @ covariance @ observed + noise[at[1]]
+        gain, surprise = covariance @ observed / variance, offset[:, *at] - observed @ mean
+        np.testing.assert_allclose(after.means[:, :, *at], mean + np.outer(gain, surprise), rtol=1e-6)
+        np.testing.assert_allclose(
+            after.covariances[:, :, *at], covariance - np.outer(gain, gain) * variance, rtol=1e-6, atol=1e-9
+        )
+        likelihood[at] = np.exp(-(surprise @ surprise) / variance / 2) / variance
+    np.testing.assert_allclose(
+        evidence.likelihood / evidence.likelihood[0, 0], likelihood / likelihood[0, 0], rtol=1e-5
+    )
+
+
+def test_the_tail_of_a_measurement_is_that_of_students_distribution() -> None:
+    """In two directions with 4 degrees of freedom: (1 + square / 4) ** -2 of the offsets lie farther out."""
+    still = Normal(np.zeros((1, 2, 1, 1)), np.full((1, 1, 1, 1), 0.5))
+    rng = np.random.default_rng(6)
+    scale = np.sqrt(rng.chisquare(4, size=200_000) / 4)
+    drawn_offsets = rng.normal(size=(2, 200_000)) / scale
+    for length in (0.5, 1.5, 4.0):
+        _, evidence = weighed(still, slice(None), np.array([length, 0.0]).reshape(2, 1, 1), 0.5)
+        assert evidence.tail[0, 0] == pytest.approx(np.mean(np.hypot(*drawn_offsets) > length), abs=0.005)
