@@ -73,7 +73,9 @@ def _visible_targets(
 def _mean_rays_to_clouds(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
     """Means (T, 3) of the unit rays to ``count`` points of each cloud."""
     points = np.stack([spaced(target.points_left, count) for target in targets]) - origin
-    return np.asarray((points / np.maximum(length_of(points), np.finfo(float).tiny)[..., None]).mean(axis=1))
+    square = np.einsum("tnc,tnc->tn", points, points)
+    per_length = 1 / np.sqrt(np.maximum(square, np.finfo(float).tiny))
+    return np.asarray((per_length[:, None] @ points)[:, 0] / count)
 
 
 def spaced(points: np.ndarray, count: int) -> Float:
@@ -81,7 +83,9 @@ def spaced(points: np.ndarray, count: int) -> Float:
 
     The same number of the chosen ones are all of them.
     """
-    return points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)].astype(np.float64)
+    if len(points) != count:
+        points = points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)]
+    return points.astype(np.float64)
 
 
 def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> Float:
