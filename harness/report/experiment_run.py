@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from functools import partial
 from pathlib import Path
 
 from harness.pipeline.cache_store import Store
@@ -12,7 +11,7 @@ from harness.report.sinks import composed_sinks
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, Progress
 from harness.run.experiment import Experiment, RecordingKind
-from harness.run.plan import Plan
+from harness.run.plan import Fit, Plan
 from harness.run.runner import prepare, run_plan
 from vfoa.methods import MethodSettings
 
@@ -56,7 +55,7 @@ def run_whole(
     """
     kind = recording or experiment.recording
     sinks = composed_sinks(experiment.configurations, recorded=kind != "none", jpeg=kind == "jpeg")
-    plan = prepare(experiment, limit=limit, sinks=sinks)
+    plan = prepare(experiment, limit=limit, sinks=sinks, fit=_LEFT_OUT)
     with bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,
@@ -69,7 +68,6 @@ def run_whole(
             tell=tell,
             beside=beside,
             retry_failed=retry_failed,
-            fit=partial(_fitted, plan),
         )
     return plan, directory
 
@@ -79,6 +77,9 @@ def _fitted(plan: Plan, tables: Mapping[Pair, Mapping[str, Path]], executor: Exe
 
     labels = {each.manifest.name: each.labels for each in plan.clips if each.labels is not None and each.labels.ranges}
     return left_out_weights(plan.experiment, tables, labels, executor)
+
+
+_LEFT_OUT = Fit(_fitted, ("harness.score.fit_logit",))
 
 
 def run_plainly(
@@ -91,7 +92,6 @@ def run_plainly(
     bar: Bar = no_bar,
 ) -> RunDirectory:
     """Run an experiment without recordings, or reuse its results."""
-    plan = prepare(experiment, limit=limit)
+    plan = prepare(experiment, limit=limit, fit=_LEFT_OUT)
     with bar(plan.frames, experiment.name) as progress:
-        fit = partial(_fitted, plan)
-        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True, fit=fit)
+        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True)

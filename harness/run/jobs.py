@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,9 +28,6 @@ CLIPS_PER_WORKER = 2
 
 PREFETCHED = 2
 """Frames that one thread reads, and another one perceives, in advance."""
-
-Fit = Callable[[Mapping[Pair, Mapping[str, Path]], Executor], Mapping[str, MethodSettings]]
-"""Fits the weights that configurations lack, by name, from the tables of each (clip, configuration) that has some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +58,13 @@ def run_jobs(
     cache: Store | None,
     executor: Executor,
     progress: Progress,
-    fit: Fit | None = None,
 ) -> Results:
     """Run the unfinished jobs of a plan.
 
     If there are enough clips to keep every worker busy, a job is a clip: it is perceived and attended to. Otherwise the
     workers share clips. First they perceive stretches of them through the cache, so that nothing is decoded or computed
     twice, and this process follows them with what needs an order. Then each attends to some of the configurations.
-    Configurations that lack weights are attended to last, when ``fit`` has fitted them to all clips.
+    Configurations that lack weights are attended to last, when they are fitted to all clips.
     """
     results = Results()
     ahead = PREFETCHED if executor.threads > 1 else 0
@@ -87,9 +83,9 @@ def run_jobs(
         progress = _silent
     for job, outcome in zip(units, executor.run(run_clip, units, progress, lost), strict=True):
         results.add(job, outcome)
-    if fit and (unfitted := [each for each in plan.experiment.configurations if each.attend.attention.is_unfitted]):
-        pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in unfitted]
-        results.fitted.update(fit(_tables(directory, pairs, results), executor))
+    if plan.fit and plan.unfitted:
+        pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in plan.unfitted]
+        results.fitted.update(plan.fit.weights(plan, _tables(directory, pairs, results), executor))
         fitted = [_with_weights(results.left(job), results.fitted) for job, _ in jobs]
         units = [unit for job in fitted for unit in _dealt(job, executor.workers if few else 1)]
         for job, outcome in zip(units, executor.run(run_clip, units, _silent, lost), strict=True):

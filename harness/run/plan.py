@@ -6,7 +6,7 @@ import os
 import platform
 import shlex
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -23,12 +23,14 @@ from harness.pipeline.drawn_stage import DrawnClip, check_drawn
 from harness.pipeline.stage_runner import guarded
 from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
+from harness.run.executors import Executor
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
 from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
+from vfoa.methods import MethodSettings
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 
@@ -48,6 +50,18 @@ class PreparedClip:
         return self.clip.digest()
 
 
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Fits the weights that configurations lack.
+
+    ``weights`` returns them by the configuration's name, from the tables of each (clip, configuration) that has some,
+    with the workers of the run. The code of ``modules`` decides them.
+    """
+
+    weights: Callable[[Plan, Mapping[Pair, Mapping[str, Path]], Executor], Mapping[str, MethodSettings]]
+    modules: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """A run whose inputs have all been opened once, so that errors that can be found early are found by now."""
@@ -55,6 +69,7 @@ class Plan:
     experiment: Experiment
     clips: tuple[PreparedClip, ...]
     sinks: tuple[SinkFactory, ...] = ()
+    fit: Fit | None = None
 
     @property
     def pairs(self) -> list[Pair]:
@@ -71,12 +86,18 @@ class Plan:
         return [choice for configuration in self.experiment.configurations for choice in configuration.stages]
 
     @property
+    def unfitted(self) -> list[Configuration]:
+        """The configurations whose weights are still to be fitted."""
+        return [each for each in self.experiment.configurations if each.attend.attention.is_unfitted]
+
+    @property
     def deciding_modules(self) -> tuple[str, ...]:
         """The modules whose code decides the results: a change to any other does not make another run."""
         stages = {STAGES[choice.slot].stage_class(choice.name).__module__ for choice in self.stages}
         adapters = {type(prepared.clip).__module__ for prepared in self.clips}
         methods = {METHODS.load(each.attend.attention.method).__module__ for each in self.experiment.configurations}
-        return tuple(sorted({"harness.run.loop", *stages, *adapters, *methods}))
+        fits = self.fit.modules if self.fit and self.unfitted else ()
+        return tuple(sorted({"harness.run.loop", *stages, *adapters, *methods, *fits}))
 
     @property
     def frames(self) -> int:
@@ -84,7 +105,9 @@ class Plan:
         return sum(len(prepared.frames) for prepared in self.clips)
 
 
-def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable[SinkFactory] = ()) -> Plan:
+def prepare(
+    experiment: Experiment, *, limit: int | None = None, sinks: Iterable[SinkFactory] = (), fit: Fit | None = None
+) -> Plan:
     """Open every clip, read every label file and find every weights file of an experiment; note likely problems.
 
     Parameters
@@ -93,6 +116,8 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         Take only the first frames of each clip; the experiment's own limit if None.
     sinks
         Sinks of the finished frames, beside the results.
+    fit
+        Fits the weights of configurations that have none; None: there must be none.
 
     Raises
     ------
@@ -108,7 +133,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         *_notes_on_near(clips, experiment.configurations),
     )
     noted = replace(experiment, notes=(*experiment.notes, *map(Note, notes)))
-    return Plan(experiment=noted, clips=clips, sinks=tuple(sinks))
+    return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), fit=fit)
 
 
 def _for_clips(experiment: Experiment, clips: Iterable[Clip | MeasuredClip]) -> Experiment:
@@ -228,7 +253,7 @@ def describe(plan: Plan) -> RunManifest:
 
 def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
     """The digests of the labels by clip, if weights are still to be fitted to them."""
-    if not any(each.attend.attention.is_unfitted for each in plan.experiment.configurations):
+    if not plan.unfitted:
         return None
     clips = (prepared.manifest for prepared in plan.clips)
     return {manifest.name: manifest.annotations.digest(plan.experiment.annotator) for manifest in clips}

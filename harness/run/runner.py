@@ -15,7 +15,7 @@ from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory, locked, missing_of, new_run_id, removed_if_refused
 from harness.run.executors import Executor, InProcess, Progress
 from harness.run.frame_sink import lacks_files
-from harness.run.jobs import Fit, Results, run_jobs, skip
+from harness.run.jobs import Results, run_jobs, skip
 from harness.run.manifest import RunManifest, differences
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
@@ -36,7 +36,6 @@ def run_plan(
     tell: Callable[[str], None] = lambda line: None,
     beside: bool = False,
     retry_failed: bool = False,
-    fit: Fit | None = None,
 ) -> RunDirectory:
     """Run a plan into a directory, and write its tables of frames; results of an earlier run of the plan are reused.
 
@@ -59,21 +58,19 @@ def run_plan(
         If ``out`` holds another run, use ``out-2``, ``out-3`` ... instead: the first that is free, or holds this run.
     retry_failed
         Repeat what failed in an earlier run of the same plan. By default, its failures are kept.
-    fit
-        Fits the weights of configurations that have none; the manifest's ``fitted`` gets them.
 
     Raises
     ------
     VfoaError
         If the directory holds another run, or one in progress, or nothing could be finished, or weights are to be
-        fitted without a ``fit``. A run that is refused before its first finished frame leaves no directory.
+        fitted and the plan has no ``fit``. A run that is refused before its first finished frame leaves no directory.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
-    unfitted = (each.name for each in plan.experiment.configurations if each.attend.attention.is_unfitted)
-    if fit is None and (name := next(unfitted, None)):
+    if plan.fit is None and plan.unfitted:
         raise VfoaError(
-            f"{plan.experiment.name}: {name}: its weights are to be fitted; expected `vfoa run`, which does"
+            f"{plan.experiment.name}: {plan.unfitted[0].name}: its weights are to be fitted; expected `vfoa run`, "
+            "which does"
         )
     for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
         KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})
@@ -101,7 +98,7 @@ def run_plan(
         modules, sees = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
-                results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, fit=fit)
+                results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
         except KeyboardInterrupt:
             perceived = ", and stage outputs in the cache" if cache else ""
             tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")

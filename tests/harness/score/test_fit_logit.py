@@ -20,6 +20,7 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
 from harness.run.notes import NoteKind
+from harness.run.plan import Fit
 from harness.run.runner import prepare, run_plan
 from harness.run.table_scenes import SceneFrame
 from harness.score.fit_logit import folds_of
@@ -303,6 +304,14 @@ def _interrupted(*_: object) -> None:
 def test_a_script_attends_again_with_the_weights_of_the_run(left_out: None, tmp_path: Path) -> None:
     run = harness.load_run(_run(tmp_path / "run").path)
     assert run.attend({}).astype(str).equals(run.answers.astype(str))
+
+
+def test_a_run_is_another_one_when_the_code_that_fits_its_left_out_weights_has_changed(left_out: None) -> None:
+    plan = prepare(load_experiment("talk.toml"), fit=Fit(lambda *_: {}, ("harness.score.fit_logit",)))
+    assert "harness.score.fit_logit" in plan.deciding_modules
+    write_text(Path("talk.toml"), Path("talk.toml").read_text().replace('attention.weights = "left-out"\n', ""))
+    plan = prepare(load_experiment("talk.toml"), fit=plan.fit)
+    assert "harness.score.fit_logit" not in plan.deciding_modules
 
 
 def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left_out: None, tmp_path: Path) -> None:
