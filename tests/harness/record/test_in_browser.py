@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
+from starlette.applications import Starlette
 
 from harness.record.composed import RecordedClip, find_clips, find_recordings
 from harness.record.viewer import page_files, web_viewer_files
@@ -242,9 +243,8 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
     return {containers[path]["ContainerBlueprint:display_name"] for path in active}
 
 
-@pytest.fixture
-def failures(clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str]:
-    """The address of the failures of two clips, of Ann and of Ben."""
+def _failures(clip: RecordedClip, files: dict[str, bytes]) -> Starlette:
+    """The page of three failures, of Ann and of Ben, beside a viewer of these files."""
     told = {"truth": "red cup", "predicted": "book#4", "outcome": "wrong"}
     wrong = [
         Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, subject=subject, error_type=error_type, **told)
@@ -252,13 +252,13 @@ def failures(clip: RecordedClip, viewer_files: dict[str, bytes]) -> Iterator[str
     ]
     recording = clip.compose()
     more = failures_routes(lambda: wrong, {("clip", CONFIGURATION): recording})
-    with running(site({recording.name: recording}, viewer_files, more=more)) as server:
-        yield server.address
+    return site({recording.name: recording}, files, more=more)
 
 
-def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome, failures: str, tmp_path: Path) -> None:
+def test_a_page_steps_from_failure_to_failure_beside_the_viewer(
+    browser: Chrome, clip: RecordedClip, viewer_files: dict[str, bytes], tmp_path: Path
+) -> None:
     from selenium.webdriver import ActionChains
-    from selenium.webdriver.support.select import Select
 
     def press(key: str) -> None:
         ActionChains(browser).send_keys(key).perform()
@@ -269,37 +269,45 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome,
         assert browser.find_element("id", "place").text == place
         assert browser.execute_script("return frameShown()") == frame
 
-    browser.get(failures)
-    shows(10, ANN, "1 of 3")
-    press("n")  # nothing was clicked: the canvas has the focus
-    shows(11, BEN, "2 of 3")
-    browser.find_element("id", "next").click()
-    shows(14, BEN, "3 of 3")
-    ActionChains(browser).click(browser.find_element("id", "canvas")).perform()
-    press("P")
-    shows(11, BEN, "2 of 3")
-    press("p")
-    shows(10, ANN, "1 of 3")
-    Select(browser.find_element("name", "error_type")).select_by_value("missed")
-    browser.find_element("id", "next").click()
-    shows(14, BEN, "2 of 2")
-    Select(browser.find_element("name", "error_type")).select_by_value("")
-    Select(browser.find_element("name", "subject")).select_by_value(ANN)
-    shows(10, ANN, "1 of 1")
-    assert len(browser.window_handles) == 1
-    assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
+    with running(_failures(clip, viewer_files)) as server:
+        browser.get(server.address)
+        shows(10, ANN, "1 of 3")
+        press("n")  # nothing was clicked: the canvas has the focus
+        shows(11, BEN, "2 of 3")
+        browser.find_element("id", "next").click()
+        shows(14, BEN, "3 of 3")
+        ActionChains(browser).click(browser.find_element("id", "canvas")).perform()
+        press("P")
+        shows(11, BEN, "2 of 3")
+        assert len(browser.window_handles) == 1
+        assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
 
 
-def test_the_address_of_the_page_names_the_wrong_frame(
-    frames: list[Any], record_run: Callable[..., Any], chrome: Chrome
-) -> None:
+def test_failures_of_one_type_or_subject_are_chosen(chrome: Chrome, clip: RecordedClip) -> None:
+    from selenium.webdriver.support.select import Select
+
+    with running(_failures(clip, page_files())) as server:
+
+        def shows(frame: int, place: str) -> None:
+            wait_for(lambda: chrome.find_element("id", "place").text == place)
+            assert parse_qs(urlsplit(chrome.current_url).fragment)["frame"] == [str(frame)]
+
+        def choose(what: str, value: str) -> None:
+            Select(chrome.find_element("name", what)).select_by_value(value)
+
+        chrome.get(server.address)
+        shows(10, "1 of 3")
+        choose("error_type", "missed")
+        chrome.find_element("id", "next").click()
+        shows(14, "2 of 2")
+        choose("error_type", "")
+        choose("subject", ANN)
+        shows(10, "1 of 1")
+
+
+def test_the_address_of_the_page_names_the_wrong_frame(chrome: Chrome, clip: RecordedClip) -> None:
     browser = chrome
-    recording = find_clips(record_run(frames).run, None, None)[0].compose()
-    told = {"subject": ANN, "truth": "red cup", "predicted": "book#4", "outcome": "wrong", "error_type": "missed"}
-    wrong = [Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, **told) for frame in (11, 13, 14)]
-    more = failures_routes(lambda: wrong, {("clip", CONFIGURATION): recording})
-    app = site({recording.name: recording}, page_files(), more=more)
-    with running(app) as server:
+    with running(_failures(clip, page_files())) as server:
 
         def shows(place: str) -> None:
             wait_for(lambda: browser.find_element("id", "place").text == place)
@@ -309,14 +317,14 @@ def test_the_address_of_the_page_names_the_wrong_frame(
         browser.find_element("id", "next").click()
         shows("2 of 3")
         address = browser.current_url
-        named = {"clip": ["clip"], "configuration": [CONFIGURATION], "subject": [ANN], "frame": ["13"]}
+        named = {"clip": ["clip"], "configuration": [CONFIGURATION], "subject": [BEN], "frame": ["11"]}
         assert parse_qs(urlsplit(address).fragment) == named
-        for opened, place in ((address, "2 of 3"), (address.replace("frame=13", "frame=14"), "3 of 3")):
+        for opened, place in ((address, "2 of 3"), (address.replace("frame=11", "frame=14"), "3 of 3")):
             browser.get("about:blank")
             browser.get(opened)
             shows(place)
         browser.get("about:blank")
-        browser.get(address.replace("frame=13", "frame=10"))
+        browser.get(address.replace("frame=11", "frame=10"))  # Ben is right there
         wait_for(lambda: "frame 10" in browser.find_element("id", "place").text)
         assert not browser.find_elements("css selector", "[aria-current]")
         browser.find_element("id", "next").click()
