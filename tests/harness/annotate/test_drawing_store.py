@@ -112,10 +112,10 @@ def test_what_was_drawn_elsewhere_wins(store: DrawingStore, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        ({"do": "key", "name": "cpu", "place": BOX}, "no subject or target 'cpu'; did you mean 'cup'"),
+        ({"do": "key", "name": "cpu", "place": BOX}, r"'cpu'.*'cup'"),
         ({"do": "key", "name": "cup", "kind": "head", "place": BOX}, "'cup' is not a subject"),
         ({"do": "key", "name": "cup", "kind": "point", "place": (1, 2)}, "'cup' is already drawn as a box"),
-        ({"do": "key", "name": "cup", "at": 20, "place": BOX}, "position 20 is outside the clip; expected 0 to 19"),
+        ({"do": "key", "name": "cup", "at": 20, "place": BOX}, r"position 20 .*0 to 19"),
         ({"do": "key", "name": "cup", "place": (5, 2, 1, 12)}, "expected u0 < u1"),
         ({"do": "key", "name": "cup", "place": (5, 2)}, "expected u0, v0, u1, v1"),
         ({"do": "outside", "name": "book"}, "'book' is not drawn"),

@@ -192,9 +192,9 @@ def test_labels_of_a_target_that_the_manifest_has_no_longer_are_shown_and_can_be
         ({"annotator": "../ann"}, "expected a name of letters, digits"),
         ({"configuration": "one"}, "need --run"),
         ({"uncertain_first": True}, "need --run"),
-        ({"run": "run", "configuration": "oen"}, "no configuration 'oen'; did you mean 'one'"),
+        ({"run": "run", "configuration": "oen"}, r"'oen'.*'one'"),
         ({"run": "run", "blind": True, "uncertain_first": True}, "--blind shows nothing"),
-        ({"run": "elsewhere"}, "elsewhere: expected a run's directory, found nothing there"),
+        ({"run": "elsewhere"}, "elsewhere: expected a run's directory"),
     ],
 )
 def test_wrong_choices_are_one_line(opened: Any, work: Path, choices: dict[str, Any], found: str) -> None:

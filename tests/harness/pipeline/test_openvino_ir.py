@@ -202,12 +202,12 @@ def test_layers_of_images(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "attributes", "problem"),
     [
-        ("HSwish", {}, r"unknown kind of layer; expected one of Add, Concat"),
-        ("ReLU", {"auto_broadcast": "none"}, r"auto_broadcast: found 'none'; expected 'numpy'"),
+        ("HSwish", {}, r"unknown kind .*Add, Concat"),
+        ("ReLU", {"auto_broadcast": "none"}, "auto_broadcast: found 'none'"),
         ("Concat", {"axis": "one"}, r"axis: found 'one'; expected integers"),
-        ("MatMul", {"transpose_b": "maybe"}, r"transpose_b: found 'maybe'; expected one of false, true"),
-        ("Convert", {"destination_type": "f16"}, r"input 0: found a computed tensor; expected a constant"),
-        ("StridedSlice", {"shrink_axis_mask": "1"}, r"shrink_axis_mask: found '1'; expected zeros"),
+        ("MatMul", {"transpose_b": "maybe"}, "transpose_b: found 'maybe'"),
+        ("Convert", {"destination_type": "f16"}, r"input 0: .*computed"),
+        ("StridedSlice", {"shrink_axis_mask": "1"}, "shrink_axis_mask: found '1'"),
     ],
 )
 def test_a_layer_that_cannot_be_converted_is_named(

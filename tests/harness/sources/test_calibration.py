@@ -49,7 +49,7 @@ def test_the_last_digit_that_a_file_writes_may_differ() -> None:
         (LEFT, changed(RIGHT, 1, 1, 720.1), "fy is 720 left and 720.1 right"),
         (LEFT, changed(RIGHT, 1, 2, 231), "cy is 230 left and 231 right"),
         (LEFT, changed(RIGHT, 0, 3, 35), "the baseline is 0 m"),
-        (RIGHT, LEFT, r"the baseline is -0\.12 m; expected a positive"),
+        (RIGHT, LEFT, r"baseline is -0\.12 m"),
     ],
 )
 def test_what_is_no_rectified_pair_is_refused(left: Float, right: Float, message: str) -> None:
@@ -60,10 +60,10 @@ def test_what_is_no_rectified_pair_is_refused(left: Float, right: Float, message
 @pytest.mark.parametrize(
     ("size_px", "changes", "said"),
     [
-        ((2, 2), {}, "images of 2 x 2 pixels; expected 4 to 16383 on each side"),
+        ((2, 2), {}, r"2 x 2 pixels.*4 to 16383"),
         ((8, 20_000), {}, "images of 8 x 20000 pixels"),
         ((16_384, 64), {}, "images of 16384 x 64 pixels"),
-        ((640, 480), {"fx_px": 1e-308}, "fx, fy: found 1e-308, 720; expected 0.1 to 1e"),
+        ((640, 480), {"fx_px": 1e-308}, "fx, fy: found 1e-308, 720"),
         ((640, 480), {"cy_px": 1e300}, r"cx, cy: found 310, 1e\+300"),
         ((640, 480), {"baseline_m": 1e-300}, "baseline: found 1e-300 m"),
     ],

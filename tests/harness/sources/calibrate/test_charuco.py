@@ -151,9 +151,9 @@ def test_both_views_in_one_picture_serve_as_well(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dictionary": "DICT_5X5_10"}, r"dictionary 'DICT_5X5_10'; did you mean 'DICT_5X5_100'\?"),
-        ({"dictionary": "DICT_5X5_50", "columns": 20}, "DICT_5X5_50: 50 markers; expected at least 60"),
-        ({"marker_m": 0.03}, "marker: found 30 mm; expected less than the square's 30 mm"),
+        ({"dictionary": "DICT_5X5_10"}, r"'DICT_5X5_10'.*'DICT_5X5_100'"),
+        ({"dictionary": "DICT_5X5_50", "columns": 20}, r"DICT_5X5_50: 50 markers.*60"),
+        ({"marker_m": 0.03}, "marker: found 30 mm"),
     ],
 )
 def test_boards_that_cannot_be_are_one_line(change: dict[str, object], message: str) -> None:

@@ -150,10 +150,10 @@ def test_a_table_that_a_spreadsheet_marked_as_utf_8_is_read(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("0.98,1,", "0.98,yes,"), r"faces\.csv:2: could not convert string to float: 'yes'; expected a number"),
-        (("0.98,1,", "0.98,1,7,"), r"faces\.csv:2: found \d+ cells; expected \d+, as in the header"),
-        (("1000,", "nan,"), r"faces\.csv:2: pose_Tx, pose_Ty, pose_Tz: expected a place in mm"),
-        (("pose_Rx", "pose_rx"), r"faces\.csv:1: no column 'pose_Rx'; expected OpenFace's frame, .*-pose"),
+        (("0.98,1,", "0.98,yes,"), r"faces\.csv:2: .*'yes'"),
+        (("0.98,1,", "0.98,1,7,"), r"faces\.csv:2: found \d+ cells.* \d+,"),
+        (("1000,", "nan,"), r"faces\.csv:2: pose_Tx, pose_Ty, pose_Tz"),
+        (("pose_Rx", "pose_rx"), r"faces\.csv:1: .*'pose_Rx'.*-pose"),
     ],
 )
 def test_a_mistake_is_named_with_its_line(tmp_path: Path, change: tuple[str, str], said: str) -> None:

@@ -92,7 +92,7 @@ def test_objects_of_other_programs_are_the_plain_ones(tmp_path: Path, word: str)
         (b"PK\x03\x04" + bytes(30), ": ", "workbook"),
         (PLAIN.replace("0.25", "0,25"), ":2: ", "10 cells.*decimal commas"),
         (PLAIN.replace("0.25", '"0,25"'), ":2: y_m: ", "decimal point"),
-        (GERMAN.replace("2,5", "1.234"), ":2: ", "found '1.234', and '0,1' in line 2; expected one decimal sign"),
+        (GERMAN.replace("2,5", "1.234"), ":2: ", r"found '1\.234', .*'0,1' in line 2"),
         (PLAIN.replace("\n2,", "\n2.5,"), ":3: frame: ", "whole number"),
         (PLAIN.replace("time_s", "time_ns").replace(",0.1,", ",1.7E+18,"), ":2: time_ns: ", "digits were cut off"),
         (PLAIN.replace("ann", "NA"), ":2: person: ", "found 'NA' beside measurements"),

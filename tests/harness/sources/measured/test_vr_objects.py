@@ -105,23 +105,23 @@ def test_what_is_written_as_tables_reads_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new", "message"),
     [
-        ("trackers/Eye_gaze_T001.csv", "gaze_object", "thing", r"Eye_gaze_T001.csv:1: no column 'gaze_object'"),
-        ("trackers/Eye_gaze_T001.csv", "\n10.0", "\n9.0", "its times are not those of VR_move_T001.csv"),
+        ("trackers/Eye_gaze_T001.csv", "gaze_object", "thing", r"Eye_gaze_T001\.csv:1: .*'gaze_object'"),
+        ("trackers/Eye_gaze_T001.csv", "\n10.0", "\n9.0", r"times .*VR_move_T001\.csv"),
         (
             "trackers/VR_move_T001.csv",
             ",1.5,",
             ",up,",
-            r"VR_move_T001.csv:2: head_\w+: expected a finite number, found 'up'",
+            r"VR_move_T001\.csv:2: head_\w+: .*'up'",
         ),
         (
             "trackers/VR_move_T001.csv",
             ",1.5,",
             ",nan,",
-            r"VR_move_T001.csv:2: head_\w+: found 'nan'; expected all of",
+            r"VR_move_T001\.csv:2: head_\w+: .*'nan'",
         ),
         ("trial_results.csv", ",cup,", ",cup,,", r"trial_results.csv:2: found \d+ cells"),
         ("trial_results.csv", "0.2,0.3,0.2", "0.2,0,0.2", r"trial_results.csv: .*positive half sizes"),
-        ("trial_results.csv", "10.5,11.69", "soon,11.69", r"trial_results.csv:2: could not convert .* 'soon'"),
+        ("trial_results.csv", "10.5,11.69", "soon,11.69", r"trial_results\.csv:2: .*'soon'"),
         ("trial_results.csv", "10.5,11.69,13,13.49", "90,91,92,93", "no frames"),
     ],
 )
