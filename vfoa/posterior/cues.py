@@ -14,7 +14,7 @@ from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offsets
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.gaze_error import BOTH, GazeError, first_error, next_error
 from vfoa.posterior.head_motion import MEASURED, first_motion, next_motion
-from vfoa.posterior.looks import Transition
+from vfoa.posterior.looks import GAZES, HEADS, Ways
 from vfoa.posterior.normal import NO_EVIDENCE, Evidence, Normal, weighed
 from vfoa.types import CUES, Float
 
@@ -103,12 +103,13 @@ def facing_after(prior: Belief, scenery: Scenery, cues: MeasuredCues, dt_s: floa
 
 
 def weighed_gaze(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, offset: Float | None, transition: Transition, dt_s: float
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, offset: Float | None, ways: Ways, dt_s: float
 ) -> tuple[GazeError | None, Evidence]:
     """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
     if prior.error is None and cues.gaze is None:
         return None, NO_EVIDENCE
+    transition = ways.over(HEADS)
     variance = (hypotheses.scale * cues.gaze_sigma_rad) ** 2
     slow = BIAS_SHARE * variance
     no_head = prior.last_head is None and cues.head is None
@@ -121,17 +122,18 @@ def weighed_gaze(
     if offset is None:
         return predicted, NO_EVIDENCE
     without_bias = offset.take(hypotheses.gain, axis=-1) - hypotheses.bias_rad[:, None]
-    state, evidence = weighed(predicted.state, BOTH, without_bias, variance - slow)
+    state, evidence = weighed(predicted.state, transition.predicted, BOTH, without_bias, variance - slow)
     return GazeError(state, predicted.lasting), evidence
 
 
 def weighed_head(
-    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, transition: Transition, dt_s: float
+    prior: Belief, scenery: Scenery, cues: MeasuredCues, offsets: Offsets, ways: Ways, dt_s: float
 ) -> tuple[Normal | None, Evidence]:
     """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
     if prior.motion is None and cues.head is None:
         return None, NO_EVIDENCE
+    transition = ways.over(GAZES)
     noise = (1 - BIAS_SHARE) * cues.head_sigma_rad**2
     aside = np.empty((len(scenery.keys), len(share)))
     aside[:-1] = sigma_rad(ASIDE_DEG) ** 2 + share**2 * scenery.variances[:, None]
@@ -143,7 +145,7 @@ def weighed_head(
         predicted = next_motion(prior.motion, transition, offsets.last_head, noise, aside, dt_s, _LAG_S)
     if offsets.head is None:
         return predicted, NO_EVIDENCE
-    return weighed(predicted, MEASURED, offsets.head, noise)
+    return weighed(predicted, transition.predicted, MEASURED, offsets.head, noise)
 
 
 def cue_shares(cues: MeasuredCues, belief: Belief) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
 from vfoa.posterior.cues import facing_after, offsets_of, weighed_gaze, weighed_head
 from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
-from vfoa.posterior.looks import LEAST, Keys, Transition, columns_of, counted, leaving, new_look, predicted_looks
+from vfoa.posterior.looks import LEAST, Keys, Ways, columns_of, counted, leaving, new_look, predicted_looks
 from vfoa.types import Float
 
 _ERROR_POWER = 0.7
@@ -49,17 +49,14 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
 
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
-    joint = [prior.weights * each for each in (prior.looked, stayed, predicted)]
-    of_gaze, of_head = (Transition.of(columns, *(each.sum(axis=axis) for each in joint)) for axis in (1, 2))
+    ways = Ways(columns, *(prior.weights * each for each in (prior.looked, stayed, predicted)))
     offsets = offsets_of(prior, scenery, cues)
-    gaze_error, by_gaze = weighed_gaze(prior, scenery, cues, offsets.gaze, of_gaze, dt_s)
-    motion, by_head = weighed_head(prior, scenery, cues, offsets, of_head, dt_s)
+    gaze_error, by_gaze = weighed_gaze(prior, scenery, cues, offsets.gaze, ways, dt_s)
+    motion, by_head = weighed_head(prior, scenery, cues, offsets, ways, dt_s)
 
     likelihood = by_gaze.likelihood[:, None] * (by_head.likelihood**head_power)[..., None]
     seen, went_on = predicted * likelihood, stayed * likelihood
     total = seen.sum(axis=0)
-    # the probability of a worse fit of both cues: twice the smaller of the two (Bonferroni)
-    tails = [(of.predicted * by.tail).sum() for of, by in ((of_gaze, by_gaze), (of_head, by_head))]
     belief = replace(
         prior,
         keys=scenery.keys,
@@ -77,7 +74,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
         facing=facing_after(prior, scenery, cues, dt_s),
-        tail=min(1.0, 2 * float(min(tails))),
+        tail=min(1.0, 2 * by_gaze.tail, 2 * by_head.tail),  # of a worse fit of either cue (Bonferroni)
     )
     return pruned(belief)
 

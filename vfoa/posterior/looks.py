@@ -91,11 +91,29 @@ class Transition(NamedTuple):
     stay: Float
     predicted: Float
 
-    @classmethod
-    def of(cls, columns: Columns, looked: Float, stayed: Float, predicted: Float) -> Transition:
-        """The transition by the joint probabilities of a hypothesis and the targets before, those kept, and all."""
+
+HEADS, GAZES = 1, 2
+"""The axes of the hypotheses about the head and about the gaze."""
+
+
+class Ways(NamedTuple):
+    """The way from the targets before to those of the frame: joint probabilities of a target and both hypotheses.
+
+    ``looked`` (T', K, G) are those of the targets before, ``predicted`` (T, K, G) those of the targets of the frame
+    before it is seen, and ``stayed`` the part of these that comes from looks that go on; ``columns`` as in
+    :class:`Transition`.
+    """
+
+    columns: Columns
+    looked: Float
+    stayed: Float
+    predicted: Float
+
+    def over(self, axis: int) -> Transition:
+        """Return the transition under one cue's hypotheses: a mean over those of the other, on this axis."""
+        looked, stayed, predicted = (each.sum(axis=axis) for each in self[1:])
         given = looked / np.maximum(looked.sum(axis=0), LEAST)
-        return cls(columns, given, stayed / np.maximum(predicted, LEAST), predicted)
+        return Transition(self.columns, given, stayed / np.maximum(predicted, LEAST), predicted)
 
 
 def predicted_looks(

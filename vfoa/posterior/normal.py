@@ -45,22 +45,25 @@ def _products(means: Float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Likelihood (T, H), up to a factor, and the probability (T, H) of a worse fit."""
+    """Likelihood (T, H), up to a factor, and the probability of a worse fit before the frame is seen."""
 
     likelihood: Float
-    tail: Float
+    tail: float
 
 
-NO_EVIDENCE = Evidence(np.ones((1, 1)), np.ones((1, 1)))
+NO_EVIDENCE = Evidence(np.ones((1, 1)), 1.0)
 """The evidence of a cue that was not measured."""
 TAILS = 4.0
 """Degrees of freedom of the Student distribution of the errors of gaze and head."""
 
 
-def weighed(predicted: Normal, seen: slice, offset: Float, noise: float | Float) -> tuple[Normal, Evidence]:
+def weighed(
+    predicted: Normal, chance: Float, seen: slice, offset: Float, noise: float | Float
+) -> tuple[Normal, Evidence]:
     """Update with a measured ``offset`` (2, T, H): the sum of the parts ``seen`` and a noise of this variance (H,).
 
-    Student's distribution limits the weight of an outlier.
+    ``chance`` (T, H) are the joint probabilities of target and hypothesis before. Student's distribution limits the
+    weight of an outlier.
     """
     to_parts = predicted.covariances[:, seen].sum(axis=1)
     surprise = offset - predicted.means[seen].sum(axis=0)
@@ -74,4 +77,4 @@ def weighed(predicted: Normal, seen: slice, offset: Float, noise: float | Float)
         predicted.means + gain[:, None] * surprise,
         predicted.covariances - gain[:, None] * to_parts,
     )
-    return after, Evidence(tail / heavy, tail)
+    return after, Evidence(tail / heavy, float(np.vdot(chance, tail)))
