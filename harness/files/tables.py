@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NoReturn, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from harness.files.dialects import Row, are_booleans, is_missing, number_hint, table_rows
 from harness.files.io import atomic_write, read_text
@@ -162,10 +162,11 @@ class TableColumns:
         VfoaError
             For the first row with a greater one, or as :meth:`group`.
         """
-        values = self.group(columns)
-        for row in np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))[:1]:
-            named = f"{self.where(int(row))}: {', '.join(columns)}"
-            raise VfoaError(f"{named}: found {values[row]}; expected at most {LARGEST:g}")
+        values, named = self.group(columns), ", ".join(columns)
+        self.refuse_first(
+            (np.abs(values) > LARGEST).any(axis=1),
+            lambda row: f"{named}: found {values[row]}; expected at most {LARGEST:g}",
+        )
         return values
 
     def group(self, columns: Sequence[str]) -> Float:
@@ -178,12 +179,19 @@ class TableColumns:
         """
         values = np.stack([self.numbers(column) for column in columns], axis=1)
         blank = np.isnan(values)
-        for row in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1))[:1]:
+
+        def why(row: int) -> str:
             missing = columns[int(blank[row].argmax())]
-            expected = f"expected all of {', '.join(columns)}, or none"
             found = _found(self.cells[missing][row]) if missing in self.cells else _found("")
-            raise VfoaError(f"{self.where(int(row))}: {missing}: {found}; {expected}")
+            return f"{missing}: {found}; expected all of {', '.join(columns)}, or none"
+
+        self.refuse_first(blank.any(axis=1) & ~blank.all(axis=1), why)
         return values
+
+    def refuse_first(self, wrong: ArrayLike, why: Callable[[int], str]) -> None:
+        """Raise a :class:`VfoaError` with the place of the first row that is ``wrong`` (n,), and why; if any is."""
+        for row in np.flatnonzero(wrong)[:1].tolist():
+            raise VfoaError(f"{self.where(row)}: {why(row)}")
 
 
 def _found(cell: str) -> str:

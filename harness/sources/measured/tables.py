@@ -198,9 +198,10 @@ def _cues(table: TableColumns, cue: str) -> list[_Cue]:
     columns = [f"{cue}_{axis}" for axis in "xyz"]
     directions = table.vectors(columns)
     lengths = np.linalg.norm(directions, axis=1)
-    for row in np.flatnonzero(np.abs(lengths - 1) > _UNIT_TOLERANCE)[:1]:
-        named = f"{table.where(int(row))}: {', '.join(columns)}"
-        raise VfoaError(f"{named}: expected a unit vector, found one of length {lengths[row]:.4g}")
+    table.refuse_first(
+        np.abs(lengths - 1) > _UNIT_TOLERANCE,
+        lambda row: f"{', '.join(columns)}: expected a unit vector, found one of length {lengths[row]:.4g}",
+    )
     pairs = zip(_rows(directions), _sigmas_rad(table, cue), strict=True)
     return [None if direction is None else (direction, sigma_rad) for direction, sigma_rad in pairs]
 
@@ -208,12 +209,14 @@ def _cues(table: TableColumns, cue: str) -> list[_Cue]:
 def _sigmas_rad(table: TableColumns, cue: str) -> list[float | None]:
     """The claimed error of each row, radians."""
     degrees, radians = table.numbers(f"{cue}_sigma_deg"), table.numbers(f"{cue}_sigma_rad")
-    for row in np.flatnonzero(~np.isnan(degrees) & ~np.isnan(radians))[:1]:
-        raise VfoaError(f"{table.where(int(row))}: {cue}_sigma: found degrees and radians; expected one of them")
+    table.refuse_first(
+        ~np.isnan(degrees) & ~np.isnan(radians),
+        lambda row: f"{cue}_sigma: found degrees and radians; expected one of them",
+    )
     sigmas = np.where(np.isnan(radians), degrees * (math.pi / 180), radians)
-    for row in np.flatnonzero(sigmas < 0)[:1]:
-        named = f"{table.where(int(row))}: {cue}_sigma"
-        raise VfoaError(f"{named}: expected an angle of at least 0, found {sigmas[row]:g} rad")
+    table.refuse_first(
+        sigmas < 0, lambda row: f"{cue}_sigma: expected an angle of at least 0, found {sigmas[row]:g} rad"
+    )
     return _known(sigmas)
 
 
@@ -319,9 +322,10 @@ class _ObjectOfRow:
 def _quaternions(table: TableColumns) -> Float:
     """The unit quaternion (n, 4) of each row, NaN without one."""
     quaternions = table.vectors(QUATERNION)
-    for row in np.flatnonzero(np.abs(np.linalg.norm(quaternions, axis=1) - 1) > _UNIT_TOLERANCE)[:1]:
-        named = f"{table.where(int(row))}: {', '.join(QUATERNION)}"
-        raise VfoaError(f"{named}: expected a unit quaternion, found {quaternions[row]}")
+    table.refuse_first(
+        np.abs(np.linalg.norm(quaternions, axis=1) - 1) > _UNIT_TOLERANCE,
+        lambda row: f"{', '.join(QUATERNION)}: expected a unit quaternion, found {quaternions[row]}",
+    )
     return quaternions
 
 
