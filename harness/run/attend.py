@@ -270,10 +270,15 @@ def with_method(plain: Mapping[str, Any], method: MethodSettings, where: str) ->
     VfoaError
         If the manifest has no settings of the configuration; ``where`` names it.
     """
-    before = "tracking", "gaze_filter"
-    if missing := [step for step in before if step not in plain]:
+    tables = _tables_of(plain, ("tracking", "gaze_filter"), where)
+    return read_steps(tables, None, where)[1].model_copy(update={"attention": method})
+
+
+def _tables_of(plain: Mapping[str, Any], steps: Collection[str], where: str) -> dict[str, Any]:
+    """The tables of these steps of a configuration in a run's manifest."""
+    if missing := [step for step in steps if step not in plain]:
         raise VfoaError(f"{where}: {missing[0]}: missing; expected the settings of the run: run it again")
-    return read_steps({step: plain[step] for step in before}, None, where)[1].model_copy(update={"attention": method})
+    return {step: plain[step] for step in steps}
 
 
 def _changed(plain: Mapping[str, Any], changes: Mapping[str, Any], configuration: str) -> AttendSettings:
@@ -284,7 +289,7 @@ def _changed(plain: Mapping[str, Any], changes: Mapping[str, Any], configuration
                 f"attend: {dotted}: expected settings of {' and '.join(CHANGEABLE)}, which decide nothing that is "
                 "perceived; run the experiment with this one"
             )
-    tables = {step: plain[step] for step in ("tracking", *CHANGEABLE)}
+    tables = _tables_of(plain, ("tracking", *CHANGEABLE), f"attend: {configuration}")
     for table, changed in dotted_tables(changes.items(), CHANGEABLE, "attend").items():
         is_other = changed.get("method", tables[table].get("method")) != tables[table].get("method")
         tables[table] = changed if is_other else {**tables[table], **changed}

@@ -226,6 +226,8 @@ def test_a_run_whose_manifest_has_no_settings_is_refused(tmp_path: Path, monkeyp
     write_manifest(directory, {**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
     with pytest.raises(VfoaError, match=r"manifest\.json: .*tracking: missing"):
         read_labelled(directory)
+    with pytest.raises(VfoaError, match=r"attend: forward: tracking: missing"):
+        harness.load_run(directory.path).attend({}, ["forward"])
 
 
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
