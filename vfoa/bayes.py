@@ -10,7 +10,7 @@ about where their body faces. A large target is not favoured: its density is spr
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -87,9 +87,9 @@ class Posterior:
         """Compute every subject's attention in one frame: :func:`infer_attentions`."""
         return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
 
-    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
-        """Return the frames of a window with every subject's attention given all of them: :func:`smooth`."""
-        return smooth(window, self._settings)
+    def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
+        """Return the first frames with every subject's attention given the whole window: :func:`smooth`."""
+        return smooth(window, count, self._settings)
 
 
 def infer_attentions(
@@ -120,13 +120,13 @@ def infer_attentions(
     return attentions, after
 
 
-def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
-    """Return the frames of a window with the focus and the probabilities of every subject given all its frames."""
+def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -> list[FrameResult]:
+    """Return the first ``count`` frames of a window with every subject's probabilities given the later ones, too."""
 
-    def of_track(frames: list[tuple[FrameResult, Attention]]) -> list[Attention]:
+    def of_track(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         beliefs = [attention.belief for _, attention in frames]
-        return [
-            _answer(
+        for (_, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True):
+            yield _answer(
                 attention.subject,
                 [value.instance_id for value in attention.values],
                 belief,
@@ -134,10 +134,8 @@ def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[Frame
                 answered(belief, probabilities, settings.error, later_known=True),
                 attention.fit,
             )
-            for (_, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True)
-        ]
 
-    return revised(window, Belief, of_track)
+    return revised(window, count, Belief, of_track)
 
 
 def _infer(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
@@ -211,9 +211,9 @@ class Logit:
         """Compute every subject's attention in one frame: :func:`weigh_attentions`."""
         return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
 
-    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
-        """Return the frames of a window with every subject's attention given the later ones: :func:`weigh_again`."""
-        return weigh_again(window, self._settings)
+    def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
+        """Return the first frames with every subject's attention given the whole window: :func:`weigh_again`."""
+        return weigh_again(window, count, self._settings)
 
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
@@ -289,18 +289,16 @@ def _observed(
     return _RECENT.get((belief, means, *targets), (subject.person.instance_id, claimed, time_ns), compute)
 
 
-def weigh_again(window: Sequence[FrameResult], settings: LogitSettings) -> list[FrameResult]:
-    """Return the frames of a window with every subject's attention given the later frames of the window, too."""
+def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettings) -> list[FrameResult]:
+    """Return the first ``count`` frames of a window with every subject's attention given the later ones, too."""
 
-    def of_track(frames: list[tuple[FrameResult, Attention]]) -> list[Attention]:
+    def of_track(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         seen = [attention.belief for _, attention in frames]
         gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
-        return [
-            _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
-            for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True)
-        ]
+        for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
+            yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
 
-    return revised(window, Seen, of_track)
+    return revised(window, count, Seen, of_track)
 
 
 def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:

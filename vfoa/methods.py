@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, Self, TypeVar
 
@@ -85,8 +85,8 @@ class RevisingMethod(AttentionMethod[State], Protocol[State]):
         """Seconds of later frames that a frame's answer needs; 0: none, and nothing is revised."""
         ...
 
-    def revise(self, window: Sequence[FrameResult]) -> list[FrameResult]:
-        """Return the frames of a window in the same order, each with the attention given all of them."""
+    def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
+        """Return the first ``count`` frames of a window in their order, with the attention given the whole window."""
         ...
 
 
@@ -151,21 +151,28 @@ def answer_of(
 
 def revised(
     window: Sequence[FrameResult],
+    count: int,
     kind: type,
-    of_track: Callable[[list[tuple[FrameResult, Attention]]], list[Attention]],
+    of_track: Callable[[list[tuple[FrameResult, Attention]]], Iterator[Attention]],
 ) -> list[FrameResult]:
-    """Return the frames of a window with the attentions of each track that have a ``belief`` of a kind revised."""
+    """Return the first ``count`` frames of a window with the attentions that have a ``belief`` of a kind revised.
+
+    ``of_track`` yields them from the attentions of a track in the whole window, in order; those of later frames are
+    not asked for.
+    """
     tracks: dict[int, list[tuple[FrameResult, Attention]]] = {}
     for frame in window:
         for attention in frame.attentions:
             if isinstance(attention.belief, kind):
                 tracks.setdefault(attention.subject.track_id, []).append((frame, attention))
-    after = {
-        id(attention): later
-        for frames in tracks.values()
-        for (_, attention), later in zip(frames, of_track(frames), strict=True)
-    }
+    later = {track: of_track(frames) for track, frames in tracks.items()}
     return [
-        replace(frame, attentions=tuple(after.get(id(attention), attention) for attention in frame.attentions))
-        for frame in window
+        replace(
+            frame,
+            attentions=tuple(
+                next(later[attention.subject.track_id]) if isinstance(attention.belief, kind) else attention
+                for attention in frame.attentions
+            ),
+        )
+        for frame in window[:count]
     ]

@@ -198,10 +198,11 @@ class Attending:
         return math.ceil(self._look_ahead_s * (len(self._waiting) - 1) / seconds)
 
     def _release(self, count: int) -> list[FrameResult]:
-        ready = list(self._waiting)
+        ready = self._waiting[:count]
         if self._look_ahead_s:
-            ready = cast("RevisingMethod[Any]", self._method).revise(ready)
-            if [result.scene.index for result in ready] != [result.scene.index for result in self._waiting]:
-                raise ValueError(f"{len(ready)} revised frames; expected the {len(self._waiting)} given, in order")
+            revised = cast("RevisingMethod[Any]", self._method).revise(tuple(self._waiting), count)
+            if [result.scene.index for result in revised] != [result.scene.index for result in ready]:
+                raise ValueError(f"{len(revised)} revised frames; expected the first {count}, in order")
+            ready = revised
         del self._waiting[:count]
-        return ready[:count]
+        return ready

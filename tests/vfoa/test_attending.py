@@ -88,6 +88,13 @@ def test_a_first_frame_is_corrected_by_those_after_it() -> None:
     assert [len(block) for block in revised] == [0, 0, 0, 0, 0, 0, 4, 0, 4]  # seven have come: three ahead of each
 
 
+def revised_by(method: BayesSettings | LogitSettings, window: list[FrameResult]) -> list[FrameResult]:
+    """All frames of a window, revised."""
+    if isinstance(method, BayesSettings):
+        return smooth(window, len(window), method)
+    return weigh_again(window, len(window), method)
+
+
 @settings(deadline=None)
 @given(
     gazes=st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=24),
@@ -97,7 +104,10 @@ def test_a_first_frame_is_corrected_by_those_after_it() -> None:
 def test_every_frame_is_revised_by_the_block_that_waits_with_it(
     gazes: list[float], rate_hz: int | None, method: BayesSettings | LogitSettings
 ) -> None:
-    """More than twice the time ahead waits: all but that time is revised with all that waits, and comes back."""
+    """More than twice the time ahead waits: all but that time is revised with all that waits, and comes back.
+
+    The expected frames are the first ones of windows that are revised as a whole.
+    """
     frames = scenes(gazes, [0] * len(gazes) if rate_hz is None else [i * 10**9 // rate_hz for i in range(len(gazes))])
     forward = method.model_copy(update={"smoothing": "forward"})
     waiting: list[FrameResult] = []
@@ -107,9 +117,9 @@ def test_every_frame_is_revised_by_the_block_that_waits_with_it(
         seconds = (scene.time_ns - waiting[0].scene.time_ns) / 1e9
         ahead = math.ceil(0.12 * (len(waiting) - 1) / seconds) if seconds > 0 else 3
         count = len(waiting) - ahead if len(waiting) > 2 * ahead else 0
-        expected.append((smooth(waiting, method) if method.method == "bayes" else weigh_again(waiting, method))[:count])
+        expected.append(revised_by(method, waiting)[:count])
         waiting = waiting[count:]
-    expected.append(smooth(waiting, method) if method.method == "bayes" else weigh_again(waiting, method))
+    expected.append(revised_by(method, waiting))
     found = blocks(method, frames)
     assert [content(block) for block in found] == [content(block) for block in expected]
     assert [result.scene.index for block in found for result in block] == list(range(len(gazes)))
@@ -178,8 +188,8 @@ def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.Monke
     class Forgetful(Counting):
         look_ahead_s = 0.04
 
-        def revise(self, window):
-            return window[1:]
+        def revise(self, window, count):
+            return window[1:count]
 
     attending = counting(monkeypatch, Forgetful())
     for scene in scenes([0, 0]):

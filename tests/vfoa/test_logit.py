@@ -75,7 +75,7 @@ def test_the_target_that_all_directions_point_at_is_the_likeliest(gaze: Float | 
     for smoothing in ("forward", "both"):
         settings = LogitSettings(method="logit", smoothing=smoothing)
         window = results([looking(gaze, head)] * 5, settings)
-        for frame in weigh_again(window, settings) if smoothing == "both" else window:
+        for frame in weigh_again(window, len(window), settings) if smoothing == "both" else window:
             (found,) = frame.attentions
             totals = {each.instance_id: each.total for each in found.values}
             assert totals[2] > totals[3]

@@ -61,7 +61,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
         found = shared.by_configuration["smoothed"]
         assert isinstance(found, Followed)
         results += attending.step(found.scene, found.tracked)
-    revised = smooth(results, settings)
+    revised = smooth(results, len(results), settings)
     assert written == [
         [
             (attention.subject.track_id, attention.focus, [value.total for value in attention.values])
