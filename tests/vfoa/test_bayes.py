@@ -15,8 +15,8 @@ from vfoa.bayes import BayesSettings, infer_attentions
 from vfoa.geometry import sigma_rad
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.posterior.cues import NOWHERE_DEG
+from vfoa.posterior.kalman import TAILS
 from vfoa.posterior.looks import P_NOWHERE
-from vfoa.posterior.normal import TAILS
 from vfoa.tracking import Tracked
 from vfoa.types import NoAttention, Scene
 from vfoa.visible import FACE_RADIUS_M

@@ -15,10 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from vfoa.geometry import MEAN_ANGLE_PER_SIGMA, unit
-from vfoa.posterior.gaze_error import CONSTANT, GazeError
 from vfoa.posterior.grid import Error, GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
+from vfoa.posterior.kalman import CONSTANT, GazeError, Normal
 from vfoa.posterior.looks import Keys, LookCounts, no_looks
-from vfoa.posterior.normal import Normal
 from vfoa.types import DirectionFit, Float
 
 _UNLIKELY = math.log(1e-6)

@@ -12,10 +12,20 @@ import numpy as np
 
 from vfoa.geometry import lowered, on_the_way, sigma_rad, tangent_offsets
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.gaze_error import BOTH, GazeError, first_error, next_error
-from vfoa.posterior.head_motion import MEASURED, first_motion, next_motion
+from vfoa.posterior.kalman import (
+    GAZE_PARTS,
+    HEAD_PARTS,
+    NO_EVIDENCE,
+    Evidence,
+    GazeError,
+    Normal,
+    first_error,
+    first_motion,
+    next_error,
+    next_motion,
+    weighed,
+)
 from vfoa.posterior.looks import GAZES, HEADS, Ways
-from vfoa.posterior.normal import NO_EVIDENCE, Evidence, Normal, weighed
 from vfoa.types import CUES, Float
 
 BIAS_SHARE = 0.35
@@ -122,7 +132,7 @@ def weighed_gaze(
     if offset is None:
         return predicted, NO_EVIDENCE
     without_bias = offset.take(hypotheses.gain, axis=-1) - hypotheses.bias_rad[:, None]
-    state, evidence = weighed(predicted.state, transition.predicted, BOTH, without_bias, variance - slow)
+    state, evidence = weighed(predicted.state, transition.predicted, GAZE_PARTS, without_bias, variance - slow)
     return GazeError(state, predicted.lasting), evidence
 
 
@@ -145,7 +155,7 @@ def weighed_head(
         predicted = next_motion(prior.motion, transition, offsets.last_head, noise, aside, dt_s, _LAG_S)
     if offsets.head is None:
         return predicted, NO_EVIDENCE
-    return weighed(predicted, transition.predicted, MEASURED, offsets.head, noise)
+    return weighed(predicted, transition.predicted, HEAD_PARTS, offsets.head, noise)
 
 
 def cue_shares(cues: MeasuredCues, belief: Belief) -> tuple[float, float]:

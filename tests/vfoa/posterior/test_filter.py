@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from vfoa.geometry import perturb, sigma_rad
-from vfoa.posterior import looks, normal
+from vfoa.posterior import kalman, looks
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
 from vfoa.posterior.cues import BIAS_S, BIAS_SHARE, NOWHERE_DEG
 from vfoa.posterior.filter import answered, smoothed, update
-from vfoa.posterior.gaze_error import DRIFT, GazeError, first_error, next_error
 from vfoa.posterior.grid import Error
-from vfoa.posterior.head_motion import HEAD, first_motion, next_motion
+from vfoa.posterior.kalman import DRIFT, HEAD, GazeError, Normal, first_error, first_motion, next_error, next_motion
 from vfoa.posterior.looks import DWELL_S, P_NOWHERE, Transition
-from vfoa.posterior.normal import Normal
 
 DT_S = 0.1
 ERROR_DEG = 11.1
@@ -112,7 +110,7 @@ def particle_probabilities(gazes: np.ndarray, aims: np.ndarray, n: int) -> np.nd
 @pytest.mark.usefixtures("no_looks_count")
 def test_nowhere_is_as_likely_as_a_particle_filter_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The particle filter holds every course of looks and drift; this one collapses them after every frame."""
-    monkeypatch.setattr(normal, "TAILS", 1e9)
+    monkeypatch.setattr(kalman, "TAILS", 1e9)
     angles = (-20.0, 5.0, 25.0)
     aims = np.deg2rad([(angle, 0.0) for angle in angles])
     exact, found = [], []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vfoa.posterior import normal
+from vfoa.posterior import kalman
+from vfoa.posterior.kalman import Normal, mixed, pooled, weighed
 from vfoa.posterior.looks import Transition
-from vfoa.posterior.normal import Normal, mixed, pooled, weighed
 
 PARTS, TARGETS, HYPOTHESES = 3, 4, 2
 
@@ -55,7 +55,7 @@ def test_looks_that_go_on_are_mixed_with_new_ones_also_where_targets_have_other_
 def test_without_heavy_tails_a_measurement_is_weighed_as_by_kalman(
     seen: slice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(normal, "TAILS", 1e9)
+    monkeypatch.setattr(kalman, "TAILS", 1e9)
     predicted, noise = drawn(4), np.array([0.3, 2.0])
     offset = np.random.default_rng(5).normal(size=(2, TARGETS, HYPOTHESES))
     after, evidence = weighed(predicted, np.ones((TARGETS, HYPOTHESES)), seen, offset, noise)
