@@ -63,7 +63,7 @@ def identities(
     }
     directions = {
         **{slot: stages[slot] for slot in ("head_pose", "gaze")},
-        "code": [code_of(name) for name in ("vfoa.eye_origin", "vfoa.gaze.temporal")],
+        "code": [code_of("vfoa.gaze.temporal")],
         "own code": own_code_digest(("harness.pipeline.ground_truth", "harness.run.records")),
     }
     return scene, directions

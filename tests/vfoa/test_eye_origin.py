@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
-from vfoa.eye_origin import PointLimits, eye_origin
 from vfoa.geometry import back_project, disparity_from_depth, unit
+from vfoa.reconstruction import ReconstructionSettings, eye_origin
 from vfoa.types import Disparity, Float, Head, HeadPose, HeadView, Instance, Instances, Percepts
 
 RIG = make_rig(400, 300, fx_px=800)
@@ -48,8 +48,8 @@ def view(percepts: Percepts, direction: Float | None) -> HeadView:
 
 
 def found(percepts: Percepts, direction: Float | None, *, of: Percepts | None = None, **changes) -> Float | None:
-    given = {"instance_id": 1, "method": "head", "points": PointLimits(9)} | changes
-    return eye_origin(view(of or percepts, direction), given.pop("instance_id"), percepts, **given)
+    instance_id = changes.pop("instance_id", 1)
+    return eye_origin(view(of or percepts, direction), instance_id, percepts, ReconstructionSettings(**changes))
 
 
 def with_unknown(percepts: Percepts, unknown: np.ndarray) -> Percepts:
@@ -78,7 +78,7 @@ def test_the_eyes_are_where_the_heads_direction_leaves_it(
 
 def test_the_patch_is_far_off_for_a_head_turned_away() -> None:
     truth = CENTER + RADIUS_M * SIDEWAYS
-    by_head, by_patch = found(ball(), SIDEWAYS), found(ball(), SIDEWAYS, method="patch")
+    by_head, by_patch = found(ball(), SIDEWAYS), found(ball(), SIDEWAYS, eyes="patch")
     assert by_head is not None
     assert by_patch is not None
     assert np.linalg.norm(by_head - truth) < 0.01
@@ -86,10 +86,10 @@ def test_the_patch_is_far_off_for_a_head_turned_away() -> None:
 
 
 def test_thinned_out_points_give_nearly_the_same_eyes() -> None:
-    origin = found(ball(), SIDEWAYS, points=PointLimits(9, 100))
+    origin = found(ball(), SIDEWAYS, max_eye_points=100)
     assert origin is not None
     assert np.linalg.norm(origin - (CENTER + RADIUS_M * SIDEWAYS)) < 0.01
-    assert found(ball(), SIDEWAYS, points=PointLimits(9, 5)) is None
+    assert not np.array_equal(origin, found(ball(), SIDEWAYS))
 
 
 def test_half_a_head_is_enough() -> None:
@@ -129,7 +129,7 @@ def test_what_is_not_the_person_does_not_count() -> None:
     np.testing.assert_allclose(one, other, atol=0.005)
 
 
-@pytest.mark.parametrize("changes", [{"method": "patch"}, {"direction": None}], ids=["chosen", "no direction"])
+@pytest.mark.parametrize("changes", [{"eyes": "patch"}, {"direction": None}], ids=["chosen", "no direction"])
 def test_without_a_direction_the_patch_decides(changes) -> None:
     origin = found(ball(), changes.pop("direction", SIDEWAYS), **changes)
     assert origin is not None
@@ -140,7 +140,7 @@ def test_without_a_direction_the_patch_decides(changes) -> None:
 def test_a_head_that_could_only_be_about_the_camera_has_the_patch() -> None:
     """A box wider than the focal length twice: the ball that fills it would hold the camera."""
     wide = replace(ball(), rig=make_rig(400, 300, fx_px=40))
-    origin, patch = found(wide, SIDEWAYS), found(wide, SIDEWAYS, method="patch")
+    origin, patch = found(wide, SIDEWAYS), found(wide, SIDEWAYS, eyes="patch")
     assert origin is not None
     assert patch is not None
     np.testing.assert_array_equal(origin, patch)
@@ -165,9 +165,7 @@ def test_the_patch_is_a_fifth_of_the_box_wide_and_needs_exactly_so_many_points()
     nobody = Instances(ids=np.zeros((RIG.height_px, RIG.width_px), np.uint16), instances=())
     percepts = replace(flat, disparity=Disparity(disparity_px=disparity), instances=nobody)
     head = HeadView(head=Head(box_px=np.array([100.0, 40, 140, 100]), score=1.0), head_pose=None, gaze=None)
-    depths = [
-        origin[2]
-        for least in (14, 15)
-        if (origin := eye_origin(head, None, percepts, method="patch", points=PointLimits(least))) is not None
-    ]
+    of_patch = [ReconstructionSettings(eyes="patch", min_eye_points=least) for least in (14, 15)]
+    origins = [eye_origin(head, None, percepts, settings) for settings in of_patch]
+    depths = [origin[2] for origin in origins if origin is not None]
     assert depths == pytest.approx([2.0, 5.0])
