@@ -3,9 +3,9 @@
 scenario      seats, positions of objects, and looks: data
 gathering     randomly drawn scenarios
 choreography  fixations, saccades, heads that follow: poses at each frame
-mesh, material, things, people, room     shapes and paint
-stage         a scenario in metres: bodies, boxes, heads, eyes, gaze
-render        the two cameras: rays, light, sensor
+mesh, material, things, people    shapes and paint
+stage         a scenario in metres: the room, bodies, boxes, heads, eyes, gaze
+render        the two cameras and their sensors; lines of sight
 store         rendered frames on disk
 clip          the adapter
 """

@@ -23,8 +23,7 @@ from vfoa.settings import Settings
 from vfoa.types import Disparity, Image, Instances, Map, StereoFrame
 
 if TYPE_CHECKING:
-    from harness.studio.render import Renderer
-    from harness.studio.sight import LinesOfSight
+    from harness.studio.render import LinesOfSight, Renderer
 
 
 class StudioSettings(Settings):
@@ -99,7 +98,7 @@ class StudioClip:
         )
 
     def blockers(self, number: int) -> dict[str, str]:
-        """By person, the object between the eyes and the target (:mod:`harness.studio.sight`)."""
+        """By person, the object between the eyes and the target (:class:`harness.studio.render.LinesOfSight`)."""
         return _lines_of_sight(self._settings).blockers(self._index(number))
 
     def digest(self) -> str:
@@ -157,7 +156,7 @@ def _stage(settings: StudioSettings) -> Stage:
 
 @lru_cache(maxsize=1)
 def _lines_of_sight(settings: StudioSettings) -> LinesOfSight:
-    from harness.studio.sight import LinesOfSight
+    from harness.studio.render import LinesOfSight
 
     return LinesOfSight(_stage(settings))
 
