@@ -1,1 +1,96 @@
-"""The measurements of ``vfoa bench``, each with a baseline of its own in the same run."""
+"""The sections of ``vfoa bench`` by name: from a clip and its experiment to tables, each with a baseline of its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from harness.clips.manifest import ClipManifest
+from harness.report.formats import Table
+from harness.run.experiment import Experiment
+
+if TYPE_CHECKING:
+    from vfoa.onnx import Provider
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """An experiment by name, the clip to measure, its frames, and the provider of networks.
+
+    ``overrides`` are changed settings, for a section that loads the experiment again.
+    """
+
+    name: str
+    experiment: Experiment
+    manifest: ClipManifest
+    frames: tuple[int, ...]
+    provider: Provider = "cpu"
+    overrides: tuple[str, ...] = ()
+
+
+def _stages(bench: Bench) -> list[Table]:
+    from harness.bench.stages import measure_stages, stages_table
+    from harness.run.plan import drawn_on
+
+    drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
+    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, drawn)
+    return [stages_table(bench.manifest.name, costs)]
+
+
+def _stereo(bench: Bench) -> list[Table]:
+    from harness.bench.stereo import measure_stereo, stereo_table
+
+    clip = bench.manifest.open_images()
+    if clip.truth(bench.frames[0]).disparity is None:
+        return []
+    return [stereo_table(bench.manifest.name, measure_stereo(clip, bench.experiment.configurations, bench.frames))]
+
+
+def _realtime(bench: Bench) -> list[Table]:
+    from harness.bench.realtime import measure_speed, rows_at_hand, speed_table
+
+    threads = os.cpu_count() or 1
+    rows, notes = rows_at_hand(bench.name, bench.manifest.name, bench.overrides)
+    speeds = measure_speed(
+        bench.name, bench.manifest, bench.frames, threads, rows=rows, provider=bench.provider, overrides=bench.overrides
+    )
+    return [speed_table(bench.manifest.name, threads, speeds, notes)]
+
+
+def _gpu(bench: Bench) -> list[Table]:
+    from harness.bench.gpu import gpu_table, measure_gpu
+
+    return [gpu_table(bench.manifest.name, measure_gpu(bench.manifest, bench.experiment, bench.frames))]
+
+
+def _attention(bench: Bench) -> list[Table]:
+    from harness.bench.attention import (
+        SIZES,
+        attention_table,
+        methods_table,
+        scenes_of,
+        seeded_scenes,
+        time_attention,
+        time_methods,
+    )
+    from harness.run.plan import drawn_on
+
+    sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
+    timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
+    drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
+    material = {
+        **{f"{boxes} boxes, {people} people": seeded_scenes(boxes=boxes, subjects=people) for boxes, people in SIZES},
+        bench.manifest.name: scenes_of(bench.manifest, bench.experiment.configurations[0], bench.frames, drawn),
+    }
+    return [attention_table(timings), methods_table(time_methods(material))]
+
+
+SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
+    "stages": _stages,
+    "stereo": _stereo,
+    "realtime": _realtime,
+    "gpu": _gpu,
+    "attention": _attention,
+}

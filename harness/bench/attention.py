@@ -148,6 +148,26 @@ def _ms_per_person(settings: MethodSettings, scenes: Scenes, rounds: int) -> flo
     return 1e3 * min(spent) / max(1, sum(len(tracked.people(scene.people)) for scene, tracked in scenes))
 
 
+def attention_table(rows: Sequence[AttentionTiming]) -> Table:
+    """Vectorised attention compared with the plain loop."""
+    return Table(
+        title="Attention, milliseconds a frame",
+        columns=("rays per subject", "boxes", "subjects", "vectorised", "plain loop", "times faster"),
+        rows=tuple(
+            (
+                str(row.rays_per_subject),
+                str(row.boxes),
+                str(row.subjects),
+                f"{row.vectorised_ms:.2f}",
+                f"{row.plain_ms:.1f}",
+                f"{row.times_faster:.0f}",
+            )
+            for row in rows
+        ),
+        words=0,
+    )
+
+
 def methods_table(ms_by_method: Mapping[str, Mapping[str, float]]) -> Table:
     """One row per method, one column per material."""
     titles = list(next(iter(ms_by_method.values())))

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from harness.bench.stereo import StereoQuality, quality
+from harness.bench.stereo import OFF_PX, StereoQuality, quality
 from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
 from harness.pipeline.perception import prefetch
+from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
 from vfoa.errors import VfoaError
@@ -211,3 +212,38 @@ def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Flo
 
 def _median_and_95(values: Sequence[float] | Float) -> tuple[float, float]:
     return float(np.median(values)), float(np.percentile(values, 95))
+
+
+def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str] = ()) -> Table:
+    """Matching alone, and the pipeline."""
+    baseline = next(row for row in rows if row.what == BASELINE)
+    return Table(
+        title=f"Frames a second on {clip}, one process with {threads} threads",
+        columns=("configuration", "match ms", "frames/s", "ratio", "CPU ms", "known", "error px", "off"),
+        rows=tuple(
+            (
+                row.what,
+                "{:.1f} / {:.1f}".format(*row.match_ms),
+                f"{row.fps:.1f}",
+                f"{row.fps / baseline.fps:.2f}",
+                f"{row.cpu_ms:.0f}",
+                *_quality(row.stereo),
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=(
+            "From images and masks in memory to attention: frames/s of the whole pipeline, and CPU ms a frame over all "
+            f"threads. Ratio: frames/s over those of {BASELINE}. Rows without models have no head detector, head pose "
+            "and gaze. All rows are measured in turn, three times; the best of three counts.",
+            "Known: share of the pixels of the image with a true disparity that got one. Errors are over the known "
+            f"pixels: the median, and the share of those that are off by more than {OFF_PX:g} px.",
+            *notes,
+        ),
+    )
+
+
+def _quality(quality: StereoQuality | None) -> tuple[str, str, str]:
+    if quality is None:
+        return UNKNOWN, UNKNOWN, UNKNOWN
+    return f"{quality.known_share:.1%}", f"{quality.median_error_px:.3f}", f"{quality.off_share:.1%}"

@@ -12,6 +12,7 @@ from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import Configuration, clouds_of
 from harness.pipeline.drawn_stage import DrawnClip
 from harness.record.layers import ClipFiles, layer_names
+from harness.report.formats import UNKNOWN, Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.directory import RunDirectory
 from harness.run.loop import ClipJob, run_clip
@@ -107,3 +108,30 @@ def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
 
 def _typical(ms: pd.Series[float]) -> tuple[float, float]:
     return float(ms.median()), float(ms.quantile(0.95))
+
+
+def stages_table(clip: str, rows: Sequence[StageCosts]) -> Table:
+    """Milliseconds per stage, median and 95th percentile, frames per second and bytes per frame: a column each."""
+    present = [stage for stage in STAGES if any(stage in row.stages_ms for row in rows)]
+    return Table(
+        title=f"Milliseconds a frame on {clip}",
+        columns=("stage", *(row.configuration for row in rows)),
+        rows=(
+            *((stage, *(_ms(row.stages_ms.get(stage)) for row in rows)) for stage in present),
+            ("whole frame", *(_ms(row.frame_ms) for row in rows)),
+            ("frames/s", *(f"{row.frames_per_second:.1f}" for row in rows)),
+            ("recording, kB a frame", *(_kilobytes(row.recording_bytes) for row in rows)),
+        ),
+        words=1,
+        notes=(
+            "Median / 95th percentile of a real run in one process with one thread, each configuration as if alone.",
+        ),
+    )
+
+
+def _ms(pair: tuple[float, float] | None) -> str:
+    return UNKNOWN if pair is None else f"{pair[0]:.1f} / {pair[1]:.1f}"
+
+
+def _kilobytes(size: float | None) -> str:
+    return UNKNOWN if size is None else f"{size / 1e3:.0f}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.pipeline.configuration import STAGES, Configuration
+from harness.report.formats import Table
 from harness.sources import Clip
 from vfoa.types import Disparity
 
@@ -66,4 +67,28 @@ def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQu
         median_error_px=float(np.median(known)) if len(known) else float("nan"),
         off_share=float((known > OFF_PX).mean()) if len(known) else float("nan"),
         right_share=float((known <= OFF_PX).sum()) / max(len(errors), 1),
+    )
+
+
+def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
+    """Disparity compared with the ground truth."""
+    return Table(
+        title=f"Disparity against the truth on {clip}",
+        columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px", "known and right"),
+        rows=tuple(
+            (
+                row.configuration,
+                str(row.frames),
+                f"{row.known_share:.1%}",
+                f"{row.median_error_px:.2f}",
+                f"{row.off_share:.1%}",
+                f"{row.right_share:.1%}",
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=(
+            "Known: share of the pixels with a true disparity that got one. Errors are over the known pixels, "
+            "known and right is over all.",
+        ),
     )

@@ -31,7 +31,7 @@ def bench(
     overwrite: Replace = False,
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
-    from harness.bench.sections import SECTIONS, Bench
+    from harness.bench import SECTIONS, Bench
     from harness.cli.terminal import print_report
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new

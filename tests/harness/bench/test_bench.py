@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.bench import SECTIONS
 from harness.bench.attention import scenes_of, seeded_scenes, time_methods
 from harness.bench.gpu import measure_gpu
 from harness.bench.realtime import ROWS, configuration_of, measure_speed, rows_at_hand
-from harness.bench.sections import SECTIONS
 from harness.bench.stages import measure_stages
 from harness.cli import main
 from harness.clips.manifest import load_manifest
