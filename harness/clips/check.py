@@ -14,7 +14,6 @@ import numpy as np
 from harness.clips.axes import other_axes
 from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
-from harness.clips.picture_bits import picture_bits_notes
 from harness.files.folders import folders
 from harness.files.remote import unset_variables
 from harness.labels.labels import IGNORED, RESERVED, Label, Labels, timeline_of
@@ -43,6 +42,9 @@ _OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per
 DARK = 16
 """Images no brighter than this are reported: of 12-bit values in 16-bit files, the upper 8 bits reach 15."""
 
+MOST_BITS_NOTED = 14
+"""Most bits of 16-bit pictures that are noted: 15 lose one bit, as a dark scene of 16 bits does."""
+
 
 def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> Iterator[str]:
     """Problems of each camera, with its first frame. ``says_unit``: the manifest gives the unit of the baseline."""
@@ -69,6 +71,18 @@ def _image_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
         yield (
             f"the brightest value of {len(frames)} frames is {brightest} of 255; expected brighter images "
             "(10 or 12 bits in 16-bit files? scale them to 8 bits)"
+        )
+
+
+def _picture_bits_notes(greatest: Sequence[int]) -> Iterator[str]:
+    """A note, with what to do, if the greatest of 16-bit values need fewer bits: of 12, cutting to 8 keeps 4."""
+    most = max(greatest, default=0)
+    if 0 < (bits := most.bit_length()) <= MOST_BITS_NOTED:
+        factor = 2 ** (16 - bits)
+        yield (
+            f"the 16-bit pictures use {bits} bits (the greatest value found is {most}): of these, the 8 bits that "
+            f"are read keep {max(0, bits - 8)}; multiply the values by {factor} before they are saved (files: "
+            f"cv2.imwrite(file, cv2.imread(file, cv2.IMREAD_UNCHANGED) * {factor}))"
         )
 
 
@@ -300,7 +314,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
-            *picture_bits_notes(greatest),
+            *_picture_bits_notes(greatest),
             *depth_notes(frames),
             *near_notes(frames),
             *manifest_notes(manifest, clip),
