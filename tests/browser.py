@@ -20,8 +20,11 @@ FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 NO_GPU = ("--disable-gpu",)
-WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
-"""WebGL computed by the processor, for pages that draw with it."""
+WEBGL = (
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
+    "--js-flags=--liftoff-only --wasm-lazy-compilation",
+)
+"""WebGL computed by the processor, for pages that draw with it; their 40 MB of WebAssembly are compiled as needed."""
 
 
 @contextmanager

@@ -5,11 +5,10 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs, urljoin, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from harness.score.reference import Reference
 from harness.score.verdicts import Verdict
 from tests.annotating import wait_for
 from tests.browser import WEBGL, chromium, let_out, point_at, requested, set_width
-from tests.harness.record.conftest import ANN, CONFIGURATION, write_run
+from tests.harness.record.conftest import ANN, CONFIGURATION, Recorded
 from tests.records import labels, run_manifest, scored_records
 from tests.web import running
 
@@ -73,7 +72,11 @@ BEN = "Ben"
 
 @pytest.fixture
 def clip(frames: list[Any], record_run: Callable[..., Any]) -> RecordedClip:
-    return replace(find_clips(record_run(frames).run, None, None)[0], subjects=(BEN, ANN))
+    return _two_tabs(record_run(frames))
+
+
+def _two_tabs(recorded: Recorded) -> RecordedClip:
+    return replace(find_clips(recorded.run, None, None)[0], subjects=(BEN, ANN))
 
 
 @pytest.fixture
@@ -98,32 +101,30 @@ def _shows(frame: int) -> bytes:
     return b"\n\x05frame\x10\x01\x1a\x02\x08" + bytes([frame])
 
 
-def _picture(browser: Chrome) -> bytes:
-    """The page as PNG; asked for again where a slow machine draws for longer than the driver waits."""
+def _picture(browser: Chrome) -> np.ndarray:
+    """The canvas, at the bottom of the page, (H, W, 3); asked for again where the driver waits too briefly."""
     from selenium.common.exceptions import TimeoutException
 
     deadline = time.monotonic() + LOADED_S
     while True:
         try:
-            return browser.get_screenshot_as_png()
+            png = browser.get_screenshot_as_png()
         except TimeoutException:
             if time.monotonic() > deadline:
                 raise
+        else:
+            return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[-SIZE_PX[1] :]
 
 
 def _wait_for(browser: Chrome, frame: int) -> np.ndarray:
     """The viewer's picture at that frame, once it stands still; (H, W, 3)."""
-    from selenium.common.exceptions import TimeoutException
-
     deadline = time.monotonic() + LOADED_S
-    now = before = b""
-    while not now or now != before:
+    now = before = None
+    while now is None or before is None or (now != before).any():
         assert time.monotonic() < deadline, f"the viewer did not come to frame {frame}: {browser.current_url}"
-        time.sleep(0.5)
-        before = now
-        with suppress(TimeoutException):  # a slow machine draws for longer than the driver waits
-            now = browser.get_screenshot_as_png() if _shows(frame) in _state(browser) else b""
-    return np.asarray(Image.open(io.BytesIO(now)).convert("RGB"))
+        time.sleep(0.3)
+        before, now = now, _picture(browser) if _shows(frame) in _state(browser) else None
+    return now
 
 
 def _assert_picture(browser: Chrome, frame: int, frames: list[Any]) -> None:
@@ -145,28 +146,6 @@ setInterval(() => {
 }, 100);
 """
 """Samples of what the page shows: whether the canvas is covered, and whether recordings are there and still loading."""
-
-
-def test_a_recording_is_covered_until_it_is_whole_and_then_drawn(
-    browser: Chrome, frames: list[Any], viewer_files: dict[str, bytes], tmp_path: Path
-) -> None:
-    """Of JPEG images; the next test draws those of a video."""
-    of_jpeg = write_run(tmp_path / "jpeg", {CONFIGURATION: frames}, jpeg=True)
-    recording = replace(find_clips(of_jpeg.run, None, None)[0], subjects=(BEN, ANN)).compose()
-    sampler = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _SAMPLER})
-    with running(site({"jpeg": recording}, viewer_files, page=lambda where: "")) as server:
-        browser.get(server.address)  # sets the cookie
-        browser.get(urljoin(server.address, f"/open?recording=jpeg&frame=14&subject={ANN}"))
-        wait_for(lambda: _samples(browser)[-1:] == [[False, True, False]], at_most_s=LOADED_S, every_s=0.2)
-        first = Image.open(io.BytesIO(_picture(browser))).convert("L")
-        samples = _samples(browser)
-        assert [True, True, False] in samples
-        assert [False, True, True] not in samples  # what loads is never seen
-        settled = Image.fromarray(_wait_for(browser, 14)).convert("L")
-        changed = np.abs(np.subtract(first, settled, dtype=float)) > 40
-        assert changed.mean() < 0.25  # the same panes in the same places
-        _assert_picture(browser, 14, frames)
-        browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", sampler)
 
 
 def _samples(browser: Chrome) -> list[list[bool]]:
@@ -255,9 +234,10 @@ def _failures(clip: RecordedClip, files: dict[str, bytes]) -> Starlette:
     return site({recording.name: recording}, files, more=more)
 
 
-def test_a_page_steps_from_failure_to_failure_beside_the_viewer(
-    browser: Chrome, clip: RecordedClip, viewer_files: dict[str, bytes], tmp_path: Path
+def test_a_page_beside_a_viewer_covers_a_recording_until_it_is_whole_and_steps_from_failure_to_failure(
+    browser: Chrome, frames: list[Any], record_run: Callable[..., Any], viewer_files: dict[str, bytes], tmp_path: Path
 ) -> None:
+    """Of JPEG images; the test above draws those of a video."""
     from selenium.webdriver import ActionChains
 
     def press(key: str) -> None:
@@ -269,8 +249,19 @@ def test_a_page_steps_from_failure_to_failure_beside_the_viewer(
         assert browser.find_element("id", "place").text == place
         assert browser.execute_script("return frameShown()") == frame
 
+    clip = _two_tabs(record_run(frames, jpeg=True))
+    set_width(browser, SIZE_PX[0], round(SIZE_PX[1] / 0.6))  # the list is above, 40 % of the page
+    sampler = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": _SAMPLER})
     with running(_failures(clip, viewer_files)) as server:
         browser.get(server.address)
+        wait_for(lambda: _samples(browser)[-1:] == [[False, True, False]], at_most_s=LOADED_S, every_s=0.2)
+        browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", sampler)
+        first, samples = _picture(browser), _samples(browser)
+        assert [True, True, False] in samples
+        assert [False, True, True] not in samples  # what loads is never seen
+        changed = np.abs(np.subtract(first.mean(axis=2), _wait_for(browser, 10).mean(axis=2))) > 40
+        assert changed.mean() < 0.25  # the same panes in the same places
+        _assert_picture(browser, 10, frames)
         shows(10, ANN, "1 of 3")
         press("n")  # nothing was clicked: the canvas has the focus
         shows(11, BEN, "2 of 3")
