@@ -18,7 +18,7 @@ from pathlib import Path
 from harness.files.digests import file_digest
 from harness.files.download import download
 from harness.files.folders import folders
-from harness.files.tables import read_rows
+from harness.files.tables import read_columns
 from vfoa.errors import VfoaError
 
 IDIAP_COMMIT = "c42697ebd848dc4871a5aaf480e2bbc40effc2c6"
@@ -47,12 +47,11 @@ LABELS = RemoteFile("test_runVfoaModule_gt.npz", "ad6333e72c00c965d3f17b23aced1b
 
 def listed_files(source: str) -> list[RemoteFile]:
     """The files of a source, as ``datasets/SOURCE.csv`` lists them."""
-    table = next(path for folder in folders("datasets") if (path := folder / f"{source}.csv").is_file())
+    path = next(path for folder in folders("datasets") if (path := folder / f"{source}.csv").is_file())
     columns = ("path", "bytes", "sha256")
-    return [
-        RemoteFile(row.cells["path"], row.cells["sha256"], row.integer("bytes"))
-        for row in read_rows(table, columns, columns)
-    ]
+    table = read_columns(path, columns, columns)
+    rows = zip(table.cells["path"], table.cells["sha256"], table.integers_or_none("bytes"), strict=True)
+    return [RemoteFile(*row) for row in rows]
 
 
 def fetch_files(

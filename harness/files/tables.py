@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,6 @@ from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
-Number = TypeVar("Number", int, float)
 _INTEGER = re.compile(r"-?[0-9]{1,19}")
 _DIGITS = 19
 """Most digits of a whole number of 64 bits."""
@@ -33,62 +32,7 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 LARGEST = 1e6
-"""Greatest coordinate and size in metres; squares of much greater ones are infinite."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableRow:
-    """One row: its place for messages, and the non-blank cells by column."""
-
-    where: str
-    cells: Mapping[str, str]
-
-    def integer(self, column: str) -> int | None:
-        """The whole number in a column; None if it is blank.
-
-        Raises
-        ------
-        VfoaError
-            If it is not a whole number of 64 bits.
-        """
-        return self._value(column, _whole_number_or_float, "a whole number of 64 bits")
-
-    def number(self, column: str) -> float | None:
-        """The number in a column; None if it is blank.
-
-        Raises
-        ------
-        VfoaError
-            If it is not a finite number.
-        """
-        return self._value(column, _finite_number, "a finite number")
-
-    def _value(self, column: str, parse: Callable[[str], Number | None], expected: str) -> Number | None:
-        if is_missing(cell := self.cells.get(column, "")):
-            return None
-        if (value := parse(cell)) is None:
-            raise VfoaError(f"{self.where}: {column}: expected {expected}, found {cell!r}{number_hint(cell)}")
-        return value
-
-    def numbers(self, columns: Sequence[str]) -> Float | None:
-        """The numbers (n,) of columns that belong together; None if all are blank.
-
-        Raises
-        ------
-        VfoaError
-            If some are blank, or one is not a number within :data:`LARGEST`.
-        """
-        values = [self.number(column) for column in columns]
-        if all(value is None for value in values):
-            return None
-        if None in values:
-            blank = columns[values.index(None)]
-            found = _found(self.cells.get(blank, ""))
-            raise VfoaError(f"{self.where}: {blank}: {found}; expected all of {', '.join(columns)}, or none")
-        vector = np.array(values, dtype=np.float64)
-        if not (np.abs(vector) <= LARGEST).all():
-            raise VfoaError(f"{self.where}: {', '.join(columns)}: found {vector}; expected at most {LARGEST:g}")
-        return vector
+"""Greatest coordinate and size in metres or pixels; squares of much greater ones are infinite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +96,7 @@ class TableColumns:
             self._refuse(row, column, self.cells[column][row], expected)
 
     def _refuse(self, row: int, column: str, cell: str, expected: str) -> NoReturn:
-        raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, {_found(cell)}{number_hint(cell)}")
+        raise VfoaError(f"{self.where(row)}: {column}: expected {expected}, {found(cell)}{number_hint(cell)}")
 
     def vectors(self, columns: Sequence[str]) -> Float:
         """The coordinates (n, columns) of :meth:`group`, each at most :data:`LARGEST`.
@@ -182,8 +126,8 @@ class TableColumns:
 
         def why(row: int) -> str:
             missing = columns[int(blank[row].argmax())]
-            found = _found(self.cells[missing][row]) if missing in self.cells else _found("")
-            return f"{missing}: {found}; expected all of {', '.join(columns)}, or none"
+            cell = self.cells[missing][row] if missing in self.cells else ""
+            return f"{missing}: {found(cell)}; expected all of {', '.join(columns)}, or none"
 
         self.refuse_first(blank.any(axis=1) & ~blank.all(axis=1), why)
         return values
@@ -194,19 +138,20 @@ class TableColumns:
             raise VfoaError(f"{self.where(row)}: {why(row)}")
 
 
-def _found(cell: str) -> str:
+def found(cell: str) -> str:
+    """The cell, for a message."""
     return f"found {cell!r}" if cell else "found nothing"
 
 
-def read_rows(
-    path: Path, columns: Sequence[str], required: Sequence[str], *, version: str | None = None
-) -> list[TableRow]:
-    """Read the rows of a table in the file's order; blank lines are left out.
+def read_columns(
+    path: Path, columns: Sequence[str] | None, required: Sequence[str], *, version: str | None = None
+) -> TableColumns:
+    """Read the columns of a table; blank lines are left out.
 
     Parameters
     ----------
     columns
-        Every column that the table may have, in any order.
+        Every column that the table may have, in any order; None: any.
     required
         Columns that it must have.
     version
@@ -219,18 +164,6 @@ def read_rows(
         cells.
     """
     rows = _checked_rows(path, columns, required, version)
-    _, header = next(rows)
-    return [
-        TableRow(
-            where=f"{path}:{line}", cells={column: cell for column, cell in zip(header, cells, strict=True) if cell}
-        )
-        for line, cells in rows
-    ]
-
-
-def read_columns(path: Path, columns: Sequence[str] | None, required: Sequence[str]) -> TableColumns:
-    """Read the columns of a table; parameters and errors are those of :func:`read_rows`. ``columns`` None: any."""
-    rows = _checked_rows(path, columns, required)
     _, header = next(rows)
     numbered = list(rows)
     by_column = zip(*(cells for _, cells in numbered), strict=True) if numbered else ((),) * len(header)
@@ -261,7 +194,7 @@ def format_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str
 
 
 def _checked_rows(
-    path: Path, columns: Sequence[str] | None, required: Sequence[str], version: str | None = None
+    path: Path, columns: Sequence[str] | None, required: Sequence[str], version: str | None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
     rows = table_rows(path) if version is None else _strict_rows(path, version)

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from harness.files.io import atomic_write
-from harness.files.tables import TableRow, format_rows, read_rows
+from harness.files.tables import LARGEST, TableColumns, format_rows, found, read_columns
 from harness.labels.rows import check_text
 from vfoa.errors import VfoaError, check_known
 
@@ -124,20 +124,25 @@ def read_drawn(
     Raises
     ------
     VfoaError
-        For the first error, with file and line: another version or column, a cell that is not a number, an unknown name
-        or kind, a kind that the name cannot have, a frame that the clip does not have, a repeated key frame, or
-        a box without an inside.
+        With file and line: another version or column, a cell that is not a number; then, in the order of the rows, an
+        unknown name or kind, a kind that the name cannot have, a frame that the clip does not have, a repeated key
+        frame, or a box without an inside.
     """
     known = None if frames is None else frozenset(frames)
     keys: dict[tuple[str, Kind], dict[int, KeyFrame]] = {}
-    for row in read_rows(path, COLUMNS, COLUMNS, version=VERSION_LINE):
-        name, kind = _name(row, subjects, targets), _kind(row)
-        check_kind(name, kind, subjects, [drawn_kind for other, drawn_kind in keys if other == name], row.where)
-        key = _key_frame(row, kind)
-        if known is not None and frames is not None and key.frame not in known:
-            raise VfoaError(f"{row.where}: frame {key.frame}: not in the clip; its frames: {frames[0]} to {frames[-1]}")
-        if keys.setdefault((name, kind), {}).setdefault(key.frame, key) is not key:
-            raise VfoaError(f"{row.where}: the {kind} of {name!r} has a key frame {key.frame} already; expected one")
+    table = read_columns(path, COLUMNS, COLUMNS, version=VERSION_LINE)
+    places = zip(*(table.numbers(column).tolist() for column in BOX), strict=True)
+    rows = zip(table.cells["name"], table.cells["kind"], table.integers("frame").tolist(), places, strict=True)
+    for row, (name, word, frame, place) in enumerate(rows):
+        where = table.where(row)
+        check_known(name, [*targets, *subjects], f"{where}: name: no subject or target")
+        kind = _kind(word, where)
+        check_kind(name, kind, subjects, [drawn_kind for other, drawn_kind in keys if other == name], where)
+        key = KeyFrame(frame=frame, place=_place(table, row, kind, place), outside=_is_outside(table, row))
+        if known is not None and frames is not None and frame not in known:
+            raise VfoaError(f"{where}: frame {frame}: not in the clip; its frames: {frames[0]} to {frames[-1]}")
+        if keys.setdefault((name, kind), {}).setdefault(frame, key) is not key:
+            raise VfoaError(f"{where}: the {kind} of {name!r} has a key frame {frame} already; expected one")
     return drawn_of({key: key_frames.values() for key, key_frames in keys.items()})
 
 
@@ -159,10 +164,10 @@ def format_drawn(drawn: Drawn) -> str:
 
 
 def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
-    """Return the coordinates of a place; raise :class:`VfoaError` if they are not finite or a box has no inside."""
-    if len(place) != size_of(kind) or not all(map(math.isfinite, place)):
+    """Return the coordinates of a place; raise :class:`VfoaError` if one is too large or a box has no inside."""
+    if len(place) != size_of(kind) or not all(abs(coordinate) <= LARGEST for coordinate in place):
         expected = "u, v" if kind == "point" else "u0, v0, u1, v1"
-        raise VfoaError(f"{where}: found {list(place)}; expected {expected} for a {kind}")
+        raise VfoaError(f"{where}: found {list(place)}; expected {expected} for a {kind}, at most {LARGEST:g}")
     if kind != "point" and not (place[0] < place[2] and place[1] < place[3]):
         raise VfoaError(f"{where}: found the {kind} {_listed(place)}; expected u0 < u1 and v0 < v1")
     return tuple(float(coordinate) for coordinate in place)
@@ -176,32 +181,28 @@ def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collect
         raise VfoaError(f"{where}: {name!r} is already drawn as a {other}; expected either a box or a point for a name")
 
 
-def _name(row: TableRow, subjects: Collection[str], targets: Collection[str]) -> str:
-    name, known = row.cells.get("name", ""), [*targets, *subjects]
-    check_known(name, known, f"{row.where}: name: no subject or target")
-    return name
-
-
-def _kind(row: TableRow) -> Kind:
-    text = row.cells.get("kind", "")
-    kind = next((kind for kind in KINDS if kind == text), None)
+def _kind(word: str, where: str) -> Kind:
+    kind = next((kind for kind in KINDS if kind == word), None)
     if kind is None:
-        raise VfoaError(f"{row.where}: kind: found {text!r}; expected {', '.join(KINDS)}")
+        raise VfoaError(f"{where}: kind: found {word!r}; expected {', '.join(KINDS)}")
     return kind
 
 
-def _key_frame(row: TableRow, kind: Kind) -> KeyFrame:
-    frame, outside = row.integer("frame"), row.cells.get("outside", "")
-    if frame is None:
-        raise VfoaError(f"{row.where}: frame: found nothing; expected a frame number")
-    if outside not in ("", "0", "1"):
-        raise VfoaError(f"{row.where}: outside: found {outside!r}; expected 1, or nothing")
-    if kind == "point" and (extra := next((column for column in BOX[2:] if column in row.cells), None)):
-        raise VfoaError(f"{row.where}: {extra}: found {row.cells[extra]!r}; expected nothing for a point")
-    numbers = row.numbers(BOX[: size_of(kind)])
-    if numbers is None:
-        raise VfoaError(f"{row.where}: found no place; expected {', '.join(BOX[: size_of(kind)])}")
-    return KeyFrame(frame=frame, place=check_place(kind, numbers.tolist(), row.where), outside=outside == "1")
+def _place(table: TableColumns, row: int, kind: Kind, coordinates: Sequence[float]) -> Place:
+    """The coordinates that a shape of this kind has; the others must be blank (NaN)."""
+    size = size_of(kind)
+    for place, (column, coordinate) in enumerate(zip(BOX, coordinates, strict=True)):
+        if math.isnan(coordinate) == (place < size):
+            expected = f"all of {', '.join(BOX[:size])}" if place < size else f"nothing for a {kind}"
+            raise VfoaError(f"{table.where(row)}: {column}: {found(table.cells[column][row])}; expected {expected}")
+    return check_place(kind, coordinates[:size], table.where(row))
+
+
+def _is_outside(table: TableColumns, row: int) -> bool:
+    cell = table.cells["outside"][row]
+    if cell not in ("", "0", "1"):
+        raise VfoaError(f"{table.where(row)}: outside: found {cell!r}; expected 1, or nothing")
+    return cell == "1"
 
 
 def _cells(place: Place) -> list[str]:
