@@ -9,20 +9,18 @@ f grows with the angle between cue and target, the means are running means over 
 ``radius`` is the angular radius of the target. Frames with both measured directions, with the gaze alone, and with the
 head alone have weights of their own. One cue is the posterior's answer (:mod:`vfoa.bayes`).
 
-How much people look at nothing differs most between settings. Weights for a setting that nobody labelled have a
-``spread``: the probabilities are means over a normal distribution of the constant. And they are ``pooled`` with the
-posterior's, whose constants are the same in all settings: a linear opinion pool (Stone 1961).
+Without labels the weights are those of the posterior's answer alone: what is learned in some settings of the other cues
+is wrong in the next one. How much people look at nothing differs most between settings, so that such weights have a
+``spread``: the probabilities are means over a normal distribution of the constant.
 """
 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from importlib.resources import files
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -62,8 +60,6 @@ class Weights(Settings):
     """Weights of the posterior's log odds."""
     spread: float = Field(default=0.0, ge=0, le=5)
     """Standard deviation of the constant between settings; 0 for weights that were fitted in the setting itself."""
-    pooled: float = Field(default=0.0, ge=0, le=1)
-    """Share of the posterior's own probabilities in the answer; 0 for weights fitted in the setting itself."""
 
     @property
     def vector(self) -> Float:
@@ -105,20 +101,20 @@ class LogitWeights(Settings):
         return self
 
 
+BETWEEN_SETTINGS = 2.0
+"""Standard deviation of the constant between settings: the least log loss, by settings, of 1, 2 and 3."""
+
+
 @lru_cache(maxsize=1)
-def shipped_weights() -> LogitWeights:
-    """The weights for people whom nobody labelled. Their file, ``logit.toml``, says what they were fitted to."""
-    return LogitWeights.model_validate(_shipped()["attention"]["weights"])
+def default_weights() -> LogitWeights:
+    """The weights of people whom nobody labelled: the posterior's answer, with the spread of the constant."""
 
+    def of(case: Case, scales: int) -> Weights:
+        weights = Weights.of(case, [0.0] * (2 + scales * len(ROWS[case])))
+        return weights.model_copy(update={"posterior": (1.0, *[0.0] * (scales - 1)), "spread": BETWEEN_SETTINGS})
 
-def shipped_fit() -> dict[str, Any]:
-    """What the shipped weights were fitted to, and their scores: the table ``fit`` of their file."""
-    table: dict[str, Any] = _shipped()["fit"]
-    return table
-
-
-def _shipped() -> dict[str, Any]:
-    return tomllib.loads(files("vfoa").joinpath("logit.toml").read_text(encoding="utf-8"))
+    forward, both = (Cases(**{case: of(case, scales) for case in ROWS}) for scales in (2, 3))
+    return LogitWeights(forward=forward, both=both)
 
 
 class LogitSettings(MethodSettings):
@@ -130,9 +126,9 @@ class LogitSettings(MethodSettings):
     """``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
     """How far ahead of a frame ``both`` looks, seconds."""
-    weights: LogitWeights | Literal["left-out"] = Field(default_factory=lambda: shipped_weights())
-    """The weights, as ``vfoa fit`` writes them; default: those that ship with vfoa. ``left-out``, in an experiment:
-    ``vfoa run`` fits the weights for each clip to the labels of the experiment's other clips."""
+    weights: LogitWeights | Literal["left-out"] = Field(default_factory=lambda: default_weights())
+    """The weights, as ``vfoa fit`` writes them; default: those of :func:`default_weights`. ``left-out``, in an
+    experiment: ``vfoa run`` fits the weights for each clip to the labels of the experiment's other clips."""
     by_clip: dict[str, LogitWeights] = Field(default_factory=dict)
     """Weights of single clips, which ``left-out`` writes."""
 
@@ -147,20 +143,13 @@ class LogitSettings(MethodSettings):
         return self.weights == "left-out"
 
     @property
-    def fitted_on(self) -> tuple[str, ...]:
-        """The clips whose labels the weights were fitted to, of those that ship with vfoa."""
-        return tuple(shipped_fit()["clips"]) if self.weights == shipped_weights() else ()
-
-    @property
     def elsewhere(self) -> str:
-        """The calibration errors of the weights that ship, each on a setting that was left out of its fit."""
-        if not self.fitted_on:
+        """What the default weights, which nobody fitted, leave to be done."""
+        if self.weights != default_weights():
             return ""
-        errors = [row["calibration_error"] for row in shipped_fit()["held_out"]]
         return (
-            "logit: the default weights were fitted in other settings; each left out in turn, their calibration "
-            f"error was {min(errors):.2f} to {max(errors):.2f}. 20 labelled seconds of this one give better weights: "
-            "vfoa fit CLIP."
+            "logit: nothing is fitted to this clip: the answer is the posterior's, and less sure. 20 labelled seconds "
+            "give better weights: vfoa fit CLIP."
         )
 
     def for_clip(self, clip: str) -> Self:
@@ -248,7 +237,7 @@ def weigh_attentions(
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
-    their weights. ``belief`` is the input of :func:`weigh_again`.
+    their weights, in halves without any. ``belief`` is the input of :func:`weigh_again`.
     """
     eyes = eyes_of(subjects)
     attentions, after = [], []
@@ -303,10 +292,7 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
 
 def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
     """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
-    fitted = probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
-    if weights.pooled == 0:
-        return fitted
-    return (1 - weights.pooled) * fitted + weights.pooled * seen.posterior
+    return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:

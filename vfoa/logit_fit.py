@@ -1,8 +1,9 @@
 """The weights of the logit (:mod:`vfoa.logit`) from labelled sequences: penalised maximum likelihood.
 
-The penalty is a normal prior about 0, or about weights of other settings, narrow enough that a few labelled seconds
-are safe to fit: a weight that they do not show stays where it was. The constant is almost free, because the share of
-"nowhere" differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
+The penalty is a normal prior about the posterior's answer (:func:`vfoa.logit.default_weights`), narrow enough that a
+few labelled seconds are safe to fit: a weight that they do not show stays where it was. The constant has a wide one,
+because the share of "nowhere" differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look
+lasts.
 """
 
 from __future__ import annotations
@@ -15,19 +16,17 @@ from typing import Literal
 
 import numpy as np
 
-from vfoa.logit import Cases, LogitWeights, Weights, probabilities
+from vfoa.logit import Cases, LogitWeights, Weights, default_weights, probabilities
 from vfoa.logit_cues import ROWS, Case, Seen, features, later_means
 from vfoa.types import Float
 
 Smoothing = Literal["forward", "both"]
 SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
 
-CONSTANT_SPREAD, SIZE_SPREAD = 5.0, 1.0
-CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3, 1.0)
-"""Standard deviations of a prior about 0: of the constant, of the weight of the size, and of the weights of each cue.
+CONSTANT_SPREAD, SIZE_SPREAD = 2.0, 0.7
+CUE_SPREADS = (0.7, 0.7, 0.7, 0.7, 0.2, 0.7)
+"""Standard deviations of the prior: of the constant, of the weight of the size, and of the weights of each cue.
 f of ``head_overlap`` is some three times as large as the others."""
-BETWEEN_SETTINGS = (1.0, 0.25)
-"""Standard deviations of a prior about weights of other settings: of the constant, and of all others."""
 INDEPENDENT_S = 0.5
 """Time after which a frame says something new, seconds: about a short look."""
 UNKNOWN = -2
@@ -73,37 +72,32 @@ class Design:
 
 def fit(
     sequences: Sequence[LabelledSequence],
-    unseen: LogitWeights,
     smoothings: Collection[Smoothing] = SMOOTHINGS,
     wanted: Collection[Case] = tuple(ROWS),
-    prior: LogitWeights | None = None,
 ) -> LogitWeights:
-    """Return the weights that fit these sequences; ``prior``: weights of other settings, which they stay near to.
+    """Return the weights that fit these sequences.
 
-    A case that no frame has, and cases and smoothings that are not wanted, keep the weights of ``unseen``.
+    A case that no frame has, and cases and smoothings that are not wanted, keep the default weights.
     """
-    fitted: dict[str, Cases] = {smoothing: getattr(unseen, smoothing) for smoothing in SMOOTHINGS}
+    prior = default_weights()
+    fitted: dict[str, Cases] = {smoothing: getattr(prior, smoothing) for smoothing in SMOOTHINGS}
     for smoothing in smoothings:
-        near = {case: getattr(getattr(prior, smoothing), case) if prior else None for case in wanted}
-        by_case = {case: _fitted(case, smoothing, sequences, near[case]) for case in wanted}
+        by_case = {
+            case: _fitted(case, smoothing, sequences, getattr(fitted[smoothing], case).vector) for case in wanted
+        }
         fitted[smoothing] = fitted[smoothing].model_copy(
             update={case: weights for case, weights in by_case.items() if weights}
         )
     return LogitWeights(**fitted)
 
 
-def _fitted(
-    case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence], prior: Weights | None
-) -> Weights | None:
+def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence], middle: Float) -> Weights | None:
     design = joined([design_of(case, smoothing == "both", sequence) for sequence in sequences])
     if not (design.looked != UNKNOWN).any():
         return None
     scales = 3 if smoothing == "both" else 2
-    if prior is None:
-        spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
-        return Weights.of(case, maximised(design, np.array(spreads) ** -2.0).tolist())
-    spreads = [BETWEEN_SETTINGS[0], *np.repeat(BETWEEN_SETTINGS[1:], len(prior.vector) - 1)]
-    return Weights.of(case, maximised(design, np.array(spreads) ** -2.0, prior.vector).tolist())
+    spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
+    return Weights.of(case, maximised(design, np.array(spreads) ** -2.0, middle).tolist())
 
 
 @lru_cache(maxsize=1024)
@@ -138,12 +132,11 @@ def joined(designs: Sequence[Design]) -> Design:
     )
 
 
-def maximised(design: Design, precision: Float, middle: Float | None = None) -> Float:
+def maximised(design: Design, precision: Float, middle: Float) -> Float:
     """The weights (F,) of the greatest penalised likelihood, by Newton's method; it is concave.
 
-    ``precision`` and ``middle`` (F,) are those of the normal prior, by default about 0.
+    ``precision`` and ``middle`` (F,) are those of the normal prior.
     """
-    middle = np.zeros_like(precision) if middle is None else middle
     usable = design.looked != UNKNOWN
     x, looked, weight = design.features[usable], design.looked[usable], design.weight[usable]
     there = np.isfinite(x[..., 0])

@@ -27,11 +27,6 @@ class MethodSettings(Settings):
         return False
 
     @property
-    def fitted_on(self) -> tuple[str, ...]:
-        """The clips whose labels the weights were fitted to, of weights that ship with the method."""
-        return ()
-
-    @property
     def cloud_points(self) -> int:
         """Points of each target's cloud that the method uses, evenly chosen (:func:`vfoa.visible.spaced`); 0: none."""
         return 0

@@ -51,10 +51,9 @@ def fit(
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
     from harness.report.formats import to_markdown
-    from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit
+    from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError
-    from vfoa.logit import shipped_fit
 
     first_s = _seconds(first)
     name, inputs, directory = _source(what)
@@ -74,8 +73,7 @@ def fit(
     if tables is not None:
         atomic_write(tables, "\n".join(map(to_markdown, reports)))
     own = fitted.fit.score_of(f"{FITTED}, forward")
-    # default weights that were fitted on these clips are no measure
-    rival = COMMONEST if set(fitted.fit.clips) & set(shipped_fit().get("clips", ())) else f"{DEFAULT}, forward"
+    rival = f"{DEFAULT}, forward"
     least = fitted.fit.score_of(rival)
     if own and least and (own.log_loss or 0) > (least.log_loss or 0) and not even_if_worse:
         raise VfoaError(

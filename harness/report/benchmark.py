@@ -16,8 +16,7 @@ from harness.files.parsing import parse_assignment
 from harness.files.remote import expand
 from harness.pipeline.configuration import METHODS as KNOWN
 from harness.pipeline.configuration import Configuration, merged, reads_clip
-from harness.run.experiment import Experiment, is_experiment, load_experiment, shipped_notes
-from harness.run.notes import NoteKind
+from harness.run.experiment import Experiment, is_experiment, load_experiment
 from vfoa.config import read_steps
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -34,21 +33,19 @@ METHODS: Tables = {
     "logit": {"method": "logit"},
     "logit_both": {"method": "logit", "smoothing": "both"},
 }
-_LEFT_OUT: Tables = {name: {**METHODS[name], "weights": "left-out"} for name in ("logit", "logit_both")}
+_FITTED: Tables = {f"{name}_fitted": {**METHODS[name], "weights": "left-out"} for name in ("logit", "logit_both")}
+"""The logit fitted to the labels of the material's other clips."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """What methods are tried on: an experiment with some settings, and the methods that differ or are only there.
 
-    ``setting`` is where it was made; materials of one setting weigh as much together as another one alone. ``left_out``
-    begins the name of the logit's scores with weights of the other settings, in ``vfoa/logit.toml``; None where no
-    setting is in the fit of the weights that ship.
+    ``setting`` is where it was made; materials of one setting weigh as much together as another one alone.
     """
 
     title: str
     setting: str
-    left_out: str | None
     experiment: str
     settings: tuple[str, ...] = ()
     methods: Tables = field(default_factory=dict)
@@ -58,23 +55,20 @@ MATERIALS: Mapping[str, Material] = {
     "people_heads": Material(
         title="people, heads alone",
         setting="people",
-        left_out="people left out, head",
         experiment="people",
         settings=("gaze.model=none",),
-        methods=_LEFT_OUT,
+        methods=_FITTED,
     ),
     "people_gaze_11": Material(
         title="people, gaze 11 deg off",
         setting="people",
-        left_out="people left out, both",
         experiment="people",
         settings=("gaze.model=simulated", "gaze.error_deg=11.1"),
-        methods=_LEFT_OUT,
+        methods=_FITTED,
     ),
     "conversation": Material(
         title="conversation, heads alone",
         setting="conversation",
-        left_out="conversation left out, head",
         experiment="conversation",
         methods={
             "idiap_hmm": {
@@ -86,17 +80,13 @@ MATERIALS: Mapping[str, Material] = {
     "rendered": Material(
         title="rendered clips",
         setting="rendered clips",
-        left_out="rendered left out, both",
         experiment="demo",
         settings=("stereo.matcher=sgbm",),
     ),
-    "drawn": Material(
-        title="drawn scenes", setting="drawn scenes", left_out="drawn left out, both", experiment="drawn"
-    ),
+    "drawn": Material(title="drawn scenes", setting="drawn scenes", experiment="drawn"),
     "bandage_2": Material(
         title="drawn film",
         setting="drawn film",
-        left_out=None,
         experiment="bandage_2",
         settings=("stereo.matcher=sgbm",),
     ),
@@ -147,13 +137,10 @@ def material_experiment(name: str, changes: Tables | None = None) -> tuple[Exper
             left_out.append(f"{method}: not in the table: no file {missing}.")
         else:
             configurations.append(_with_method(experiment.configurations[0], method, settings))
-    own = (note for note in experiment.notes if note.kind != NoteKind.FITTED_ON_REPORTED)
-    notes = tuple(dict.fromkeys((*own, *shipped_notes(configurations, experiment.clips))))
     return replace(
         experiment,
         name=name,
         configurations=tuple(configurations),
-        notes=notes,
         published=None,
         recording="none",
     ), left_out

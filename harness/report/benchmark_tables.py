@@ -14,10 +14,8 @@ from harness.report.benchmark import MATERIALS
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
 from harness.report.page.render import render_tables
 from harness.report.verdict import verdict_lines
-from harness.run.notes import NoteKind
 from harness.score.calibration import reliabilities
 from harness.score.score import Scores
-from vfoa.logit import shipped_fit
 
 RULE = "rule: "
 """How the row of the best simple rule begins."""
@@ -27,24 +25,18 @@ _NOTES = (
     "and of those whose label is none. 95 %: as in the report of the material's run.",
     "Log loss and ECE (expected calibration error): of methods that give probabilities; lower is better.",
     "rule: the best simple rule on the same frames that has not seen their labels; see the run's table of baselines.",
-    "logit on people: fitted to the other people. Elsewhere its weights are those that ship with vfoa.",
+    "logit: with the default weights, which are fitted to nothing. logit_fitted: fitted to the material's other clips.",
 )
 
 
 def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str] = ()) -> Table:
     """The table of all materials, by their names; ``left_out`` are sentences on what is not in it."""
-    warnings = (
-        f"{name}: {note}"
-        for name, of in scores.items()
-        for note in of.notes
-        if note.kind == NoteKind.FITTED_ON_REPORTED
-    )
     return Table.of(
         "Every method on every material",
         "Material | Method | n | Clips | FRR % | 95 % | Balanced % | Log loss | ECE",
         (row for name, of_material in scores.items() for row in _rows(MATERIALS[name].title, of_material)),
         words=2,
-        notes=(*_NOTES, *warnings, *left_out),
+        notes=(*_NOTES, *left_out),
     )
 
 
@@ -67,10 +59,7 @@ UNFITTED = ("nearest_15", "two_cones", "posterior", "logit")
 
 
 def elsewhere_table(scores: Mapping[str, Scores]) -> Table:
-    """The table of methods in settings that nobody labelled: log loss / balanced FRR, the least mean log loss first.
-
-    The logit has weights that were fitted on the other settings.
-    """
+    """The table of methods in settings that nobody labelled: log loss / balanced FRR, the least mean log loss first."""
     of_runs = {name: _of_run(of_material) for name, of_material in scores.items()}
     of_methods = {method: _by_setting(method, of_runs) for method in UNFITTED}
     settings = list(dict.fromkeys(MATERIALS[name].setting for name in scores))
@@ -93,28 +82,19 @@ def elsewhere_table(scores: Mapping[str, Scores]) -> Table:
         notes=(
             "Log loss (of methods that give probabilities) / balanced FRR in %, with earlier frames alone. Settings "
             "weigh the same; of people, heads alone are a half.",
-            "logit: with weights that were fitted on the other settings, on the frames of that fit (vfoa/logit.toml); "
-            "in the drawn film, which is in no fit, those that ship. Nothing else is fitted, but the posterior's "
-            "settings were chosen on the people and the conversation.",
+            "Nothing is fitted, but the settings of the posterior, whose answer the logit starts from, were chosen on "
+            "the people and the conversation.",
         ),
     )
 
 
 def _by_setting(method: str, of_runs: Mapping[str, Mapping[str, Rates]]) -> dict[str, Rates]:
-    """The rates of a method that has seen no label of the setting; without those in which it failed."""
+    """The rates of a method by setting, without those in which it failed."""
     found: dict[str, list[Rates]] = {}
     for name, of_run in of_runs.items():
-        material = MATERIALS[name]
-        is_fitted = method == "logit" and material.left_out is not None
-        rates = _of_fit(f"{material.left_out}, forward") if is_fitted else of_run.get(method)
-        if rates is not None:
-            found.setdefault(material.setting, []).append(rates)
+        if method in of_run:
+            found.setdefault(MATERIALS[name].setting, []).append(of_run[method])
     return {setting: Rates.mean(rates) for setting, rates in found.items()}
-
-
-def _of_fit(name: str) -> Rates:
-    row = next(row for row in shipped_fit()["held_out"] if row["method"] == name)
-    return Rates(row["log_loss"], row["calibration_error"], row["balanced_frr"])
 
 
 def _of_run(scores: Scores) -> dict[str, Rates]:

@@ -8,7 +8,6 @@ import tomlkit
 
 from harness.report.formats import Table, number, percent
 from harness.run.fitted import FittedWeights, MethodScore
-from vfoa.logit import shipped_fit
 
 
 def fit_tables(fitted: FittedWeights) -> list[Table]:
@@ -22,8 +21,6 @@ def fit_tables(fitted: FittedWeights) -> list[Table]:
             "error. Balanced: mean of the rates on targets and on nowhere. forward: with earlier frames; both: with "
             "later ones, too.",
         ]
-        if seen := sorted(set(record.clips) & set(shipped_fit().get("clips", ()))):
-            notes.append(f"The default weights were fitted on {', '.join(seen)}, too: their rows are not held out.")
         tables.append(
             _table(f"{record.labelled_s:g} s of {record.people} people, left out in turn", record.held_out, notes)
         )
@@ -53,7 +50,9 @@ def fitted_text(fitted: FittedWeights) -> str:
     """The file, as :func:`harness.run.fitted.read_fitted` reads it."""
     plain = fitted.model_dump(mode="json", exclude_none=True)
     weights = {
-        smoothing: {case: {key: value for key, value in of_case.items() if value} for case, of_case in cases.items()}
+        smoothing: {
+            case: {key: value for key, value in of_case.items() if value != []} for case, of_case in cases.items()
+        }
         for smoothing, cases in plain["attention"]["weights"].items()
     }
     document = {"fit": plain["fit"], "attention": {"method": "logit", "weights": weights}}

@@ -24,7 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -179,7 +179,6 @@ def load_experiment(
         notes=(
             *map(Note, (*file.notes, *missing, *partly)),
             *_fitted_notes(file, preset, present),
-            *shipped_notes(configurations, present),
         ),
         annotator=file.annotator,
         published=file.published,
@@ -283,16 +282,6 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
             yield fitted_on_reported(f"the weights of {path.name}", seen)
         else:
             yield Note(f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}.")
-
-
-def shipped_notes(configurations: Iterable[Configuration], clips: tuple[str, ...]) -> Iterator[Note]:
-    """Yield what weights that ship with a method have seen of the clips, as a warning, and what to expect on others."""
-    methods = [configuration.attend.attention for configuration in configurations]
-    fitted_on = {clip for method in methods for clip in method.fitted_on}
-    if seen := [clip for clip in clips if clip in fitted_on]:
-        yield fitted_on_reported("the default weights", seen)
-    if len(seen) < len(clips):
-        yield from map(Note, dict.fromkeys(method.elsewhere for method in methods if method.fitted_on))
 
 
 def is_experiment(name_or_path: str) -> bool:

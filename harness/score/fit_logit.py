@@ -29,7 +29,7 @@ from harness.score.calibration import reliability
 from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, LabelTruths, labelled_runs, truths_of
 from vfoa import __version__
 from vfoa.errors import VfoaError
-from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights, target_probabilities
+from vfoa.logit import LogitSettings, LogitWeights, default_weights, target_probabilities
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
 from vfoa.scoring import log_loss
@@ -139,12 +139,10 @@ def fitted_to(
 ) -> LogitWeights:
     """Return weights fitted to people; rounded as in the file, so that a file gives the same answers.
 
-    They stay near the weights that ship, unless these were fitted on the same clips. ``answering``: fit only the
-    weights that the frames of these people use.
+    ``answering``: fit only the weights that the frames of these people use.
     """
     cases = ROWS if answering is None else {seen.case for person in answering for seen in person.sequence.seen}
-    prior = None if {person.sequence.group for person in people} & {*shipped_fit()["clips"]} else shipped_weights()
-    weights = fit([person.sequence for person in people], shipped_weights(), smoothings, sorted(cases), prior)
+    weights = fit([person.sequence for person in people], smoothings, sorted(cases))
     rounded = json.loads(weights.model_dump_json(), parse_float=lambda digits: round(float(digits), 4))
     return LogitWeights.model_validate(rounded)
 
@@ -160,7 +158,7 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
             by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
             by_method |= {name: outcomes_of[person.labelled] for name, outcomes_of in person.others.items()}
             for smoothing in SMOOTHINGS:
-                by_method[f"{DEFAULT}, {smoothing}"] = answers(person, shipped_weights(), smoothing)
+                by_method[f"{DEFAULT}, {smoothing}"] = answers(person, default_weights(), smoothing)
                 by_method[f"{FITTED}, {smoothing}"] = answers(person, weights, smoothing)
             for name, outcomes in by_method.items():
                 by_name.setdefault(name, []).append(outcomes)

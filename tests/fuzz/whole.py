@@ -15,6 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
+from harness.report.fit import fitted_text
+from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from tests import calibrations, depth_recordings
 from tests.disk import moving_picture, picture, write_bytes, write_image
 from tests.exchanges import exchange, row
@@ -22,6 +24,8 @@ from tests.harness.damage import project
 from tests.measured import LABELS_HEADER, measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
 from tests.repository import REPOSITORY
+from vfoa import __version__
+from vfoa.logit import LogitSettings
 
 Write = Callable[[Path], Any]
 
@@ -54,7 +58,22 @@ category = "person"
 EXPERIMENTS = tuple(
     (REPOSITORY / "harness" / "experiments" / f"{name}.toml").read_text() for name in ("demo", "bandage_2", "filter")
 )
-FITTED = (REPOSITORY / "vfoa" / "logit.toml").read_text()
+_SCORE = MethodScore(method="fitted, forward", n=9, log_loss=0.5, calibration_error=0.1, balanced_frr=0.6, frr=0.7)
+FITTED = fitted_text(
+    FittedWeights(
+        fit=FitRecord(
+            experiment="talk",
+            configuration="logit",
+            clips=("one", "two"),
+            people=2,
+            labelled_s=20.5,
+            version=__version__,
+            held_out=(_SCORE,),
+            curve=(_SCORE,),
+        ),
+        attention=LogitSettings(method="logit"),
+    )
+)
 LABELS = LABELS_HEADER + '1,3,anna,mug,\n4,4,anna,book,"a, b"\n5,9,anna,none,\n'
 DRAWN = (
     "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"

@@ -16,7 +16,8 @@ from tests.scenes import make_box, make_person, make_target
 from vfoa.bayes import BayesSettings
 from vfoa.cones import ConesSettings
 from vfoa.geometry import left_from_crop, perturb, unit
-from vfoa.logit import LogitSettings
+from vfoa.logit import Cases, LogitSettings, LogitWeights, Weights
+from vfoa.logit_cues import ROWS
 from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import Attending, AttendSettings
@@ -24,14 +25,28 @@ from vfoa.tracking import Tracked
 from vfoa.types import FrameResult, Scene
 
 FILE = Path(__file__).with_name("known_answers.json")
+
+
+def all_cues() -> LogitWeights:
+    """Weights that all count."""
+    rng = np.random.default_rng(11)
+
+    def of(scales: int) -> Cases:
+        weights = {case: [3.0, 0.4, *rng.uniform(0.1, 0.5, scales * len(rows))] for case, rows in ROWS.items()}
+        return Cases(**{case: Weights.of(case, of_case) for case, of_case in weights.items()})
+
+    return LogitWeights(forward=of(2), both=of(3))
+
+
 METHODS: dict[str, MethodSettings] = {
     "cones": ConesSettings(cones_cm=(10, 25)),
     "nearest": NearestSettings(method="nearest", limit_deg=25),
     "bayes": BayesSettings(method="bayes"),
     "bayes, both": BayesSettings(method="bayes", smoothing="both", look_ahead_s=0.2),
     "bayes, told": BayesSettings(method="bayes", error="told"),
-    "logit": LogitSettings(method="logit"),
-    "logit, both": LogitSettings(method="logit", smoothing="both", look_ahead_s=0.2),
+    "logit": LogitSettings(method="logit", weights=all_cues()),
+    "logit, both": LogitSettings(method="logit", weights=all_cues(), smoothing="both", look_ahead_s=0.2),
+    "logit, unlabelled": LogitSettings(method="logit"),
 }
 Known = dict[str, list[tuple[int | None, list[float]]]]
 

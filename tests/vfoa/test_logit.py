@@ -12,8 +12,8 @@ from vfoa.logit import (
     LogitSettings,
     Remembered,
     Weights,
+    default_weights,
     probabilities,
-    shipped_weights,
     target_probabilities,
     weigh_again,
     weigh_attentions,
@@ -187,16 +187,23 @@ def test_the_posterior_is_a_cue_of_its_own() -> None:
     assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
 
 
-@given(parts=st.lists(st.floats(0, 1), min_size=3, max_size=3), pooled=st.floats(0, 1))
-def test_the_posterior_is_pooled_with_what_was_fitted(parts: list[float], pooled: float) -> None:
-    """The answer is between both."""
-    chance = np.array(parts[:2]) / max(sum(parts), 1e-3)
-    seen, _ = observe(looking(LEFT, LEFT), TARGETS, {}, Means(), 0.1, dict(zip((2, 3), chance.tolist(), strict=True)))
+@pytest.mark.parametrize("directions", [(LEFT, LEFT), (LEFT, None), (None, LEFT)])
+@given(parts=st.lists(st.floats(0, 1), min_size=3, max_size=3).filter(lambda parts: sum(parts) > 0.1))
+def test_without_labels_the_answer_is_the_posterior_and_less_sure(
+    directions: tuple[Float | None, Float | None], parts: list[float]
+) -> None:
+    chance, added = np.array(parts) / sum(parts), 1e-3
+    of_targets = dict(zip((2, 3), chance.tolist(), strict=False))
+    seen, _ = observe(looking(*directions), TARGETS, {}, Means(), 0.1, of_targets)
     assert seen.ids == (2, 3)
-    assert seen.posterior.tolist() == chance.tolist()
-    weights = shipped_weights().forward.both
-    alone, mixed = (target_probabilities(seen, weights.model_copy(update={"pooled": share})) for share in (0.0, pooled))
-    assert mixed == pytest.approx(alone + pooled * (chance - alone), abs=1e-9)
+    for cases, after in ((default_weights().forward, None), (default_weights().both, later_means([seen], [])[0])):
+        weights = getattr(cases, seen.case)
+        plain = target_probabilities(seen, weights.model_copy(update={"spread": 0.0}), after)
+        assert plain == pytest.approx((chance[:2] + added) / (1 + 3 * added))
+        found = target_probabilities(seen, weights, after)
+        assert found[0] * plain[1] == pytest.approx(found[1] * plain[0])  # the share of nowhere alone is not known
+        sure, less_sure = (abs(each.sum() - 0.5) for each in (plain, found))
+        assert less_sure <= sure + 1e-12
 
 
 def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
@@ -209,15 +216,14 @@ def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
     looked = np.array([generator.choice(5, p=row) for row in everywhere])
     looked[looked == 4] = -1
     design = Design(features=x, looked=looked, weight=np.ones(len(x)))
-    assert maximised(design, np.full(4, 0.01)) == pytest.approx(true, abs=0.12)
+    assert maximised(design, np.full(4, 0.01), np.zeros(4)) == pytest.approx(true, abs=0.12)
     # against a prior that is certain, no look counts
-    assert maximised(design, np.full(4, 1e9)) == pytest.approx(0, abs=1e-3)
     elsewhere = np.array([3.0, 0.0, 0.0, 1.0])
     assert maximised(design, np.full(4, 1e9), elsewhere) == pytest.approx(elsewhere, abs=1e-3)
     assert maximised(design, np.full(4, 0.01), elsewhere) == pytest.approx(true, abs=0.12)
 
 
-def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> None:
+def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None:
     seen: list[Seen] = []
     means = Means()
     subject = looking(None, LEFT)
@@ -225,21 +231,21 @@ def test_a_direction_that_was_never_measured_keeps_the_weights_that_ship() -> No
         found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior())
         seen.append(found)
     sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[2] * 10 + [None] * 10)
-    prior = shipped_weights()
-    fitted = fit([sequence], prior)
-    assert fitted.forward.gaze == prior.forward.gaze
-    assert fitted.forward.head != prior.forward.head
+    fitted, unfitted = fit([sequence]), default_weights()
+    assert fitted.forward.gaze == unfitted.forward.gaze
+    assert fitted.forward.head != unfitted.forward.head
+    assert fitted.forward.head.spread == 0
 
 
 def test_weights_survive_their_vector() -> None:
     for case, rows in ROWS.items():
-        weights = getattr(shipped_weights().both, case)
-        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0, "pooled": 0.0})
+        weights = getattr(default_weights().both, case)
+        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0})
         assert {name for name in LOGIT_CUES if getattr(weights, name)} == {LOGIT_CUES[row] for row in rows}
 
 
 def test_weights_of_the_wrong_shape_are_refused() -> None:
-    plain = shipped_weights().model_dump()
+    plain = default_weights().model_dump()
     plain["forward"]["head"]["gaze"] = (1.0, 1.0)
     with pytest.raises(ValueError, match=r"forward\.head: expected 2 weights of head, head_swing"):
         LogitSettings.model_validate({"method": "logit", "weights": plain})

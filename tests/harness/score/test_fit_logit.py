@@ -16,6 +16,7 @@ from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
 from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
+from harness.report.fit import fitted_text
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
@@ -34,7 +35,7 @@ from vfoa import __version__
 from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
-from vfoa.logit import LogitSettings, LogitWeights, shipped_fit, shipped_weights
+from vfoa.logit import LogitSettings, LogitWeights, default_weights
 from vfoa.logit_cues import LOGIT_CUES, ROWS, Case
 from vfoa.methods import MethodSettings
 from vfoa.pipeline import AttendSettings
@@ -87,7 +88,7 @@ def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
 def test_the_file_is_a_preset_of_logits_alone(fitted: Path) -> None:
     cones, forward = load_experiment("talk.toml", preset=str(fitted)).configurations
     assert isinstance(forward.attend.attention, LogitSettings)
-    assert forward.attend.attention.weights == read_fitted(fitted).attention.weights != shipped_weights()
+    assert forward.attend.attention.weights == read_fitted(fitted).attention.weights != default_weights()
     assert cones.attend.attention.method == "cones"
 
 
@@ -153,14 +154,17 @@ def test_the_terminal_says_that_a_clip_was_fitted_on(
     assert "FITTED" not in vfoa(monkeypatch, capsys, *words[:-1], "default")[1]
 
 
-def test_the_default_weights_were_fitted_on_clips_too(fitted: Path) -> None:
-    clip = shipped_fit()["clips"][0]
-    (note,) = load_experiment("talk.toml", clips=(clip,)).notes
-    assert note.text == f"FITTED ON WHAT IS REPORTED: the default weights were fitted on {clip}."
-    (elsewhere,) = map(str, load_experiment("talk.toml", clips=("one",)).notes)
-    errors = [row["calibration_error"] for row in shipped_fit()["held_out"]]
-    assert f"calibration error was {min(errors):.2f} to {max(errors):.2f}" in elsewhere
-    assert "vfoa fit CLIP" in elsewhere
+def test_the_default_weights_say_what_to_expect_and_fitted_ones_do_not(fitted: Path) -> None:
+    assert "vfoa fit CLIP" in LogitSettings(method="logit").elsewhere
+    assert read_fitted(fitted).attention.elsewhere == ""
+
+
+def test_a_file_holds_cases_that_nobody_fitted(fitted: Path) -> None:
+    """Their constant is 0."""
+    found = read_fitted(fitted)
+    plain = found.model_copy(update={"attention": LogitSettings(method="logit")})
+    fitted.write_text(fitted_text(plain), encoding="utf-8")
+    assert read_fitted(fitted) == plain
 
 
 @pytest.mark.parametrize("version", ["99.9", f"{__version__}.1", "newest", ""])
