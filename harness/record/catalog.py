@@ -18,7 +18,7 @@ import rerun as rr
 from rerun.blueprint import table
 
 from harness.record.composed import RecordedClip, common_layout, find_clips
-from harness.record.reading import ids_of, properties
+from harness.record.reading import RecordingFile
 from harness.run.directory import RunDirectory
 from harness.run.manifest import RunManifest
 from harness.server.local_server import HOST
@@ -104,7 +104,7 @@ def _add(server: Server, name: str, run: Path, clips: Sequence[RecordedClip], fo
         by_name = clip.layer_files()
         layers |= {file: layer for layer, file in by_name.items()}
         of_verdicts = {
-            of.configuration: properties(clip.files.verdicts(of.configuration))
+            of.configuration: RecordingFile(clip.files.verdicts(of.configuration)).properties()
             for of in clip.layers
             if clip.files.verdicts(of.configuration).is_file()
         }
@@ -133,7 +133,7 @@ def _settings(manifest: RunManifest) -> dict[str, str]:
 
 def _write_properties(path: Path, beside: Path, about: Mapping[str, Mapping[str, Any]]) -> Path:
     """Write a layer of properties for the recording that the file ``beside`` belongs to."""
-    ids = ids_of(beside)
+    ids = RecordingFile(beside).ids
     with rr.RecordingStream(ids.application, recording_id=ids.recording, send_properties=False) as stream:
         stream.save(path)
         for owner, values in about.items():
@@ -147,7 +147,7 @@ def _register(dataset: DatasetEntry, layers: Mapping[Path, str]) -> None:
         dataset.register(addresses, layer_name=list(layers.values())).wait()
     except ValueError as error:
         for file in layers:
-            ids_of(file)  # Rerun names no file: a damaged one is an error here
+            RecordingFile(file)  # Rerun names no file: a damaged one is an error here
         raise VfoaError(f"{dataset.name}: Rerun refused its recordings: {str(error).splitlines()[0]}") from None
 
 

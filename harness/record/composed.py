@@ -42,9 +42,9 @@ class Composed:
         VfoaError
             If the first file cannot be read.
         """
-        from harness.record.reading import ids_of
+        from harness.record.reading import RecordingFile
 
-        return ids_of(self.files[0]).application
+        return RecordingFile(self.files[0]).ids.application
 
     def layout(self, subject: str | None = None) -> rrb.Blueprint | None:
         """Return the layout, with this subject's tab in front; None for the one in the files.
@@ -152,9 +152,10 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
     """What the files of clips hold together; the rate is the first one's."""
     from harness.record import entities
     from harness.record.blueprint import ClipContent, eye_for
-    from harness.record.reading import entity_paths, first_points
+    from harness.record.reading import RecordingFile, first_points
 
-    paths = {path for clip in clips if clip.files.images.is_file() for path in entity_paths(clip.files.images)}
+    images = [clip.files.images for clip in clips if clip.files.images.is_file()]
+    paths = {chunk.entity_path for file in images for chunk in RecordingFile(file).chunks()}
     files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
     frames = [frame for clip in clips for frame in clip.frames]
     return ClipContent(

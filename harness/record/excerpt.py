@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import Chunk
 
 from harness.files.io import replacing
 from harness.record import entities
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
 from harness.record.layer_file import write_whole
-from harness.record.reading import ids_of, reading
+from harness.record.reading import RecordingFile
 from vfoa.errors import VfoaError
 
 
@@ -34,7 +34,7 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
     inside = [number for number in recording.frames if abs(number - frame) <= margin]
     every = key_frame_every(rate_hz)
     key = recording.frames[recording.frames.index(inside[0]) // every * every]
-    ids = ids_of(recording.files[0])
+    ids = RecordingFile(recording.files[0]).ids
     ids = ids._replace(recording=f"{ids.recording}-{frame}")
     with replacing(excerpt) as draft:
         chunks = _all_cut(recording.files, key, inside[0], inside[-1])
@@ -43,8 +43,7 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
 
 def _all_cut(files: Iterable[Path], key: int, first: int, last: int) -> Iterator[Chunk]:
     for file in files:
-        with reading(file):
-            yield from _cut(RrdReader(file).stream(), key, first, last)
+        yield from _cut(RecordingFile(file).chunks(), key, first, last)
 
 
 def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:

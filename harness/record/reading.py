@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
 from harness.record import entities
@@ -29,17 +29,36 @@ def reading(recording: Path) -> Iterator[None]:
         raise VfoaError(f"{recording}: incomplete or damaged recording: {str(error).splitlines()[0]}") from None
 
 
-def entity_paths(recording: Path) -> set[str]:
-    """Return every entity path of a file."""
-    with reading(recording):
-        return {chunk.entity_path for chunk in RrdReader(recording).stream()}
+class RecordingFile:
+    """A file of a recording, opened once: the ids that all layers of a clip share, its properties and its chunks.
 
+    Raises
+    ------
+    VfoaError
+        Here, or from its methods, if the file is damaged.
+    """
 
-def ids_of(recording: Path) -> RecordingIds:
-    """Return the ids that all layers of a clip share."""
-    with reading(recording):
-        entry = RrdReader(recording).recordings()[0]
-        return RecordingIds(application=entry.application_id, recording=entry.recording_id)
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with reading(path):
+            self._reader = RrdReader(path)
+            entry = self._reader.recordings()[0]
+        self.ids = RecordingIds(application=entry.application_id, recording=entry.recording_id)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield all chunks."""
+        with reading(self._path):
+            yield from self._reader.stream()
+
+    def properties(self) -> dict[str, object]:
+        """Return the properties of the recording that are single values, by name."""
+        by_name: dict[str, object] = {}
+        with reading(self._path):
+            for chunk in self._reader.stream().filter(content="/__properties/**"):
+                for name, values in chunk.to_record_batch().to_pydict().items():
+                    if values and isinstance(values[-1], list) and len(values[-1]) == 1:
+                        by_name[name] = values[-1][0]
+        return by_name
 
 
 def has_video(recording: Path) -> bool:
@@ -53,17 +72,6 @@ def _has_video(recording: Path, stamp: tuple[int, ...]) -> bool:
     """As :func:`has_video`, for the file with this stamp; errors are not kept."""
     with reading(recording):
         return any(True for _ in RrdReader(recording).stream().filter(components="VideoStream:codec"))
-
-
-def properties(recording: Path) -> dict[str, object]:
-    """Return the properties of a recording that are single values, by name."""
-    by_name: dict[str, object] = {}
-    with reading(recording):
-        for chunk in RrdReader(recording).stream().filter(content="/__properties/**"):
-            for name, values in chunk.to_record_batch().to_pydict().items():
-                if values and isinstance(values[-1], list) and len(values[-1]) == 1:
-                    by_name[name] = values[-1][0]
-    return by_name
 
 
 def first_points(recording: Path) -> list[Float]:

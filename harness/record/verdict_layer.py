@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import rerun as rr
-from rerun.chunk import RrdReader
 
 from harness.files.digests import digest_files
 from harness.labels.labels import Labels
@@ -22,7 +22,7 @@ from harness.record.appearance import Colours
 from harness.record.frame_log import FrameLog, Shown
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
-from harness.record.reading import ids_of, properties, reading
+from harness.record.reading import RecordingFile
 from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import AnswerTraits
@@ -95,7 +95,7 @@ def write_verdict_layers(
 def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
     """The ids of the layer of attention, which an earlier version may have made differently."""
     try:
-        return ids_of(attention)
+        return RecordingFile(attention).ids
     except VfoaError:
         if run_id is None:
             raise
@@ -131,7 +131,8 @@ class _Layer:
 
     def write(self, blocks: Sequence[Block]) -> None:
         """Write the stretches that have changed; nothing if none has."""
-        old, stretches, kept_frames = _stretches(self._path, self._files.ids), list[_Stretch](), set[int]()
+        older, old = _older(self._path, self._files.ids)
+        stretches, kept_frames = list[_Stretch](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
             shown = stretches[-1].shown if stretches else {}
@@ -145,8 +146,8 @@ class _Layer:
         if layer is None and len(stretches) == len(old):
             return
         layer = layer or self._open()
-        if kept_frames:
-            _copy(self._path, layer.stream, kept_frames)
+        if older and kept_frames:
+            _copy(older, layer.stream, kept_frames)
         self._end(layer, stretches)
 
     def _open(self) -> LayerFile:
@@ -233,24 +234,19 @@ class _Layer:
         layer.close(complete=True)
 
 
-def _stretches(path: Path, ids: RecordingIds) -> list[_Stretch]:
-    """The stretches that a layer was made from; empty if it is missing, damaged or of another recording."""
-    if not path.is_file():
-        return []
-    try:
-        if ids_of(path) != ids:
-            return []
-        return msgspec.json.decode(str(properties(path).get(_MADE_FROM)), type=list[_Stretch])
-    except (VfoaError, msgspec.DecodeError):
-        return []
+def _older(path: Path, ids: RecordingIds) -> tuple[RecordingFile | None, list[_Stretch]]:
+    """The layer that is there, and the stretches that it was made from; none if it is damaged or of other ids."""
+    with suppress(VfoaError, msgspec.DecodeError):
+        if path.is_file() and (older := RecordingFile(path)).ids == ids:
+            return older, msgspec.json.decode(str(older.properties().get(_MADE_FROM)), type=list[_Stretch])
+    return None, []
 
 
-def _copy(layer: Path, stream: rr.RecordingStream, frames: Container[int]) -> None:
+def _copy(layer: RecordingFile, stream: rr.RecordingStream, frames: Container[int]) -> None:
     """Copy the data of these frames, which have chunks of their own. Static data is not copied but logged again."""
-    with reading(layer):
-        for chunk in RrdReader(layer).stream():
-            if not chunk.is_static and chunk.to_record_batch().column("frame")[0].as_py() in frames:
-                stream.send_chunks(chunk)
+    for chunk in layer.chunks():
+        if not chunk.is_static and chunk.to_record_batch().column("frame")[0].as_py() in frames:
+            stream.send_chunks(chunk)
 
 
 def _properties(clip: str, configuration: str, outcomes: Counter[str], errors: Counter[str]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from harness.cli.view import step_through, wrong_verdicts
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles, RecordingIds
-from harness.record.reading import ids_of
+from harness.record.reading import RecordingFile
 from harness.record.viewer import page_files
 from harness.record.web_app import failures_routes, open_path, site
 from harness.report.write import report_page
@@ -125,7 +125,7 @@ def test_a_copied_run_and_a_renamed_one_stay_whole(run: RunResults, tmp_path: Pa
     def ids(folder: Path) -> RecordingIds:
         files = [*folder.glob("*.rrd")]
         assert len(files) == 6  # images, a reconstruction; attention and verdicts of two configurations
-        (shared,) = set(map(ids_of, files))
+        (shared,) = {RecordingFile(file).ids for file in files}
         return shared
 
     second = Path(shutil.copytree(run.path, tmp_path / "second"))
@@ -143,7 +143,7 @@ def test_a_copied_run_and_a_renamed_one_stay_whole(run: RunResults, tmp_path: Pa
 
 def test_runs_of_one_name_in_two_folders_have_recordings_of_their_own(run: RunResults, tmp_path: Path) -> None:
     again = run_experiment(run.path.parent / "cones.toml", out=tmp_path / "run", limit=1)
-    ((one,), (other,)) = (set(map(ids_of, each.path.glob("*.rrd"))) for each in (run, again))
+    ((one,), (other,)) = ({RecordingFile(file).ids for file in each.path.glob("*.rrd")} for each in (run, again))
     assert one.recording != other.recording
     assert one.application != other.application  # the viewer keeps a layout for each
 

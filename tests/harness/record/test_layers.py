@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
-from harness.record.reading import ids_of
+from harness.record.reading import RecordingFile
 from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
@@ -197,9 +197,9 @@ def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stay
     )
     assert written([LABELS.ranges[0]]) == {(10, 11), (13, 14), (13,)}
     assert written(late) == {(13, 14)}  # the third configuration has not seen frame 14
+    edited = content()
     assert written(early) == {(10, 11), (13, 14), (13,)}
     assert written(late) == {(10, 11), (13, 14), (13,)}
-    edited = content()
     for name in shared.configurations:
         shared.files.verdicts(name).unlink()
     written(late)
@@ -210,9 +210,9 @@ def test_a_layer_that_is_written_later_joins_the_recording_of_an_earlier_version
     """Its ids were made in another way than those of the manifest's run would be now."""
     manifest = RunDirectory(shared.run).read_manifest().plain()
     write_manifest(RunDirectory(shared.run), {**manifest, "run_id": new_run_id()})
-    before = ids_of(shared.files.attention("one"))
+    before = RecordingFile(shared.files.attention("one")).ids
     write_verdict_layers(RunDirectory(shared.run), {})
-    assert {ids_of(path) for path in shared.run.glob("*.rrd")} == {before}
+    assert {RecordingFile(path).ids for path in shared.run.glob("*.rrd")} == {before}
     shared.files.attention("one").write_bytes(b"no recording")
     write_verdict_layers(RunDirectory(shared.run), {"clip": LABELS})  # scores are whole without it
 

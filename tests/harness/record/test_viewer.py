@@ -20,7 +20,7 @@ from harness.record import viewer
 from harness.record.blueprint import eye_controls
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
-from harness.record.reading import ids_of
+from harness.record.reading import RecordingFile
 from harness.record.viewer import screenshot
 from tests.harness.record.conftest import ANN, write_run
 from vfoa.errors import VfoaError
@@ -173,11 +173,11 @@ def test_the_layout_is_that_of_the_application_of_the_files(frames, tmp_path):
     for recording in (clip.compose(), clip.under("two").compose(), clip.compare("one", "two")):
         layout, *files = recording.files_to_open(tmp_path)
         (stored,) = {entry.application_id for entry in RrdReader(layout).blueprints()}
-        assert {stored} == {ids_of(file).application for file in files}
+        assert {stored} == {RecordingFile(file).ids.application for file in files}
     excerpt = tmp_path / "excerpt.rrd"
     write_excerpt(clip.compose(), 25, 13, 1, excerpt)
-    assert ids_of(excerpt).application == stored
-    assert ids_of(excerpt).recording != ids_of(clip.files.images).recording
+    assert RecordingFile(excerpt).ids.application == stored
+    assert RecordingFile(excerpt).ids.recording != RecordingFile(clip.files.images).ids.recording
 
 
 def test_a_frame_that_the_clip_does_not_have_is_refused(frames, tmp_path):
