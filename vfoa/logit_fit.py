@@ -23,8 +23,8 @@ from vfoa.types import Float
 Smoothing = Literal["forward", "both"]
 SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
 
-CONSTANT_SPREAD, SIZE_SPREAD = 2.0, 0.7
-CUE_SPREADS = (0.7, 0.7, 0.7, 0.7, 0.2, 0.7)
+CONSTANT_SPREAD, SIZE_SPREAD = 2.0, 1.0
+CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3, 1.0)
 """Standard deviations of the prior: of the constant, of the weight of the size, and of the weights of each cue.
 f of ``head_overlap`` is some three times as large as the others."""
 INDEPENDENT_S = 0.5
