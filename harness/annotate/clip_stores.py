@@ -11,7 +11,8 @@ from typing import TypeVar
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.journal import Journal
 from harness.annotate.label_store import LabelStore
-from harness.clips.manifest import ClipManifest, clip_files
+from harness.clips.families import clip_files
+from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
 from harness.labels.files import target_names
 from harness.labels.labels import RESERVED, Timeline

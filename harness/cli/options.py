@@ -13,14 +13,14 @@ import typer
 
 def clip_names(incomplete: str) -> list[str]:
     """Clips by name."""
-    from harness.clips.manifest import clip_files
+    from harness.clips.families import clip_files
 
     return _matching(clip_files(), incomplete)
 
 
 def experiment_and_clip_names(incomplete: str) -> list[str]:
     """Experiments, clips and families of clips by name."""
-    from harness.clips.manifest import clip_files
+    from harness.clips.families import clip_files
     from harness.files.folders import names
 
     return _matching(["paper_cases", *names("experiments"), *names("datasets"), *clip_files()], incomplete)

@@ -258,7 +258,7 @@ def experiment_of(
     what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None
 ) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips."""
-    from harness.clips.manifest import clip_files, families
+    from harness.clips.families import clip_files, families
     from harness.files.folders import names
     from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError, did_you_mean

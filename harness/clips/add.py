@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.clips.manifest import ClipManifest, as_clip_name, clip_files, make_manifest, unknown_categories
+from harness.clips.families import clip_files
+from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest, unknown_categories
 from harness.files.folders import find
 from harness.files.io import read_text, write_together
 from harness.files.parsing import parse_toml, toml_key, toml_value

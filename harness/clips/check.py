@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from harness.clips.axes import other_axes
-from harness.clips.manifest import ClipManifest, clip_files, load_manifest, manifest_notes
+from harness.clips.families import clip_files
+from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.files.folders import folders
 from harness.files.remote import unset_variables

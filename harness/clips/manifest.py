@@ -1,44 +1,29 @@
-"""Clip manifests: ``datasets/<clip>.toml``, checked and opened.
-
-A file with a table ``clips`` is a family: it makes a clip of each key, whose values replace ``${KEY}`` in the rest of
-the file. ``${CLIP}`` is the clip's name. A family's name means those of its clips whose files are here::
-
-    # datasets/talks.toml
-    adapter = "measured"
-    root = "${VFOA_DATA}/talks/${CLIP}"
-    subjects = { "${PERSON}" = { category = "person" } }
-    [clips]
-    talk_1 = { PERSON = "anna" }
-    talk_2 = { PERSON = "ben" }         # or a table [clips.talk_2]
-
-A variable without a value is refused; in ``root`` it may be one of the environment.
-"""
+"""Clip manifests: ``datasets/<clip>.toml``, checked and opened; several clips may have one (:mod:`.families`)."""
 
 from __future__ import annotations
 
 import difflib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from functools import lru_cache
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from harness.clips.families import families, find_manifest, member_of
 from harness.clips.naming import NameRule, is_automatic
-from harness.files.folders import came_with_program, folders, names
-from harness.files.io import is_file, read_text
-from harness.files.parsing import parse_toml, read_toml
-from harness.files.remote import VARIABLE, expand
+from harness.files.folders import came_with_program
+from harness.files.io import is_file
+from harness.files.parsing import read_toml
+from harness.files.remote import expand
 from harness.files.safe_names import check_name
 from harness.labels.drawn_shapes import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
-from vfoa.errors import VfoaError, did_you_mean, located
+from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -259,7 +244,7 @@ def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None)
     """
     text = os.fspath(name_or_path)
     by_path = text.endswith(".toml")
-    path = Path(text) if by_path else _find(text)
+    path = Path(text) if by_path else find_manifest(text)
     return make_manifest(read_toml(path), path, clip if by_path else text)
 
 
@@ -291,25 +276,12 @@ def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> 
         As :func:`load_manifest`.
     """
     if "clips" in data:
-        data = _member(data, path, clip)
+        data = member_of(data, path, clip)
     manifest = parse(ClipManifest, data, str(path))
     if manifest.name not in (path.stem, clip):
         raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, the name of the file")
     manifest._path = path.absolute()
     return manifest
-
-
-def clip_files() -> dict[str, Path]:
-    """The manifest's file of every clip by name, sorted; a file of its own comes before a family."""
-    files = names("datasets")
-    clips_of = {name: _clips_of(path) for name, path in files.items()}
-    of_families = {clip: files[family] for family, clips in clips_of.items() for clip in clips}
-    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
-
-
-def families() -> dict[str, tuple[str, ...]]:
-    """The clips of each family by its name."""
-    return {name: clips for name, path in names("datasets").items() if (clips := _clips_of(path))}
 
 
 def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -335,86 +307,6 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
         here += present
         absent += [clip for clip in roots if clip not in present]
     return tuple(here), tuple(absent)
-
-
-_CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
-"""A line of a file that may have the table: most have none, and are read faster."""
-
-
-def _clips_of(path: Path) -> tuple[str, ...]:
-    """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
-    with suppress(VfoaError):
-        text = read_text(path)
-        return _clips_in(text) if _CLIPS.search(text) else ()
-    return ()
-
-
-@lru_cache(maxsize=64)
-def _clips_in(text: str) -> tuple[str, ...]:
-    """The clips in the text of a family's manifest, parsed once: every search for a clip asks all families."""
-    with suppress(VfoaError):
-        clips = parse_toml(text, "").get("clips")
-        return tuple(clips) if isinstance(clips, dict) else ()
-    return ()
-
-
-def _member(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
-    """The manifest of one clip of a family."""
-    clips = data["clips"]
-    if not isinstance(clips, dict) or not all(map(_is_values, clips.values())):
-        raise VfoaError(f"{path}: clips: expected a table of values for each clip")
-    if clip not in clips:
-        hint = f"expected one of its clips by name: {', '.join(clips)}" if clip is None else did_you_mean(clip, clips)
-        raise VfoaError(f"{path}: {'a family' if clip is None else f'no clip {clip!r}'}; {hint}")
-    values = {"CLIP": clip, **clips[clip]}
-    of_others = {name for other in clips.values() for name in other}
-    for key, value in data.items():
-        for name in _variables(value) if key != "clips" else ():
-            if name not in values and (name in of_others or key not in _WITH_ENVIRONMENT):
-                given = ", ".join(clips[clip]) or "none"
-                raise VfoaError(
-                    f"{path}: clips.{clip}: {name}: missing, and ${{{name}}} stands in {key}; expected a value of it "
-                    f"(found: {given})"
-                )
-    filled = {key: _filled(value, values) for key, value in data.items() if key != "clips"}
-    return {"name": clip, **filled}
-
-
-_WITH_ENVIRONMENT = ("root", "labels_file")
-"""Keys whose other variables are those of the environment."""
-
-
-def _is_values(of_clip: Any) -> bool:
-    return isinstance(of_clip, dict) and all(isinstance(value, str | int | float) for value in of_clip.values())
-
-
-def _variables(value: Any) -> Iterator[str]:
-    """The variables everywhere in a value."""
-    if isinstance(value, str):
-        yield from VARIABLE.findall(value)
-    for item in (*value, *value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ():
-        yield from _variables(item)
-
-
-def _filled(value: Any, values: Mapping[str, Any]) -> Any:
-    """A value with the variables filled in everywhere; other variables are those of the environment, and stay."""
-    if isinstance(value, str):
-        return VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
-    if isinstance(value, dict):
-        return {_filled(key, values): _filled(item, values) for key, item in value.items()}
-    return [_filled(item, values) for item in value] if isinstance(value, list) else value
-
-
-def _find(name: str) -> Path:
-    own = names("datasets").get(name)
-    if own and not _clips_of(own):  # most are found without a look at all other files
-        return own
-    files = clip_files()
-    if path := files.get(name):
-        return path
-    if clips := families().get(name):
-        raise VfoaError(f"{name}: a family; expected one of its clips: {', '.join(clips)}")
-    raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
 
 
 _COCO = frozenset({*THINGS.values(), *STUFF.values()})

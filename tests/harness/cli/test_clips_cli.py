@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.check import clips_at_hand
-from harness.clips.manifest import clip_files
+from harness.clips.families import clip_files
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.clips.manifest import clip_files, clips_here, load_manifest
+from harness.clips.families import clip_files
+from harness.clips.manifest import clips_here, load_manifest
 from harness.files.remote import expand
 from harness.labels.labels import timeline_of
 from harness.run.experiment import load_experiment

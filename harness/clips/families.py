@@ -1,0 +1,136 @@
+"""The files of clips' manifests by name, and families: files that make several clips.
+
+A file with a table ``clips`` is a family: it makes a clip of each key, whose values replace ``${KEY}`` in the rest of
+the file. ``${CLIP}`` is the clip's name. A family's name means those of its clips whose files are here::
+
+    # datasets/talks.toml
+    adapter = "measured"
+    root = "${VFOA_DATA}/talks/${CLIP}"
+    subjects = { "${PERSON}" = { category = "person" } }
+    [clips]
+    talk_1 = { PERSON = "anna" }
+    talk_2 = { PERSON = "ben" }         # or a table [clips.talk_2]
+
+A variable without a value is refused; in ``root`` it may be one of the environment.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from harness.files.folders import folders, names
+from harness.files.io import read_text
+from harness.files.parsing import parse_toml
+from harness.files.remote import VARIABLE
+from vfoa.errors import VfoaError, did_you_mean
+
+
+def find_manifest(name: str) -> Path:
+    """The manifest's file of a clip.
+
+    Raises
+    ------
+    VfoaError
+        If no clip has this name.
+    """
+    own = names("datasets").get(name)
+    if own and not _clips_of(own):  # most are found without a look at all other files
+        return own
+    files = clip_files()
+    if path := files.get(name):
+        return path
+    if clips := families().get(name):
+        raise VfoaError(f"{name}: a family; expected one of its clips: {', '.join(clips)}")
+    raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
+
+
+def clip_files() -> dict[str, Path]:
+    """The manifest's file of every clip by name, sorted; a file of its own comes before a family."""
+    files = names("datasets")
+    clips_of = {name: _clips_of(path) for name, path in files.items()}
+    of_families = {clip: files[family] for family, clips in clips_of.items() for clip in clips}
+    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
+
+
+def families() -> dict[str, tuple[str, ...]]:
+    """The clips of each family by its name."""
+    return {name: clips for name, path in names("datasets").items() if (clips := _clips_of(path))}
+
+
+_CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
+"""A line of a file that may have the table: most have none, and are read faster."""
+
+
+def _clips_of(path: Path) -> tuple[str, ...]:
+    """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
+    with suppress(VfoaError):
+        text = read_text(path)
+        return _clips_in(text) if _CLIPS.search(text) else ()
+    return ()
+
+
+@lru_cache(maxsize=64)
+def _clips_in(text: str) -> tuple[str, ...]:
+    """The clips in the text of a family's manifest, parsed once: every search for a clip asks all families."""
+    with suppress(VfoaError):
+        clips = parse_toml(text, "").get("clips")
+        return tuple(clips) if isinstance(clips, dict) else ()
+    return ()
+
+
+def member_of(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
+    """The content of a family's file for one clip: its name, and the rest of the file with its values filled in.
+
+    Raises
+    ------
+    VfoaError
+        If the family does not have the clip, or a variable has no value.
+    """
+    clips = data["clips"]
+    if not isinstance(clips, dict) or not all(map(_is_values, clips.values())):
+        raise VfoaError(f"{path}: clips: expected a table of values for each clip")
+    if clip not in clips:
+        hint = f"expected one of its clips by name: {', '.join(clips)}" if clip is None else did_you_mean(clip, clips)
+        raise VfoaError(f"{path}: {'a family' if clip is None else f'no clip {clip!r}'}; {hint}")
+    values = {"CLIP": clip, **clips[clip]}
+    of_others = {name for other in clips.values() for name in other}
+    for key, value in data.items():
+        for name in _variables(value) if key != "clips" else ():
+            if name not in values and (name in of_others or key not in _WITH_ENVIRONMENT):
+                given = ", ".join(clips[clip]) or "none"
+                raise VfoaError(
+                    f"{path}: clips.{clip}: {name}: missing, and ${{{name}}} stands in {key}; expected a value of it "
+                    f"(found: {given})"
+                )
+    filled = {key: _filled(value, values) for key, value in data.items() if key != "clips"}
+    return {"name": clip, **filled}
+
+
+_WITH_ENVIRONMENT = ("root", "labels_file")
+"""Keys whose other variables are those of the environment."""
+
+
+def _is_values(of_clip: Any) -> bool:
+    return isinstance(of_clip, dict) and all(isinstance(value, str | int | float) for value in of_clip.values())
+
+
+def _variables(value: Any) -> Iterator[str]:
+    """The variables everywhere in a value."""
+    if isinstance(value, str):
+        yield from VARIABLE.findall(value)
+    for item in (*value, *value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _variables(item)
+
+
+def _filled(value: Any, values: Mapping[str, Any]) -> Any:
+    """A value with the variables filled in everywhere; other variables are those of the environment, and stay."""
+    if isinstance(value, str):
+        return VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
+    if isinstance(value, dict):
+        return {_filled(key, values): _filled(item, values) for key, item in value.items()}
+    return [_filled(item, values) for item in value] if isinstance(value, list) else value
