@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
-from vfoa.segmentation.carry import carry, motion_between, no_motion, shrunk
+from vfoa.segmentation.key_frames import carry, motion_between, no_motion, shrunk
 from vfoa.types import Image, Instance, Instances, Mask, StereoFrame
 
 WIDTH, HEIGHT = 320, 240
