@@ -13,7 +13,7 @@ import numpy as np
 from harness.bench.stereo import OFF_PX, StereoQuality, quality
 from harness.clips.manifest import ClipManifest
 from harness.pipeline.configuration import STAGES, Configuration, StageChoice
-from harness.pipeline.perception import prefetch
+from harness.pipeline.prefetch import prefetch
 from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment

@@ -4,8 +4,7 @@ All calls of a stage go through :class:`harness.pipeline.stage_runner.StageRunne
 images: its frames are scenes already (:func:`pose_frames`). People are followed and named here, too: once for all
 configurations that see the same.
 
-Frames are read and perceived in threads while the last ones are attended to and written. The order and all results stay
-the same: NumPy, OpenCV and ONNX Runtime let other threads run while they compute.
+Frames are read in a thread while the last ones are perceived (:mod:`harness.pipeline.prefetch`).
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from threading import Lock
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import FrameNames, Namer
@@ -25,6 +23,7 @@ from harness.files.unchanged import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn_stage import DrawnClip
+from harness.pipeline.prefetch import prefetch
 from harness.pipeline.stage_files.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
@@ -391,54 +390,3 @@ def _with_directions(scene: Scene, people: Iterable[PersonTruth], stages: Mappin
             cues[slot] = stage.of_person(scene.index, truth) if is_known else None
         placed.append(replace(person, view=replace(person.view, **cues)))
     return replace(scene, people=tuple(placed))
-
-
-T = TypeVar("T")
-_END = object()
-
-
-def prefetch(items: Generator[T], depth: int) -> Generator[T]:
-    """Yield the items; a thread has up to ``depth`` of them ready and computes the next one. 0: no thread.
-
-    An error is raised in place of its item. When the caller stops, the thread ends after its current item.
-    """
-    return _computed_ahead(items, depth) if depth else items
-
-
-def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
-    thread = ThreadPoolExecutor(1)
-    try:
-        ahead = deque(thread.submit(next, items, _END) for _ in range(depth + 1))
-        while (item := ahead.popleft().result()) is not _END:
-            ahead.append(thread.submit(next, items, _END))
-            yield cast("T", item)
-    finally:
-        thread.shutdown(cancel_futures=True)
-        items.close()  # it may have a thread of its own
-
-
-def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
-    """Return the clip once for each of several threads: only one reads at a time, since a clip need not be thread-safe.
-
-    Each is an object of its own, with its own last ground truth (:func:`harness.pipeline.ground_truth.truth_of`).
-    """
-    lock = Lock()
-    return tuple(cast("Clip", _OneAtATime(clip, lock)) for _ in range(count))
-
-
-class _OneAtATime:
-    """A clip whose methods wait for each other."""
-
-    def __init__(self, clip: Clip, lock: Lock) -> None:
-        self._clip, self._lock = clip, lock
-
-    def __getattr__(self, name: str) -> Any:
-        value = getattr(self._clip, name)
-        return self._locked(value) if callable(value) else value
-
-    def _locked(self, method: Any) -> Any:
-        def call(*arguments: Any) -> Any:
-            with self._lock:
-                return method(*arguments)
-
-        return call

@@ -20,7 +20,8 @@ from harness.pipeline.cache_store import Store
 from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn_stage import DrawnClip
 from harness.pipeline.measures import Measurer
-from harness.pipeline.perception import Perception, SharedFrame, one_at_a_time, pose_frames, prefetch
+from harness.pipeline.perception import Perception, SharedFrame, pose_frames
+from harness.pipeline.prefetch import one_at_a_time, prefetch
 from harness.pipeline.stage_runner import timed
 from harness.run.attend import attend_clip
 from harness.run.directory import Pair, RunDirectory, new_run_id

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.pipeline.perception import one_at_a_time, prefetch
+from harness.pipeline.prefetch import one_at_a_time, prefetch
 from harness.sources import Truth
 from harness.studio import StudioClip, StudioSettings
 from vfoa.errors import VfoaError
