@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from harness.pipeline.cache_store import Store
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.experiment import load_experiment
-from harness.run.jobs import run_jobs
+from harness.run.jobs import LONGEST_STRETCH, run_jobs, stretches, warm_clip
 from harness.run.loop import ClipJob, ClipResult, perceive_clip, run_clip
 from harness.run.plan import prepare
-from harness.run.warm_up import LONGEST_STRETCH, stretches, warm_clip
 from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
