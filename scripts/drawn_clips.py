@@ -98,11 +98,11 @@ def _thing(row: int) -> str:
 
 def _experiment(clips: list[str]) -> str:
     people = tomllib.loads((Path(harness.__file__).parent / "experiments" / "people.toml").read_text(encoding="utf-8"))
-    methods = people["grid"]["attention"] | {"logit_shipped": {"method": "logit"}}
+    methods = people["grid"]["attention"] | {"logit_unlabelled": {"method": "logit"}}
     notes = [
         f"Drawn scenes: gaze errors of {', '.join(f'{each:g}' for each in ERRORS_DEG)} deg, each with a constant bias "
         f"of {', '.join(f'{each:g}' for each in BIASES_DEG)} deg; {CLAIMED_DEG:g} deg are claimed for all.",
-        "logit: fitted to the labels of the other clips; logit_shipped: the weights that ship with vfoa.",
+        "logit: fitted to the labels of the other clips; logit_unlabelled: to none.",
     ]
     found = {"clips": clips, "preset": "measured", "recording": "none", "notes": notes, "grid": {"attention": methods}}
     return _toml(found)
