@@ -15,8 +15,8 @@ from harness.clips.families import clip_files
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 
-WIDTH, HEIGHT, DISPARITY = 320, 240, 12
-CAMERA = "fx_px = 300.0\ncx_px = 159.5\ncy_px = 119.5\nbaseline_m = 0.1\n"
+WIDTH, HEIGHT, DISPARITY = 192, 144, 12
+CAMERA = "fx_px = 300.0\ncx_px = 95.5\ncy_px = 71.5\nbaseline_m = 0.1\n"
 MANIFEST = f"""
 name = "wall"
 adapter = "stereo_folder"
@@ -111,9 +111,7 @@ def test_swapped_views_fail(tmp_path: Path) -> None:
 
 def test_principal_points_apart_shift_the_disparity(tmp_path: Path) -> None:
     """With cx_right = cx - 20 a point at a disparity of 12 px lies behind the cameras."""
-    lines = [
-        f"P{camera}: 300 0 {cx} {tx} 0 300 119.5 0 0 0 1 0\n" for camera, cx, tx in ((2, 159.5, 0), (3, 139.5, -30))
-    ]
+    lines = [f"P{camera}: 300 0 {cx} {tx} 0 300 71.5 0 0 0 1 0\n" for camera, cx, tx in ((2, 95.5, 0), (3, 75.5, -30))]
     write_text(tmp_path / "datasets" / "wall" / "calib.txt", "".join(lines))
     camera = f"[source.camera]\n{CAMERA}"
     _clip(tmp_path, manifest=MANIFEST.replace(camera, 'calibration = "calib.txt"'))
@@ -149,7 +147,7 @@ def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
         ({"labels": LABELS.replace("bird", "brid")}, "wall.csv:3: unknown target 'brid'; did you mean 'bird'?"),
         ({"labels": LABELS.replace("1,3", "1,4")}, "wall.csv:3: frame 4 is outside the clip"),
         ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected 0.02 to 1 m"),
-        ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
+        ({"manifest": MANIFEST.replace("95.5", "800.0")}, "the principal point (800, 71.5) lies outside the image"),
         (
             {"manifest": MANIFEST.replace("targets.bird", 'targets."bird#2"')},
             "targets: found the name 'bird#2'",
@@ -249,7 +247,7 @@ def test_no_terminal_is_too_narrow_for_a_column(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("COLUMNS", str(columns))
     printed = CliRunner().invoke(app, ["check", "wall"]).stdout
     words = printed.split()
-    assert all(word in words for word in ("wall", "ok", "320x240", "0.1000", "0.00", "labels", "baseline"))
+    assert all(word in words for word in ("wall", "ok", "192x144", "0.1000", "0.00", "labels", "baseline"))
     assert max(map(len, printed.splitlines())) <= max(columns, 80)
 
 
@@ -312,7 +310,7 @@ def test_the_tables_name_every_clip(tmp_path: Path) -> None:
     assert "sintel_bandage_2: " in listed.stdout
     checked = CliRunner().invoke(app, ["check", "wall"])
     assert checked.exit_code == 0
-    assert "320x240" in checked.stdout
+    assert "192x144" in checked.stdout
 
 
 def test_the_real_clips_pass(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
