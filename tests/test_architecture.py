@@ -56,7 +56,7 @@ DOORS = {
     "distributed": ("harness/run/executors/cluster.py",),
     "torch": ("harness/pipeline/export/",),
     "uvicorn": ("harness/server/local_server.py",),
-    "tomlkit": ("harness/clips/manifest_text.py", "harness/report/fit.py"),
+    "tomlkit": ("harness/clips/manifest_text.py", "harness/run/fitted.py"),
     "onnx": ("harness/pipeline/export/",),
     "filterpy": ("vfoa/gaze_filter.py",),
     "open3d": ("harness/studio/raycast.py",),

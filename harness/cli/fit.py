@@ -49,8 +49,9 @@ def fit(
     """
     from harness.cli.terminal import print_reports
     from harness.files.io import atomic_write, check_new
-    from harness.report.fit import fit_tables, fitted_text
+    from harness.report.fit import fit_tables
     from harness.report.formats import to_markdown
+    from harness.run.fitted import fitted_text
     from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError

@@ -1,10 +1,8 @@
-"""Results of ``vfoa fit``, as tables and as the file that a run reads."""
+"""Results of ``vfoa fit``, as tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import tomlkit
 
 from harness.report.formats import Table, number, percent
 from harness.run.fitted import FittedWeights, MethodScore
@@ -44,17 +42,3 @@ def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Tab
         words=1,
         notes=notes,
     )
-
-
-def fitted_text(fitted: FittedWeights) -> str:
-    """The file, as :func:`harness.run.fitted.read_fitted` reads it."""
-    plain = fitted.model_dump(mode="json", exclude_none=True)
-    weights = {
-        smoothing: {
-            case: {key: value for key, value in of_case.items() if value != []} for case, of_case in cases.items()
-        }
-        for smoothing, cases in plain["attention"]["weights"].items()
-    }
-    document = {"fit": plain["fit"], "attention": {"method": "logit", "weights": weights}}
-    head = "# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE\n"
-    return head + tomlkit.dumps(document)

@@ -65,6 +65,22 @@ def read_fitted(path: Path) -> FittedWeights:
     return parse(FittedWeights, table, str(path))
 
 
+def fitted_text(fitted: FittedWeights) -> str:
+    """The text of a file, as :func:`read_fitted` reads it."""
+    import tomlkit  # every run imports this file
+
+    plain = fitted.model_dump(mode="json", exclude_none=True)
+    weights = {
+        smoothing: {
+            case: {key: value for key, value in of_case.items() if value != []} for case, of_case in cases.items()
+        }
+        for smoothing, cases in plain["attention"]["weights"].items()
+    }
+    document = {"fit": plain["fit"], "attention": {"method": "logit", "weights": weights}}
+    head = "# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE\n"
+    return head + tomlkit.dumps(document)
+
+
 def _check_version(table: Mapping[str, Any], path: Path) -> None:
     record = table.get("fit")
     version = record.get("version") if isinstance(record, dict) else None

@@ -15,8 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
-from harness.report.fit import fitted_text
-from harness.run.fitted import FitRecord, FittedWeights, MethodScore
+from harness.run.fitted import FitRecord, FittedWeights, MethodScore, fitted_text
 from tests import calibrations, depth_recordings
 from tests.disk import moving_picture, picture, write_bytes, write_image
 from tests.exchanges import exchange, row

@@ -16,10 +16,9 @@ from harness.cli.run import experiment_of
 from harness.clips.add import add_clip
 from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
-from harness.report.fit import fitted_text
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.fitted import read_fitted
+from harness.run.fitted import fitted_text, read_fitted
 from harness.run.notes import NoteKind
 from harness.run.plan import Fit
 from harness.run.runner import prepare, run_plan
