@@ -43,13 +43,12 @@ from vfoa.types import Box3D, Cues, Gaze, HeadPose, Instance, Map, Person, Scene
 
 STEP_NS = 200_000_000
 """Time between frames: long clips of few frames."""
-FRAMES = 155
 TWO_CLIPS = EXPERIMENT.replace('"talk"', '"one", "two"').replace('"bayes"', '"logit"')
 
 
-def labelled_clips(folder: Path, names: tuple[str, ...], frames: int) -> None:
+def labelled_clips(folder: Path, names: tuple[str, ...], frames: int, step_ns: int = STEP_NS) -> None:
     for name in names:
-        add_clip(measured_tables(folder / "data" / name, range(1, frames + 1), STEP_NS), name=name)
+        add_clip(measured_tables(folder / "data" / name, range(1, frames + 1), step_ns), name=name)
         write_text(folder / "annotations" / f"{name}.csv", true_labels(frames))
     clips = ", ".join(f'"{name}"' for name in names)
     write_text(folder / "talk.toml", TWO_CLIPS.replace('"one", "two"', clips))
@@ -190,8 +189,8 @@ def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pyte
 
 def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), FRAMES)
-    labelled = read_labelled(run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None))
+    labelled_clips(tmp_path, ("one",), 78, 2 * STEP_NS)
+    labelled = read_labelled(_plain_run(tmp_path))
     folds = folds_of(labelled, None)
     assert len(folds) == 3  # 31 s
     scored = [set(person.labelled) for _, test in folds for person in test[:1]]
@@ -206,25 +205,31 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     assert not set(first.train[0].labelled) & set(first.test[0].labelled)
 
 
-@pytest.mark.parametrize("first", ["8s", "20s"])
+def _plain_run(folder: Path) -> RunDirectory:
+    """A run of the experiment, which several fits can read."""
+    return run_plainly(load_experiment("talk.toml"), folder / "run", cache=None)
+
+
 def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
-    first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one",), 40)  # 8 s
-    with pytest.raises(VfoaError, match=rf"--first {first}: .*7\.8 "):
-        fit("talk.toml", Path("fitted.toml"), first=first)
+    run = str(_plain_run(tmp_path).path)
+    for first in ("8s", "20s"):
+        with pytest.raises(VfoaError, match=rf"--first {first}: .*7\.8 "):
+            fit(run, Path("fitted.toml"), first=first)
     with pytest.raises(VfoaError, match=r"--first 0\.1s: no labelled frame"):
-        fit("talk.toml", Path("fitted.toml"), first="0.1s", even_if_worse=True)
+        fit(run, Path("fitted.toml"), first="0.1s", even_if_worse=True)
     assert not Path("fitted.toml").exists()
-    fit("talk.toml", Path("fitted.toml"), first=first, even_if_worse=True)
+    fit(run, Path("fitted.toml"), first="20s", even_if_worse=True)
     assert read_fitted(Path("fitted.toml")).fit.held_out == ()
 
 
 def test_a_run_whose_manifest_has_no_settings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("talk",), 40)
-    directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None)
+    labelled_clips(tmp_path, ("talk",), 12)
+    directory = _plain_run(tmp_path)
     manifest = directory.read_manifest().plain()
     write_manifest(directory, {**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
     with pytest.raises(VfoaError, match=r"manifest\.json: .*tracking: missing"):
@@ -234,17 +239,18 @@ def test_a_run_whose_manifest_has_no_settings_is_refused(tmp_path: Path, monkeyp
 
 
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The labels of the first 2 of 16 seconds are wrong."""
+    """The labels of the first 2 of 8 seconds are wrong."""
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), 80)
-    wrong = true_labels(80)
+    labelled_clips(tmp_path, ("one",), 40)
+    wrong = true_labels(40)
     for name in ("anna", "ben"):
-        wrong = wrong.replace(f"1,40,{name},", f"1,10,{name},none,\n11,40,{name},")
+        wrong = wrong.replace(f"1,20,{name},", f"1,10,{name},none,\n11,20,{name},")
     write_text(tmp_path / "annotations" / "one.csv", wrong)
+    run = str(_plain_run(tmp_path).path)
     with pytest.raises(VfoaError, match="not written"):
-        fit("talk.toml", Path("fitted.toml"), first="2s")
+        fit(run, Path("fitted.toml"), first="2s")
     assert not Path("fitted.toml").exists()
-    fit("talk.toml", Path("fitted.toml"), first="2s", even_if_worse=True)
+    fit(run, Path("fitted.toml"), first="2s", even_if_worse=True)
     assert read_fitted(Path("fitted.toml")).fit.labelled_s == pytest.approx(4, abs=0.1)
 
 
