@@ -34,6 +34,14 @@ def write_text(path: Path, text: str) -> Path:
     return write_bytes(path, text.encode())
 
 
+LABELS_HEADER = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+
+
+def labels_text(*rows: str) -> str:
+    """A file of labels; a row is its first and last frame, subject, target and note: ``"1,12,ann,cup,"``."""
+    return LABELS_HEADER + "".join(f"{row}\n" for row in rows)
+
+
 def sintel_camera(fx_px: float, cx_px: float = 31.5, cy_px: float = 23.5) -> bytes:
     """A .cam file as the depth set's README describes it."""
     intrinsics = [fx_px, 0, cx_px, 0, fx_px, cy_px, 0, 0, 1]

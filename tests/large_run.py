@@ -11,6 +11,7 @@ from harness.pipeline.measures import DisparityMeasure, FrameMeasures, PersonMea
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from tests import records
+from tests.disk import labels_text
 from tests.record_tables import MeasuredRecord
 from tests.records import write_manifest
 from vfoa.types import Float
@@ -71,8 +72,7 @@ def write_labels(root: Path, frames: int, subjects: int, edit: int) -> None:
     ]
     path = root / "annotations" / f"{_CLIP}.csv"
     path.parent.mkdir(exist_ok=True)
-    head = ["# vfoa annotations 1", "first_frame,last_frame,subject,target,note"]
-    path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    path.write_text(labels_text(*rows), encoding="utf-8")
 
 
 def _records(configuration: str, frames: int, subjects: int, rng: np.random.Generator) -> Iterator[FrameRecord]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness.sources import ADAPTERS, MeasuredClip
+from tests.disk import labels_text
 from vfoa.geometry import unit
 
 ANNA, BEN, ROBOT = (np.array(place) for place in ([-0.4, 0.0, 1.2], [0.4, 0.05, 1.0], [0.0, 0.0, 0.0]))
@@ -47,7 +48,6 @@ attention.method = "bayes"
 attention.smoothing = "forward"
 """
 """An experiment on a clip ``talk`` of :func:`measured_tables`."""
-LABELS_HEADER = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 START_NS, STEP_NS = 1_700_000_000_000_000_000, 40_000_000
 
 
@@ -71,11 +71,11 @@ def true_labels(count: int = 12) -> str:
     """The labels of :func:`measured_tables` with so many frames from 1 on."""
     half = count // 2
     rows = [
-        f"{first},{last},{subject},{target},\n"
+        f"{first},{last},{subject},{target},"
         for subject, other in (("anna", "ben"), ("ben", "anna"))
         for first, last, target in ((1, half, other), (half + 1, count, "robot"))
     ]
-    return LABELS_HEADER + "".join(rows)
+    return labels_text(*rows)
 
 
 def idiap_file(folder: Path, count: int = 6) -> Path:

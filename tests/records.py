@@ -18,7 +18,7 @@ from harness.score.judged_subjects import JudgedSubject
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
-from tests.disk import write_text
+from tests.disk import LABELS_HEADER, write_text
 from tests.record_tables import columns_of, write_tables
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -138,9 +138,6 @@ def _by_pair(records: Iterable[FrameRecord]) -> dict[Pair, list[FrameRecord]]:
     return by_pair
 
 
-ANNOTATIONS_HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-
-
 def write_clip(
     root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = (), tags: Sequence[str] = ()
 ) -> dict[str, Any]:
@@ -151,7 +148,7 @@ def write_clip(
     if tags:
         rows = [(target, f"{note},{tag}") for (target, note), tag in zip(rows, tags, strict=True)]
     labelled = "".join(f"{frame},{frame},girl,{target},{note}\n" for frame, (target, note) in enumerate(rows, start=1))
-    head = ANNOTATIONS_HEAD.replace("note\n", "note,tag\n") if tags else ANNOTATIONS_HEAD
+    head = LABELS_HEADER.replace("note\n", "note,tag\n") if tags else LABELS_HEADER
     for path, text in (
         (root / "datasets" / f"{name}.toml", f'name = "{name}"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
         (root / "annotations" / f"{name}.csv", head + labelled),

@@ -14,7 +14,7 @@ import cv2
 import pytest
 
 from tests.command import vfoa
-from tests.disk import picture, write_image, write_text
+from tests.disk import labels_text, picture, write_image, write_text
 from tests.pages import is_shown_by, steps
 from tests.repository import REPOSITORY
 
@@ -67,8 +67,7 @@ def test_real_pairs_become_a_table_as_the_page_says(
     for command, expected in steps(DRAGON):
         words = shlex.split(command)[1:]
         if words[0] == "annotate":
-            rows = "first_frame,last_frame,subject,target,note\n1,50,girl,dragon,\n"
-            write_text(Path("annotations/dragon.csv"), f"# vfoa annotations 1\n{rows}")
+            write_text(Path("annotations/dragon.csv"), labels_text("1,50,girl,dragon,"))
             continue
         code, out, err = vfoa(monkeypatch, capsys, *words, *(SHORT if words[0] == "run" else ()))
         assert code == 0, err

@@ -41,11 +41,11 @@ from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
 from harness.studio.store import load_geometry, load_pair, save_geometry
 from scripts.measure.stage_outputs import write_coco_panoptic
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
-from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, open_measured, openface_file
 from tests.openvino import affine
 from tests.records import labels, score
 from vfoa.errors import VfoaError
@@ -120,7 +120,7 @@ def _run(folder: Path) -> Path:
     project = folder / "project"
     measured_tables(project / "data" / "talk")
     clip = write_text(project / "datasets" / "mine.toml", whole.MEASURED.replace("../talk", "../data/talk"))
-    write_text(project / "annotations" / "mine.csv", f"{LABELS_HEADER}1,6,anna,none,\n7,12,anna,robot,\n")
+    write_text(project / "annotations" / "mine.csv", labels_text("1,6,anna,none,", "7,12,anna,robot,"))
     text = f'clips = ["{clip.as_posix()}"]\npreset = "measured"\n[[configuration]]\nname = "one"\n'
     experiment = load_experiment(str(write_text(project / "e.toml", text)))
     run_plan(prepare(experiment), project / "run", workers=1, progress=lambda clip: None)

@@ -17,10 +17,10 @@ from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore, fitted_text
 from tests import calibrations, depth_recordings
-from tests.disk import moving_picture, picture, write_bytes, write_image
+from tests.disk import labels_text, moving_picture, picture, write_bytes, write_image
 from tests.exchanges import exchange, row
 from tests.harness.damage import project
-from tests.measured import LABELS_HEADER, measured_tables
+from tests.measured import measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
 from tests.repository import REPOSITORY
 from vfoa import __version__
@@ -73,7 +73,7 @@ FITTED = fitted_text(
         attention=LogitSettings(method="logit"),
     )
 )
-LABELS = LABELS_HEADER + '1,3,anna,mug,\n4,4,anna,book,"a, b"\n5,9,anna,none,\n'
+LABELS = labels_text("1,3,anna,mug,", '4,4,anna,book,"a, b"', "5,9,anna,none,")
 DRAWN = (
     "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
     "1,mug,box,1,2,30.5,40,\n9,mug,box,4,2,33,40,1\n2,book,point,7,8,,,\n1,anna,head,5,6,25,36,\n"

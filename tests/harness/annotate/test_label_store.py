@@ -18,7 +18,7 @@ from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations
 from harness.labels.labels import Label, Labels, Timeline
 from tests.annotating import letters
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from vfoa.errors import VfoaError
 
 FRAMES = (1, 2, 3, 4, 5, 8, 9, 10)  # two are missing
@@ -214,7 +214,7 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(
     revision = store.revision
     if not opened:
         store.close()
-    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,10,ben,book,by hand\n"
+    text = labels_text("1,10,ben,book,by hand")
     write_text(store.path, text)
     if not opened:
         store = _open(tmp_path)
@@ -240,8 +240,7 @@ def test_a_csv_that_is_put_back_to_the_version_before_the_last_change_stays(stor
 
 
 def test_who_may_not_read_the_csv_may_not_read_its_journal(tmp_path: Path) -> None:
-    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,ann,cup,\n"
-    write_text(tmp_path / "annotations" / "clip.csv", text).chmod(0o600)
+    write_text(tmp_path / "annotations" / "clip.csv", labels_text("1,2,ann,cup,")).chmod(0o600)
     _look(_open(tmp_path), 3, "book")
     modes = {path.stat().st_mode & 0o777 for path in tmp_path.rglob("*") if path.is_file()}
     assert modes == {0o600}

@@ -13,7 +13,7 @@ from harness.cli.run import experiment_of
 from harness.pipeline.weights import catalogue
 from scripts.site_pages import commands_page
 from tests.command import vfoa
-from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
+from tests.disk import labels_text, picture, sintel_scene, stereo_pair_folder, write_image, write_text
 
 HEAVY = ("cv2", "open3d", "onnxruntime", "rerun", "pandas", "scipy", "filterpy", "matplotlib")
 
@@ -21,7 +21,6 @@ CLIP = 'name = "mine"\nadapter = "{adapter}"\nroot = "{root}"\n[source]\n{source
 SINTEL = 'scene = "alley"'
 FOLDER = 'left = "left"\nright = "right"\n[source.camera]\nfx_px = 50.0\ncx_px = 31.5\ncy_px = 23.5\nbaseline_m = 0.1'
 PEOPLE = '[subjects.girl]\ncategory = "person"\n[targets.bird]\ncategory = "bird"\n'
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 
 
 def _clip(folder: Path, adapter: str, root: Path, source: str) -> None:
@@ -119,7 +118,7 @@ def _unknown_key(folder: Path) -> None:
 def _unknown_target(folder: Path) -> None:
     root = sintel_scene(folder / "data")
     _clip(folder, "sintel", root, SINTEL + "\n" + PEOPLE)
-    write_text(folder / "annotations" / "mine.csv", LABELS + "1,3,girl,brid,\n")
+    write_text(folder / "annotations" / "mine.csv", labels_text("1,3,girl,brid,"))
 
 
 def _truncated(folder: Path) -> None:

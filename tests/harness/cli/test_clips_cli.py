@@ -13,7 +13,7 @@ from harness.cli.clips import app
 from harness.clips.check import clips_at_hand
 from harness.clips.families import clip_files
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
-from tests.disk import write_bytes, write_image, write_text
+from tests.disk import labels_text, write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 192, 144, 12
 CAMERA = "fx_px = 300.0\ncx_px = 95.5\ncy_px = 71.5\nbaseline_m = 0.1\n"
@@ -31,7 +31,7 @@ category = "person"
 [targets.bird]
 category = "bird"
 """
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,girl,bird,\n"
+LABELS = labels_text("1,3,girl,bird,")
 
 
 def _textured(rows_apart: int) -> tuple[np.ndarray, np.ndarray]:

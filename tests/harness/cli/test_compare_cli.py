@@ -17,6 +17,7 @@ from harness.cli import app
 from harness.score import compared_runs
 from harness.score.intervals import ScoredFrames
 from harness.score.score import ScoreRow
+from tests.disk import labels_text
 from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
@@ -35,8 +36,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         '[targets.can]\ncategory = "can"\n'
     )
     (tmp_path / "annotations" / "tabletop.csv").write_text(
-        "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-        + "".join(f"{LOOK * k + 1},{LOOK * (k + 1)},girl,{_target(k)},\n" for k in range(LOOKS))
+        labels_text(*(f"{LOOK * k + 1},{LOOK * (k + 1)},girl,{_target(k)}," for k in range(LOOKS)))
     )
     monkeypatch.chdir(tmp_path)
 

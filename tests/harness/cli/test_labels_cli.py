@@ -14,8 +14,8 @@ from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from tests.command import vfoa
-from tests.disk import write_text
-from tests.measured import LABELS_HEADER, MANIFEST, measured_tables, true_labels
+from tests.disk import labels_text, write_text
+from tests.measured import MANIFEST, measured_tables, true_labels
 from tests.repository import REPOSITORY, copy_clip
 
 CLIP = "studio_talk"
@@ -116,7 +116,7 @@ def measured(folder: Path) -> Path:
     """The labels of a clip without images, beside those of another annotator."""
     write_text(folder / "datasets" / "talk.toml", MANIFEST)
     measured_tables(folder / "data" / "talk")
-    write_text(folder / "annotations" / "talk@eve.csv", LABELS_HEADER + "1,12,anna,cup,\n1,12,ben,none,\n")
+    write_text(folder / "annotations" / "talk@eve.csv", labels_text("1,12,anna,cup,", "1,12,ben,none,"))
     return write_text(folder / "annotations" / "talk.csv", true_labels())
 
 

@@ -16,7 +16,7 @@ from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from vfoa.types import Float
 
 WRONG = {
@@ -72,9 +72,8 @@ def _clip(folder: Path, name: str, directions: Float) -> None:
     source = f'name = "{name}"\nadapter = "measured"\nroot = "../{name}"\n{FILES}'
     names = f'[subjects]\nann = {{ category = "person" }}\n[targets]\n{targets}'
     write_text(folder / "datasets" / f"{name}.toml", source + names)
-    looks = "".join(f"{n},{n + 9},ann,thing{n // 10 % len(PLACES)},\n" for n in range(0, len(directions), 10))
-    header = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-    write_text(folder / "annotations" / f"{name}.csv", header + looks)
+    looks = (f"{n},{n + 9},ann,thing{n // 10 % len(PLACES)}," for n in range(0, len(directions), 10))
+    write_text(folder / "annotations" / f"{name}.csv", labels_text(*looks))
 
 
 def test_the_check_of_a_clip_and_the_table_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

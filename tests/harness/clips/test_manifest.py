@@ -10,7 +10,7 @@ from harness.clips.manifest import clips_here, load_manifest
 from harness.files.remote import expand
 from harness.labels.labels import timeline_of
 from harness.run.experiment import load_experiment
-from tests.disk import sintel_scene, write_text
+from tests.disk import labels_text, sintel_scene, write_text
 from tests.measured import measured_tables, true_labels
 from vfoa.errors import VfoaError
 
@@ -143,8 +143,7 @@ def test_an_unknown_clip_gets_the_nearest_name() -> None:
 
 
 def test_labels_stand_beside_the_manifest(folder: Path) -> None:
-    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,girl,bird,\n"
-    path = write_text(folder.parent / "annotations" / "clip.csv", text)
+    path = write_text(folder.parent / "annotations" / "clip.csv", labels_text("1,2,girl,bird,"))
     manifest = load_manifest(_write(folder))
     assert manifest.annotations.find() == path
     labels = manifest.labels(timeline_of(manifest.open()))

@@ -11,7 +11,7 @@ import numpy as np
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from tests.calibrations import write_opencv
-from tests.disk import write_image, write_text
+from tests.disk import labels_text, write_image, write_text
 from tests.stage_outputs import save_stage_outputs
 
 MANIFEST = """\
@@ -48,7 +48,7 @@ head_pose = { model = "files", root = "stage_outputs" }
 gaze = { model = "files", root = "stage_outputs" }
 """
 
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,anna,mug,\n"
+LABELS = labels_text("1,3,anna,mug,")
 
 
 def build(folder: Path) -> Path:

@@ -14,7 +14,7 @@ from harness.labels.files import read_annotations
 from harness.pipeline.stage_files.maps import _Category, _Segment
 from harness.report.formats import Table, csv_cell, to_csv
 from tests.command import vfoa
-from tests.disk import stereo_pair_folder, write_text
+from tests.disk import labels_text, stereo_pair_folder, write_text
 from tests.harness.clips.adding import NUMBERS
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
@@ -45,8 +45,7 @@ def test_categories_and_segments_of_files_refuse_them(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["=1+1", "cup\x1b[2J"])
 def test_labels_of_them_are_refused_in_a_line_that_does_nothing_to_a_terminal(name: str, tmp_path: Path) -> None:
-    text = f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,ann,{name},\n"
-    path = write_text(tmp_path / "c.csv", text)
+    path = write_text(tmp_path / "c.csv", labels_text(f"1,2,ann,{name},"))
     with pytest.raises(VfoaError, match=r"c\.csv:3: ") as error:
         read_annotations(path, timeline=None, subjects=["ann"], targets=["cup"])
     assert str(error.value).isprintable()

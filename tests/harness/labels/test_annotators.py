@@ -7,10 +7,10 @@ import pytest
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.files import folders
 from harness.labels.files import read_annotations
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from vfoa.errors import VfoaError
 
-ROWS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,girl,{},\n"
+ROWS = labels_text("1,2,girl,{},")
 
 
 @pytest.fixture

@@ -15,10 +15,11 @@ from harness.run.directory import RunDirectory
 from harness.run.fitted import FitRecord, MethodScore
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from tests.command import vfoa
+from tests.disk import labels_text
 from tests.frame_by_frame import judge
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
-from tests.records import ANNOTATIONS_HEAD, answers, labels, write_clip, write_manifest, write_run
+from tests.records import answers, labels, write_clip, write_manifest, write_run
 from vfoa.errors import VfoaError
 
 CLIPS = [f"clip_{number:02}" for number in range(4)]
@@ -206,7 +207,7 @@ def recorded(tmp_path: Path) -> Path:
     tables = f'[subjects."{ANN}"]\ncategory = "person"\n[targets."red cup"]\ncategory = "cup"\n'
     for folder, file, text in (
         ("datasets", "clip.toml", f'name = "clip"\nadapter = "studio"\nlicence = "MIT"\n{tables}'),
-        ("annotations", "clip.csv", f"{ANNOTATIONS_HEAD}10,14,{ANN},red cup,\n"),
+        ("annotations", "clip.csv", labels_text(f"10,14,{ANN},red cup,")),
     ):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / file).write_text(text, encoding="utf-8")

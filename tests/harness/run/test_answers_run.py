@@ -26,9 +26,9 @@ from harness.run.table_records import read_records
 from harness.score.calibration import reliabilities
 from harness.score.score import ScoreRow, Scores
 from harness.sources import Clip, MeasuredClip
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.experiments import BLOCKS, experiment_of
-from tests.measured import LABELS_HEADER, idiap_file, measured_tables, true_labels
+from tests.measured import idiap_file, measured_tables, true_labels
 from vfoa.errors import VfoaError
 
 THEIRS = {"attention.method": "answers", "attention.file": "answers/${CLIP}.csv"}
@@ -156,7 +156,7 @@ def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
     frames = [(frame, subject) for subject in names for frame in range(1, 13)]
     truth = [str(rng.choice(names[subject])) for _, subject in frames]
     labels = (f"{frame},{frame},{subject},{target}," for (frame, subject), target in zip(frames, truth, strict=True))
-    write_text(talk / "annotations" / "talk.csv", LABELS_HEADER + "\n".join(labels) + "\n")
+    write_text(talk / "annotations" / "talk.csv", labels_text(*labels))
     columns = ("anna", "ben", "robot", "cup", "none")
     chances = np.zeros((len(frames), len(columns)))
     answers: list[str | None] = []
@@ -410,7 +410,7 @@ def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     said = "Robot,0.7,Unfocused,0.25"
     write_text(path, "\n".join(f"{','.join(c[:13])},{said},{other[c[1]]},0.05" for c in (x.split(",") for x in lines)))
     assert _vfoa("clips", "add", str(path), "--name", "talk").exit_code == 0
-    write_text(tmp_path / "annotations" / "talk.csv", LABELS_HEADER + "0,5,1,robot,\n0,5,2,none,\n")
+    write_text(tmp_path / "annotations" / "talk.csv", labels_text("0,5,1,robot,", "0,5,2,none,"))
     write_text(tmp_path / "talk.toml", _experiment(hmm=THEIRS | {"attention.file": "talk/tracker.csv"}))
     return path
 

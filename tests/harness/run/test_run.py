@@ -21,7 +21,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from scripts.measure.stage_outputs import write_coco_panoptic
-from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from tests.disk import HEIGHT, WIDTH, labels_text, sintel_scene, write_text
 from tests.records import tables_of, write_manifest
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
@@ -114,8 +114,7 @@ def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkey
     plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     first = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     before, results = rescore(first), first.timings.stat().st_mtime_ns
-    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,4,anna,none,\n"
-    write_text(tmp_path / "annotations" / "studio_table.csv", labels)
+    write_text(tmp_path / "annotations" / "studio_table.csv", labels_text("1,4,anna,none,"))
     plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=3)
     again = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     assert again.timings.stat().st_mtime_ns == results

@@ -14,7 +14,7 @@ from harness.run.directory import RunDirectory
 from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.notes import Note, NoteKind
 from harness.score.finished_run import FinishedRun, read_scores
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.records import answers, write_run
 from vfoa.errors import VfoaError
 
@@ -32,9 +32,7 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_text(tmp_path / "datasets" / "new.toml", f'name = "new"\nadapter = "studio"\n{subjects}')
-    write_text(
-        tmp_path / "annotations" / "new.csv", "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-    )
+    write_text(tmp_path / "annotations" / "new.csv", labels_text())
     clip = {"name": "new", "manifest": "", "frames": [1], "notes": []}
     manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
     directory = write_run(tmp_path / "run", answers(["cup"], clip="new"), **manifest)

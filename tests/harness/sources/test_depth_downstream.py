@@ -18,7 +18,7 @@ from harness.sources.recordings.topics import RecordingSettings
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.command import vfoa
 from tests.depth_recordings import DEPTH, Lens, Messages, Shot, messages, write_depth, write_take
-from tests.disk import moving_picture, write_text
+from tests.disk import labels_text, moving_picture, write_text
 from tests.harness.record.conftest import Columns
 from vfoa.errors import VfoaError
 from vfoa.types import Instance, Instances
@@ -66,8 +66,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         monkeypatch, capsys, "clips", "add", str(path), "--name", "take", "--subject", "ann", "--target", "cup"
     )
     assert added[0] == 0, added
-    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,ann,cup,\n"
-    write_text(tmp_path / "annotations" / "take.csv", text)
+    write_text(tmp_path / "annotations" / "take.csv", labels_text("1,3,ann,cup,"))
     write_text(tmp_path / "depth.toml", 'clips = ["take"]\n' + (tmp_path / "depth.toml").read_text())
     return tmp_path
 

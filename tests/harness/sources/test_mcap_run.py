@@ -16,7 +16,7 @@ from harness.run.runner import prepare, run_plan
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings
 from harness.sources.sintel import SintelClip, SintelSettings
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 
 NUMBERS = range(1, 4)
@@ -101,9 +101,8 @@ def work(tmp_path: Path, shared_models: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def _add(work: Path, sintel: SintelClip, name: str, pixels: Pixels, numbers: range) -> None:
     """A recording as a clip of that name, labelled in all frames."""
-    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
     write_text(work / "datasets" / f"{name}.toml", MANIFEST.format(name=name))
-    write_text(work / "annotations" / f"{name}.csv", f"{labels}1,{len(numbers)},girl,bird,\n")
+    write_text(work / "annotations" / f"{name}.csv", labels_text(f"1,{len(numbers)},girl,bird,"))
     write_pairs(work / "datasets" / f"{name}.mcap", _pairs(sintel, numbers), "ros2", pixels)
 
 
