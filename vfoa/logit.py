@@ -144,12 +144,12 @@ class LogitSettings(MethodSettings):
 
     @property
     def elsewhere(self) -> str:
-        """What the default weights, which nobody fitted, leave to be done."""
+        """The calibration errors of the default weights in the settings of reports/benchmark.md."""
         if self.weights != default_weights():
             return ""
         return (
-            "logit: nothing is fitted to this clip: the answer is the posterior's, and less sure. 20 labelled seconds "
-            "give better weights: vfoa fit CLIP."
+            "logit: nothing is fitted to this clip; in five settings the calibration error of its default weights was "
+            "0.04 to 0.25. 20 labelled seconds give better weights: vfoa fit CLIP."
         )
 
     def for_clip(self, clip: str) -> Self:
