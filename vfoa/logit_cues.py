@@ -77,7 +77,7 @@ class Seen:
     """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
 
     ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
-    frame; ``log_size`` (T,) is the logarithm of the angular radius, and ``posterior`` (T,) the posterior's probability.
+    frame; ``log_size`` (T,) is the logarithm of the angular radius.
     """
 
     case: Case
@@ -85,7 +85,6 @@ class Seen:
     now: Float
     before: Float
     log_size: Float
-    posterior: Float
 
 
 def observe(
@@ -126,7 +125,7 @@ def observe(
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     size = np.log(shapes.radius_rad)
-    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size, posterior=chance)
+    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size)
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
 
 
