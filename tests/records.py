@@ -12,6 +12,7 @@ from harness.report.stages import stage_times
 from harness.report.write import Scored, render_tables, run_tables, scored, write_scores
 from harness.run.columns import PairColumns, Words
 from harness.run.directory import Pair, RunDirectory
+from harness.run.fitted import FitRecord
 from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
 from harness.score.judged_subjects import JudgedSubject
@@ -20,6 +21,7 @@ from harness.score.score import Scores
 from harness.score.score import score as score_columns
 from tests.disk import LABELS_HEADER, write_text
 from tests.record_tables import columns_of, write_tables
+from vfoa import __version__
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -114,6 +116,12 @@ def run_manifest(clips: Iterable[str]) -> RunManifest:
 def write_manifest(directory: RunDirectory, manifest: Mapping[str, Any]) -> None:
     """Write the manifest of a run with just these keys, right or wrong."""
     write_text(directory.manifest, json.dumps(manifest))
+
+
+def fit_record(**given: Any) -> FitRecord:
+    """What weights were fitted to, by default 20.5 s of two people; ``given`` are other fields."""
+    plain = {"experiment": "talk", "configuration": "logit", "clips": ("one", "two"), "people": 2, "labelled_s": 20.5}
+    return FitRecord.model_validate({**plain, "version": __version__, **given})
 
 
 def write_run(folder: Path, records: Iterable[FrameRecord], **about: Any) -> RunDirectory:

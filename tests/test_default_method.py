@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from harness.run.experiment import load_experiment
-from scripts.quoted_figures import ROOT, tables
+from scripts.quoted_figures import ROOT, Table, tables
 from vfoa.bayes import BayesSettings
 from vfoa.logit import LogitSettings
 
@@ -23,12 +23,13 @@ ALIKE = 0.0105  # of rounded figures
 """Difference of mean log losses over a few settings that decides nothing."""
 
 
+def _of_benchmark(title: str) -> Table:
+    (table,) = (each for each in tables(ROOT / "reports" / "benchmark.md") if each.title == title)
+    return table
+
+
 def test_the_default_is_a_method_with_the_least_log_loss_in_settings_that_nobody_labelled() -> None:
-    (table,) = (
-        each
-        for each in tables(ROOT / "reports" / "benchmark.md")
-        if each.title == "Methods in settings that nobody labelled"
-    )
+    table = _of_benchmark("Methods in settings that nobody labelled")
     losses = {METHODS[row[0]]: row[table.header.index("Mean log loss")] for row in table.rows}
     known = {method: float(loss) for method, loss in losses.items() if loss != "–"}
     (default,) = load_experiment("default", clips=("studio_table",)).configurations
@@ -36,9 +37,7 @@ def test_the_default_is_a_method_with_the_least_log_loss_in_settings_that_nobody
 
 
 def test_the_logit_quotes_the_calibration_errors_of_its_default_weights() -> None:
-    (table,) = (
-        each for each in tables(ROOT / "reports" / "benchmark.md") if each.title == "Every method on every material"
-    )
+    table = _of_benchmark("Every method on every material")
     rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
     errors = [float(row["ECE"]) for row in rows if row["Method"] == "logit"]
     quoted = re.findall(r"0\.\d\d", LogitSettings(method="logit").elsewhere)

@@ -79,15 +79,11 @@ def fit(
 
     A case that no frame has, and cases and smoothings that are not wanted, keep the default weights.
     """
-    prior = default_weights()
-    fitted: dict[str, Cases] = {smoothing: getattr(prior, smoothing) for smoothing in SMOOTHINGS}
+    fitted: dict[str, Cases] = {smoothing: getattr(default_weights(), smoothing) for smoothing in SMOOTHINGS}
     for smoothing in smoothings:
-        by_case = {
-            case: _fitted(case, smoothing, sequences, getattr(fitted[smoothing], case).vector) for case in wanted
-        }
-        fitted[smoothing] = fitted[smoothing].model_copy(
-            update={case: weights for case, weights in by_case.items() if weights}
-        )
+        cases = fitted[smoothing]
+        by_case = {case: _fitted(case, smoothing, sequences, getattr(cases, case).vector) for case in wanted}
+        fitted[smoothing] = cases.model_copy(update={case: weights for case, weights in by_case.items() if weights})
     return LogitWeights(**fitted)
 
 

@@ -191,9 +191,9 @@ def _kind(word: str, where: str) -> Kind:
 def _place(table: TableColumns, row: int, kind: Kind, coordinates: Sequence[float]) -> Place:
     """The coordinates that a shape of this kind has; the others must be blank (NaN)."""
     size = size_of(kind)
-    for place, (column, coordinate) in enumerate(zip(BOX, coordinates, strict=True)):
-        if math.isnan(coordinate) == (place < size):
-            expected = f"all of {', '.join(BOX[:size])}" if place < size else f"nothing for a {kind}"
+    for position, (column, coordinate) in enumerate(zip(BOX, coordinates, strict=True)):
+        if math.isnan(coordinate) == (position < size):
+            expected = f"all of {', '.join(BOX[:size])}" if position < size else f"nothing for a {kind}"
             raise VfoaError(f"{table.where(row)}: {column}: {found(table.cells[column][row])}; expected {expected}")
     return check_place(kind, coordinates[:size], table.where(row))
 

@@ -37,7 +37,7 @@ class Note:
 
 
 def fitted_on_reported(weights: str, clips: Iterable[str]) -> Note:
-    """Return the warning that weights, such as "the default weights", were fitted on clips that are reported."""
+    """Return the warning that weights, such as "the weights of my.toml", were fitted on clips that are reported."""
     text = f"FITTED ON WHAT IS REPORTED: {weights} were fitted on {', '.join(clips)}."
     return Note(text, NoteKind.FITTED_ON_REPORTED)
 

@@ -15,15 +15,15 @@ from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
-from harness.run.fitted import FitRecord, FittedWeights, MethodScore, fitted_text
+from harness.run.fitted import FittedWeights, MethodScore, fitted_text
 from tests import calibrations, depth_recordings
 from tests.disk import labels_text, moving_picture, picture, write_bytes, write_image
 from tests.exchanges import exchange, row
 from tests.harness.damage import project
 from tests.measured import measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
+from tests.records import fit_record
 from tests.repository import REPOSITORY
-from vfoa import __version__
 from vfoa.logit import LogitSettings
 
 Write = Callable[[Path], Any]
@@ -59,19 +59,7 @@ EXPERIMENTS = tuple(
 )
 _SCORE = MethodScore(method="fitted, forward", n=9, log_loss=0.5, calibration_error=0.1, balanced_frr=0.6, frr=0.7)
 FITTED = fitted_text(
-    FittedWeights(
-        fit=FitRecord(
-            experiment="talk",
-            configuration="logit",
-            clips=("one", "two"),
-            people=2,
-            labelled_s=20.5,
-            version=__version__,
-            held_out=(_SCORE,),
-            curve=(_SCORE,),
-        ),
-        attention=LogitSettings(method="logit"),
-    )
+    FittedWeights(fit=fit_record(held_out=(_SCORE,), curve=(_SCORE,)), attention=LogitSettings(method="logit"))
 )
 LABELS = labels_text("1,3,anna,mug,", '4,4,anna,book,"a, b"', "5,9,anna,none,")
 DRAWN = (

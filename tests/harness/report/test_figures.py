@@ -12,14 +12,14 @@ from harness.report.figures import charts
 from harness.report.figures.files import WIDTHS_INCH, Figures, figures_of, write_figures
 from harness.report.figures.style import canvas, saved, styled
 from harness.run.directory import RunDirectory
-from harness.run.fitted import FitRecord, MethodScore
+from harness.run.fitted import MethodScore
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from tests.command import vfoa
 from tests.disk import labels_text
 from tests.frame_by_frame import judge
 from tests.harness.record.conftest import ANN, four_frames
 from tests.harness.record.conftest import write_run as write_recorded
-from tests.records import answers, labels, write_clip, write_manifest, write_run
+from tests.records import answers, fit_record, labels, write_clip, write_manifest, write_run
 from vfoa.errors import VfoaError
 
 CLIPS = [f"clip_{number:02}" for number in range(4)]
@@ -134,13 +134,8 @@ def test_several_runs_share_a_figure(run: Path, tmp_path: Path, monkeypatch: pyt
 def test_the_learning_curve_has_every_point_and_both_levels() -> None:
     points = {"20 s": 0.5, "60 s": 0.6}
     levels = {f"{FITTED}, forward": 0.75, f"{DEFAULT}, forward": 0.55, COMMONEST: 0.2}
-    fit = FitRecord(
-        experiment="x",
-        configuration="y",
-        clips=("a", "b"),
-        people=2,
+    fit = fit_record(
         labelled_s=90.5,
-        version="0",
         held_out=tuple(MethodScore(method=name, n=9, frr=frr) for name, frr in levels.items()),
         curve=tuple(MethodScore(method=name, n=9, frr=frr) for name, frr in points.items()),
     )
