@@ -14,7 +14,7 @@ from tests.scenes import make_box, make_subject, make_target, random_room, with_
 from vfoa.bayes import BayesSettings, infer_attentions
 from vfoa.geometry import sigma_rad
 from vfoa.pipeline import Attending, AttendSettings
-from vfoa.posterior.cues import NOWHERE_DEG
+from vfoa.posterior.cues import ELSEWHERE_DEG
 from vfoa.posterior.kalman import TAILS
 from vfoa.posterior.looks import P_NOWHERE
 from vfoa.tracking import Tracked
@@ -49,7 +49,7 @@ def test_two_equal_targets_beside_the_gaze_are_equally_likely():
 
 def test_a_small_target_on_the_axis_has_the_posterior_of_the_two_densities():
     """Densities about the same direction are as the inverses of their variances."""
-    error, look = 10.0**2, NOWHERE_DEG**2
+    error, look = 10.0**2, ELSEWHERE_DEG**2
     target, nowhere = (1 - P_NOWHERE) / error, P_NOWHERE / (error + look)
     attention = infer(make_subject(gaze=AHEAD), (make_target(1, make_box((0, 0, 3), 0.001)),))
     assert totals(attention)[1] == pytest.approx(target / (target + nowhere), rel=1e-4)
@@ -60,7 +60,7 @@ def test_two_small_targets_and_nowhere_between_them_have_the_posterior_of_three_
     """Each is weighed by the density of its angle to the gaze; nowhere lies in the middle, along the gaze."""
     settings = BAYES.model_copy(update={"gaze_error_deg": 20.0})
     targets = tuple(make_target(number, make_box((x, 0, 3), 0.001)) for number, x in ((1, -3), (2, 3)))
-    error, look = sigma_rad(20.0) ** 2, sigma_rad(NOWHERE_DEG) ** 2
+    error, look = sigma_rad(20.0) ** 2, sigma_rad(ELSEWHERE_DEG) ** 2
     beside, nowhere = (1 - P_NOWHERE) / 2 * density(error, (np.pi / 4) ** 2), P_NOWHERE * density(error + look)
     found = totals(infer(make_subject(gaze=AHEAD), targets, settings))
     assert found == pytest.approx(dict.fromkeys((1, 2), beside / (2 * beside + nowhere)), rel=1e-4)
@@ -74,7 +74,7 @@ def test_people_are_looked_at_in_the_face_where_their_eyes_are_known():
         make_subject(gaze=AHEAD, eyes=None, instance_id=7),
     )
     (face, *_), _ = infer_attentions((looker, seen), (make_target(7, low),), (None, None), BAYES)
-    error, look = sigma_rad(10.0) ** 2, sigma_rad(NOWHERE_DEG) ** 2
+    error, look = sigma_rad(10.0) ** 2, sigma_rad(ELSEWHERE_DEG) ** 2
     target, nowhere = (1 - P_NOWHERE) * density(error + (FACE_RADIUS_M / 2) ** 2), P_NOWHERE * density(error + look)
     assert totals(face)[7] == pytest.approx(target / (target + nowhere))
     (body, *_), _ = infer_attentions((looker, hidden), (make_target(7, low),), (None, None), BAYES)

@@ -8,7 +8,7 @@ import pytest
 from vfoa.geometry import perturb, sigma_rad
 from vfoa.posterior import kalman, looks
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery
-from vfoa.posterior.cues import BIAS_S, BIAS_SHARE, NOWHERE_DEG
+from vfoa.posterior.cues import BIAS_S, BIAS_SHARE, ELSEWHERE_DEG, FACING_S, START_S
 from vfoa.posterior.filter import answered, smoothed, update
 from vfoa.posterior.grid import Error
 from vfoa.posterior.kalman import DRIFT, HEAD, GazeError, Normal, first_error, first_motion, next_error, next_motion
@@ -53,21 +53,29 @@ def offsets_of(gazes_rad: np.ndarray) -> list[MeasuredCues]:
     return [measured(perturb(camera, *offset)) for offset in gazes_rad]
 
 
+def faced(before: np.ndarray | None, middle: np.ndarray, gaze: np.ndarray) -> np.ndarray:
+    """Where the body faces after a gaze, on a plane: the running mean of the gaze."""
+    keep = START_S / (START_S + FACING_S) if before is None else np.exp(-DT_S / FACING_S)
+    return np.asarray(keep * (middle if before is None else before) + (1 - keep) * gaze)
+
+
 def drawn_course(seed: int, angles_deg: tuple[float, ...], count: int) -> np.ndarray:
     """Gazes (N, 2) in radians, drawn from the model itself on a plane."""
     rng = np.random.default_rng(seed)
     aims = np.deg2rad([(angle, 0.0) for angle in angles_deg])
     middle, sigma = aims.mean(axis=0), sigma_rad(ERROR_DEG)
     slow, fast = BIAS_SHARE * sigma**2, (1 - BIAS_SHARE) * sigma**2
-    look, drift, found = -1, np.zeros(2), []
+    look, drift, facing, found = -1, np.zeros(2), None, []
     keep = np.exp(-DT_S / BIAS_S)
     for frame in range(count):
         if frame == 0 or rng.random() < -np.expm1(-DT_S / DWELL_S):
             nowhere = rng.random() < P_NOWHERE
             look = len(aims) if nowhere else int(rng.integers(len(aims)))
-        wide = sigma_rad(NOWHERE_DEG) ** 2 if look == len(aims) else 1e-4
+        wide = sigma_rad(ELSEWHERE_DEG) ** 2 if look == len(aims) else 1e-4
         drift = keep * drift + np.sqrt((1 - keep**2) * (slow + wide)) * rng.normal(size=2)
-        found.append((middle if look == len(aims) else aims[look]) + drift + np.sqrt(fast) * rng.normal(size=2))
+        aim = aims[look] if look < len(aims) else middle if facing is None else facing
+        found.append(aim + drift + np.sqrt(fast) * rng.normal(size=2))
+        facing = faced(facing, middle, found[-1])
     return np.array(found)
 
 
@@ -78,11 +86,11 @@ def particle_probabilities(gazes: np.ndarray, aims: np.ndarray, n: int) -> np.nd
     """
     rng = np.random.default_rng(1)
     count = len(aims)
-    places = np.vstack([aims, aims.mean(axis=0)])
+    facing = None
     prior = np.append(np.full(count, (1 - P_NOWHERE) / count), P_NOWHERE)
     sigma = sigma_rad(ERROR_DEG)
     slow, fast = BIAS_SHARE * sigma**2, (1 - BIAS_SHARE) * sigma**2
-    variance = slow + np.append(np.full(count, 1e-4), sigma_rad(NOWHERE_DEG) ** 2)
+    variance = slow + np.append(np.full(count, 1e-4), sigma_rad(ELSEWHERE_DEG) ** 2)
     keep, leave = np.exp(-DT_S / BIAS_S), -np.expm1(-DT_S / DWELL_S)
     found = []
     look = rng.choice(count + 1, size=n, p=prior)
@@ -98,6 +106,8 @@ def particle_probabilities(gazes: np.ndarray, aims: np.ndarray, n: int) -> np.nd
             drift = np.where(leaves[:, None], error + place, drift)
             look = np.where(leaves, new, look)
             drift = keep * drift + np.sqrt((1 - keep**2) * variance[look])[:, None] * rng.normal(size=(n, 2))
+        places = np.vstack([aims, aims.mean(axis=0) if facing is None else facing])
+        facing = faced(facing, aims.mean(axis=0), gaze)
         log = -((gaze - places[look] - drift) ** 2).sum(axis=1) / fast / 2
         weights = np.exp(log - log.max())
         weights /= weights.sum()
@@ -185,6 +195,17 @@ def test_people_who_look_at_nothing_look_where_their_head_points() -> None:
     away = perturb(camera, np.deg2rad(-50.0), np.deg2rad(-30.0))
     last = beliefs_of(scenery(0.0, 30.0), [measured(away, away)] * 20)[-1]
     assert last.probabilities[-1] > 0.8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gaze_alone_at_nothing_is_known_where_targets_are_on_all_sides(seed: int) -> None:
+    """Looks of ten frames at points about 90 degrees to the right and 30 up, 5 degrees off; no target is there."""
+    rng = np.random.default_rng(seed)
+    camera, all_sides = np.array([0.0, 0.0, -1.0]), np.arange(-150.0, 180.0, 60.0)
+    points = np.deg2rad([90.0, -30.0]) + np.deg2rad(25.0) * rng.uniform(-1, 1, size=(20, 2))
+    gazes = points.repeat(10, axis=0) + sigma_rad(5.0) * rng.normal(size=(200, 2))
+    found = beliefs_of(scenery(*all_sides), [measured(perturb(camera, *gaze), error_deg=5.0) for gaze in gazes])
+    assert np.mean([each.probabilities[-1] for each in found]) > 0.4
 
 
 @pytest.mark.usefixtures("no_looks_count")
