@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import copy
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -62,11 +61,10 @@ class Answers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One row: the errors of its sequences, and the answers of each method; ``ms_per_frame`` of the forward pass."""
+    """One row: the errors of its sequences, and the answers of each method."""
 
     name: str
     answers: dict[str, Answers]
-    ms_per_frame: float
 
 
 def measure_posterior(
@@ -103,20 +101,18 @@ def posterior_table(generator: str, cells: Sequence[Cell], true_claims: Cell) ->
     pooled = Cell(
         name="all together",
         answers={method: _joined(cell.answers[method] for cell in cells) for method in METHODS},
-        ms_per_frame=float(np.mean([cell.ms_per_frame for cell in cells])),
     )
     rows = tuple(
         (
             cell.name,
             f"{100 * cell.answers['nearest'].rate:.0f}",
             *(_entry(cell.answers[method]) for method in METHODS[1:]),
-            f"{cell.ms_per_frame:.1f}",
         )
         for cell in (*cells, pooled, true_claims)
     )
     return Table(
         title=f"Attention on drawn scenes ({generator}), FRR % / calibration error",
-        columns=("gaze error, constant bias", "nearest", "told", "forward", "both", "all known", "ms a frame"),
+        columns=("Error and bias", "Nearest", "Told", "Forward", "Both", "All known"),
         rows=rows,
         words=0,
         notes=(
@@ -142,20 +138,17 @@ def _joined(many: Iterable[Answers]) -> Answers:
 def _measured_cell(name: str, drawn: Sequence[tuple[Drawn, Drawn]], error_deg: float) -> Cell:
     """One row of pairs: a sequence, and the same without bias and gain."""
     answers = {method: Answers() for method in METHODS}
-    seconds = frames = 0.0
     for sequence, unbiased in drawn:
         truth = np.where(sequence.label == NOWHERE, len(sequence.objects), sequence.label)
         answers["nearest"].add(np.ones(len(truth)), _nearest(sequence) == truth)
         answers["told"].add(*_judged(_answers(_beliefs(sequence, "told", error_deg), "told"), truth))
-        start = time.perf_counter()
         beliefs = _beliefs(sequence, "unknown", CLAIMED_DEG)
-        seconds, frames = seconds + time.perf_counter() - start, frames + len(truth)
         answers["forward"].add(*_judged(_answers(beliefs, "unknown"), truth))
         both = [answered(*pair, "unknown", later_known=True) for pair in zip(beliefs, smoothed(beliefs), strict=True)]
         answers["both"].add(*_judged(both, truth))
         known = smoothed(_beliefs(unbiased, "told", error_deg))
         answers["all known"].add(*_judged(known, truth))
-    return Cell(name=name, answers=answers, ms_per_frame=1e3 * seconds / frames)
+    return Cell(name=name, answers=answers)
 
 
 def _judged(probabilities: Sequence[Float], truth: np.ndarray) -> tuple[Float, np.ndarray]:
