@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness.files.digests import settled_stamp
 from harness.files.io import check_fetched
 from harness.sources import check_number
 from harness.sources.media.images import MOST_PIXELS, too_many_pixels
@@ -75,30 +77,11 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        capture = _open(path)
-        size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if size_px[0] * size_px[1] > MOST_PIXELS:
-            raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
-        stamps = sorted(_grabbed(_open(path, packets=True)))
-        if not _are_frames(path, stamps):
-            stamps = list(_grabbed(_open(path)))
-        if not stamps:
-            raise VfoaError(f"{path}: no frame can be read; expected a video")
-        self.frames = range(len(stamps))
-        self.times_ns = tuple(stamp - stamps[0] for stamp in stamps)
-        stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        span_s = self.times_ns[-1] / 1e9
-        mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
-        agrees = mean is None or abs(stated / mean - 1) < RATE_TOLERANCE
-        self.rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
-        is_estimate = not agrees and mean and abs(claimed / stated * mean / len(stamps) - 1) < RATE_TOLERANCE
-        self.notes: tuple[str, ...] = ()
-        if claimed > 0 and claimed != len(stamps) and not is_estimate:
-            self.notes = (f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read",)
-        self._turn = _turn_of(path)
-        if self._turn != UPRIGHT:
-            self.notes += (f"{path.name}: pictures are {self._turn}, as the file says",)
-        self._stamps_ns = stamps
+        stamp = settled_stamp([("", str(path))])
+        index = _indexed(path) if stamp is None else _kept(path, stamp)
+        self.frames, self.rate_hz, self.notes = range(len(index.stamps_ns)), index.rate_hz, index.notes
+        self.times_ns = tuple(at - index.stamps_ns[0] for at in index.stamps_ns)
+        self._stamps_ns, self._turn = index.stamps_ns, index.turn
         self._capture: Any = None
         self._position = -1
 
@@ -155,6 +138,48 @@ class Video:
 
     def _undecodable(self, place: int) -> VfoaError:
         return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Index:
+    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`."""
+
+    stamps_ns: tuple[int, ...]
+    rate_hz: float | None
+    turn: Turn
+    notes: tuple[str, ...]
+
+
+def _indexed(path: Path) -> _Index:
+    """Find out what a file holds: its packets are read, and some of its frames decoded."""
+    capture = _open(path)
+    size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    if size_px[0] * size_px[1] > MOST_PIXELS:
+        raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
+    stamps = sorted(_grabbed(_open(path, packets=True)))
+    if not _are_frames(path, stamps):
+        stamps = list(_grabbed(_open(path)))
+    if not stamps:
+        raise VfoaError(f"{path}: no frame can be read; expected a video")
+    stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    span_s = (stamps[-1] - stamps[0]) / 1e9
+    mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
+    agrees = mean is None or abs(stated / mean - 1) < RATE_TOLERANCE
+    is_estimate = not agrees and mean and abs(claimed / stated * mean / len(stamps) - 1) < RATE_TOLERANCE
+    turn = _turn_of(path)
+    notes = []
+    if claimed > 0 and claimed != len(stamps) and not is_estimate:
+        notes.append(f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read")
+    if turn != UPRIGHT:
+        notes.append(f"{path.name}: pictures are {turn}, as the file says")
+    rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
+    return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
+
+
+@lru_cache(maxsize=16)
+def _kept(path: Path, stamp: str) -> _Index:
+    """:func:`_indexed`, once for each state of a file: a command opens a clip several times."""
+    return _indexed(path)
 
 
 def _turn_of(path: Path) -> Turn:

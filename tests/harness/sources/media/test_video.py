@@ -12,6 +12,7 @@ import av
 import numpy as np
 import pytest
 
+from harness.sources.media import video
 from harness.sources.media.video import STEP, Video, first_picture_s
 from harness.sources.stereo_folder import StereoFolderClip
 from tests.disk import moving_picture, write_bytes, write_text, write_video
@@ -38,6 +39,22 @@ def test_what_the_container_says_is_read(tmp_path: Path) -> None:
     video = Video(write_video(tmp_path / "a.mp4", IMAGES[:10], "mp4v", rate_hz=12.5))
     assert (video.frames, video.rate_hz, video.notes) == (range(10), 12.5, ())
     assert list(video.times_ns) == [80_000_000 * place for place in range(10)]
+
+
+def test_a_file_is_examined_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Examining decodes to the last frame, and a command opens a clip several times."""
+    monkeypatch.setattr("harness.files.digests.SETTLED_NS", 0)
+    path, opened = write_video(tmp_path / "a.mp4", IMAGES[:10], "mp4v"), list[Path]()
+    opening = video._open
+    monkeypatch.setattr(video, "_open", lambda path, **how: (opened.append(path), opening(path, **how))[1])
+    first = Video(path)
+    examined = len(opened)
+    again = Video(path)
+    assert len(opened) == examined > 0
+    assert again.times_ns == first.times_ns
+    assert np.array_equal(again.read(3), first.read(3))
+    write_video(path, IMAGES[:5], "mp4v")
+    assert Video(path).frames == range(5)
 
 
 @pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mkv", "FFV1")])
