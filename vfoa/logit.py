@@ -27,13 +27,14 @@ from pydantic import Field, model_validator
 
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, Seen, features, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, PosteriorAnswer, Seen, features, later_means, observe
 from vfoa.methods import MethodSettings, answer_of, revised, seconds_between
-from vfoa.posterior.belief import Belief
+from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
+from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
 from vfoa.settings import Settings
-from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
+from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
 
 
 class Weights(Settings):
@@ -237,7 +238,8 @@ def weigh_attentions(
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
     rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
-    their weights, in halves without any. ``belief`` is the input of :func:`weigh_again`.
+    their weights; without any, as the posterior divides it. ``belief`` is the input of :func:`weigh_again`; ``fit``
+    says how well the directions fit the posterior.
     """
     eyes = eyes_of(subjects)
     attentions, after = [], []
@@ -247,9 +249,10 @@ def weigh_attentions(
             attentions.append(Attention(subject=subject, missing=found))
             after.append(before)
             continue
-        belief, _ = found
-        seen, means = _observed(subject, targets, eyes, before.means, belief, time_ns)
-        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
+        belief, cues = found
+        seen, means = _observed(subject, targets, eyes, before.means, belief, cues, time_ns)
+        weights = settings.of_case(seen.case, later=False)
+        attentions.append(_attention(subject, seen, weights, fit=fit_of(belief, cues)))
         after.append(Remembered(means, (belief, time_ns)))
     return tuple(attentions), tuple(after)
 
@@ -264,6 +267,7 @@ def _observed(
     eyes: Mapping[int, Float],
     means: Means,
     belief: Belief,
+    cues: MeasuredCues,
     time_ns: int | None,
 ) -> tuple[Seen, Means]:
     """:func:`observe` with the posterior's belief of the same frame, which is that of these targets and directions."""
@@ -272,7 +276,8 @@ def _observed(
         answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
         dt_s = seconds_between(means.time_ns, time_ns)
-        return observe(subject, targets, eyes, means, dt_s, chance, time_ns)
+        posterior = PosteriorAnswer(chance, cue_shares(cues, belief))
+        return observe(subject, targets, eyes, means, dt_s, posterior, time_ns)
 
     claimed = None if subject.gaze is None else subject.gaze.sigma_rad
     return _RECENT.get((belief, means, *targets), (subject.person.instance_id, claimed, time_ns), compute)
@@ -285,7 +290,8 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
         seen = [attention.belief for _, attention in frames]
         gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
         for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
-            yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
+            weights = settings.of_case(each.case, later=True)
+            yield _attention(attention.subject, each, weights, after, attention.fit)
 
     return revised(window, count, Seen, of_track)
 
@@ -295,31 +301,32 @@ def target_probabilities(seen: Seen, weights: Weights, after: Float | None = Non
     return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
-def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
+def _attention(
+    subject: Subject, seen: Seen, weights: Weights, after: Float | None = None, fit: DirectionFit | None = None
+) -> Attention:
     probability = target_probabilities(seen, weights, after)
     totals = dict(zip(seen.ids, probability.tolist(), strict=True))
-    shares = _SHARES.get(seen.case) or _prepared(weights)[1]
-    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen)
+    shares = _SHARES.get(seen.case) or _prepared(weights)[1] or seen.shares
+    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen, fit=fit)
 
 
 _SHARES: dict[Case, tuple[float, float]] = {"gaze": (1.0, math.nan), "head": (math.nan, 1.0)}
 """The shares of gaze and head in the frames with one of them alone."""
-_PREPARED: Recent[tuple[Float, tuple[float, float]]] = Recent(16)
+_PREPARED: Recent[tuple[Float, tuple[float, float] | None]] = Recent(16)
 
 
-def _prepared(weights: Weights) -> tuple[Float, tuple[float, float]]:
-    """The vector of weights, and the shares of gaze and head in the frames with both."""
+def _prepared(weights: Weights) -> tuple[Float, tuple[float, float] | None]:
+    """The vector of weights, and the shares of gaze and head in the frames with both; None without weights of them."""
 
-    def compute() -> tuple[Float, tuple[float, float]]:
+    def compute() -> tuple[Float, tuple[float, float] | None]:
         on_gaze = sum(weights.gaze) + sum(weights.middle) / 2
         on_head = sum(map(sum, (weights.head, weights.head_swing, weights.head_overlap))) + sum(weights.middle) / 2
-        share = _share(on_gaze, on_head)
-        return weights.vector, (share, 1 - share)
+        return weights.vector, _shares(on_gaze, on_head)
 
     return _PREPARED.get((weights,), (), compute)
 
 
-def _share(gaze: float, head: float) -> float:
-    """The share of the first of two sums of weights; negative sums count as 0."""
+def _shares(gaze: float, head: float) -> tuple[float, float] | None:
+    """The shares of two sums of weights; negative sums count as 0, and two of them have no shares."""
     gaze, head = max(gaze, 0.0), max(head, 0.0)
-    return gaze / (gaze + head) if gaze + head > 0 else 0.5
+    return (gaze / (gaze + head), head / (gaze + head)) if gaze + head > 0 else None

@@ -24,7 +24,7 @@ import math
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -77,7 +77,8 @@ class Seen:
     """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
 
     ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
-    frame; ``log_size`` (T,) is the logarithm of the angular radius.
+    frame; ``log_size`` (T,) is the logarithm of the angular radius. ``shares`` are those of gaze and head in the
+    posterior's answer.
     """
 
     case: Case
@@ -85,6 +86,14 @@ class Seen:
     now: Float
     before: Float
     log_size: Float
+    shares: tuple[float, float]
+
+
+class PosteriorAnswer(NamedTuple):
+    """Probabilities by target, none of one that is not seen, and the shares of gaze and head in them."""
+
+    chances: Mapping[int | None, float]
+    shares: tuple[float, float]
 
 
 def observe(
@@ -93,14 +102,14 @@ def observe(
     eyes: Mapping[int, Float],
     means: Means,
     dt_s: float,
-    posterior: Mapping[int | None, float],
+    posterior: PosteriorAnswer,
     time_ns: int | None = None,
 ) -> tuple[Seen, Means]:
     """Compute a subject's features in a frame, and the running means after it.
 
     The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id:
     people are looked at in the face. ``dt_s`` is the time since the frame of ``means``, seconds; ``time_ns`` is that of
-    this frame. ``posterior`` are the posterior's probabilities by target; one that it does not see has none.
+    this frame. ``posterior`` is the posterior's answer in it.
     """
     origin, gaze, head = (
         np.asarray(subject.person.eye_origin_left),
@@ -121,11 +130,11 @@ def observe(
     shapes = _shapes(boxes_of_others(subject, targets), eyes, origin)
     angles = _angles(cues, shapes, math.hypot(claimed, _TARGET_RAD))
     ids = shapes.ids
-    chance = np.array([posterior.get(number, 0.0) for number in ids])
+    chance = np.array([posterior.chances.get(number, 0.0) for number in ids])
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     size = np.log(shapes.radius_rad)
-    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size)
+    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size, shares=posterior.shares)
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
 
 

@@ -401,6 +401,7 @@ def direction_check_table(checks: Sequence[DirectionCheck]) -> Table:
             f"directions imply, bias included. Head share: share of the way to the targets that heads turn, as the "
             f"directions imply; people turn them 0.35 to 0.75. No fit: above {100 * MOST_SURPRISES:.0f} % surprises, "
             f"errors that differ by more than {MOST_TIMES_CLAIMED:g} times, or a share above {MOST_SHARE:g}: targets "
-            "do not explain the heads. A fit does not show that the probabilities are right: only labels do.",
+            "do not explain the heads. A fit does not show that the probabilities are right: only labels do. Of "
+            "configurations with the same posterior, the first is listed.",
         ),
     )

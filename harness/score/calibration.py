@@ -157,11 +157,18 @@ def coverages(subjects: Iterable[JudgedSubject]) -> list[SetCoverage]:
 
 
 def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck]:
-    """One check for each clip and configuration with a posterior, over the named subjects."""
+    """One check for each clip and configuration with a posterior, over the named subjects.
+
+    Of configurations with the same one (a posterior, and logits that use it), the first is checked.
+    """
     fits: dict[Pair, list[Float]] = {}
     for (clip, name), part in judged.items():
         if len(part.fits):
             fits.setdefault((clip, base_of(name)), []).append(part.fits)
+    joined = {pair: np.concatenate(parts) for pair, parts in fits.items()}
+    first: dict[tuple[str, bytes], Pair] = {}
+    for pair, of_pair in joined.items():
+        first.setdefault((pair[0], of_pair.tobytes()), pair)
     return [
         DirectionCheck(
             clip=clip,
@@ -172,8 +179,8 @@ def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck
             implied_deg=_median(implied_rad, _DEGREES),
             share=_median(share),
         )
-        for (clip, name), of_name in fits.items()
-        for tail, claimed_rad, implied_rad, share in [np.concatenate(of_name).T]
+        for clip, name in first.values()
+        for tail, claimed_rad, implied_rad, share in [joined[clip, name].T]
     ]
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vfoa.bayes import BayesSettings, Held, infer_attentions
 from vfoa.geometry import entry_distance, perturb
 from vfoa.logit import (
     LogitSettings,
@@ -18,7 +21,7 @@ from vfoa.logit import (
     weigh_again,
     weigh_attentions,
 )
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, Seen, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, PosteriorAnswer, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
@@ -55,9 +58,10 @@ def looking(gaze: Float | None, head: Float | None) -> Subject:
     return Subject(track_id=1, person=person, gaze=given_gaze, head_pose=given_head)
 
 
-def by_posterior(targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> dict[int | None, float]:
-    """The posterior's probabilities: the same of each target."""
-    return {None: 1 - chance * len(targets), **{each.instance.id: chance for each in targets}}
+def by_posterior(targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> PosteriorAnswer:
+    """The same probability of each target, half of it by the gaze."""
+    chances = {None: 1 - chance * len(targets), **{each.instance.id: chance for each in targets}}
+    return PosteriorAnswer(chances, (0.5, 0.5))
 
 
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
@@ -193,8 +197,8 @@ def test_without_labels_the_answer_is_the_posterior_and_less_sure(
     directions: tuple[Float | None, Float | None], parts: list[float]
 ) -> None:
     chance, added = np.array(parts) / sum(parts), 1e-3
-    of_targets = dict(zip((2, 3), chance.tolist(), strict=False))
-    seen, _ = observe(looking(*directions), TARGETS, {}, Means(), 0.1, of_targets)
+    answer = PosteriorAnswer(dict(zip((2, 3), chance.tolist(), strict=False)), (0.5, 0.5))
+    seen, _ = observe(looking(*directions), TARGETS, {}, Means(), 0.1, answer)
     assert seen.ids == (2, 3)
     for cases, after in ((default_weights().forward, None), (default_weights().both, later_means([seen], [])[0])):
         weights = getattr(cases, seen.case)
@@ -204,6 +208,25 @@ def test_without_labels_the_answer_is_the_posterior_and_less_sure(
         assert found[0] * plain[1] == pytest.approx(found[1] * plain[0])  # the share of nowhere alone is not known
         sure, less_sure = (abs(each.sum() - 0.5) for each in (plain, found))
         assert less_sure <= sure + 1e-12
+
+
+@pytest.mark.parametrize("smoothing", ["forward", "both"])
+def test_without_labels_directions_are_judged_as_by_the_posterior(smoothing: Literal["forward", "both"]) -> None:
+    """How well they fit it, and how the total is divided between gaze and head."""
+    subjects = [looking(LEFT, LEFT), looking(LEFT, RIGHT), looking(RIGHT, RIGHT)]
+    frames = results(subjects, LogitSettings(method="logit", smoothing=smoothing))
+    if smoothing == "both":
+        frames = weigh_again(frames, len(frames), LogitSettings(method="logit", smoothing=smoothing))
+    held: tuple[Held | None, ...] = (None,)
+    for number, (subject, frame) in enumerate(zip(subjects, frames, strict=True)):
+        settings = BayesSettings(method="bayes")
+        (of_posterior,), held = infer_attentions((subject,), TARGETS, held, settings, number * 100_000_000)
+        (found,) = frame.attentions
+        assert found.fit == of_posterior.fit is not None
+        for value, expected in zip(found.values, of_posterior.values, strict=True):
+            shares = [(each.gaze or 0.0) / each.total for each in (value, expected)]
+            assert shares[0] == pytest.approx(shares[1])
+            assert shares[0] > 0
 
 
 def test_weights_are_recovered_from_looks_drawn_with_them() -> None:

@@ -195,6 +195,13 @@ def test_surprising_directions_are_said_in_one_line() -> None:
     assert note.startswith("p: directions do not fit the posterior on 2 of 2 clips (c, d)")
 
 
+def test_directions_are_checked_once_where_configurations_have_one_posterior() -> None:
+    """Such as a posterior and a logit that uses it; ``r`` has directions of its own."""
+    of = {"p": FIT, "q": FIT, "r": replace(FIT, tail=0.01)}
+    records = [replace(_record(1, _subject(1.0, 0.0, fit=fit)), configuration=name) for name, fit in of.items()]
+    assert [check.configuration for check in scored(records, {}).directions] == ["p", "r"]
+
+
 def test_directions_that_fit_need_no_words() -> None:
     found = scored([_record(frame, _subject(1.0, 0.0)) for frame in range(40)], {})
     assert [check.fits for check in found.directions] == [True]
