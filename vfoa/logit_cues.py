@@ -263,5 +263,6 @@ def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
 def features(seen: Seen, case: Case, after: Float | None = None) -> Float:
     """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
     scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
-    by_cue = np.array(scales).transpose(1, 0, 2)[list(ROWS[case])].reshape(-1, len(seen.ids))
+    rows = ROWS[case]
+    by_cue = np.array(scales).transpose(1, 0, 2)[list(rows)].reshape(len(rows) * len(scales), -1)
     return np.concatenate([np.ones_like(seen.log_size)[None], seen.log_size[None], -by_cue]).T

@@ -18,7 +18,7 @@ import numpy as np
 
 from vfoa.logit import Cases, LogitWeights, Weights, default_weights, probabilities
 from vfoa.logit_cues import ROWS, Case, Seen, features, later_means
-from vfoa.types import Float
+from vfoa.types import Flags, Float
 
 Smoothing = Literal["forward", "both"]
 SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
@@ -69,6 +69,11 @@ class Design:
     looked: np.ndarray
     weight: Float
 
+    @property
+    def usable(self) -> Flags:
+        """Whether each frame (N,) says something of the weights: it has a label and a target."""
+        return (self.looked != UNKNOWN) & np.isfinite(self.features[..., 0]).any(axis=1)
+
 
 def fit(
     sequences: Sequence[LabelledSequence],
@@ -89,7 +94,7 @@ def fit(
 
 def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence], middle: Float) -> Weights | None:
     design = joined([design_of(case, smoothing == "both", sequence) for sequence in sequences])
-    if not (design.looked != UNKNOWN).any():
+    if not design.usable.any():
         return None
     scales = 3 if smoothing == "both" else 2
     spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
@@ -133,7 +138,7 @@ def maximised(design: Design, precision: Float, middle: Float) -> Float:
 
     ``precision`` and ``middle`` (F,) are those of the normal prior.
     """
-    usable = design.looked != UNKNOWN
+    usable = design.usable
     x, looked, weight = design.features[usable], design.looked[usable], design.weight[usable]
     there = np.isfinite(x[..., 0])
     x = np.where(there[..., None], x, 0.0)

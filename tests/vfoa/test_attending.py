@@ -79,6 +79,32 @@ def test_nothing_waits_that_does_not_look_ahead(method: MethodSettings) -> None:
     assert rest == []
 
 
+@pytest.mark.parametrize(
+    "method",
+    [
+        ConesSettings(cones_deg=(10,)),
+        NearestSettings(method="nearest"),
+        *map(bayes, ("off", "forward", "both")),
+        *map(logit, ("forward", "both")),
+    ],
+)
+@pytest.mark.parametrize(("gaze", "head"), [((0.3, 0, 2), (0.3, 0, 2)), ((0.3, 0, 2), None), (None, (0.3, 0, 2))])
+def test_nothing_is_looked_at_in_frames_that_have_no_target(
+    method: MethodSettings, gaze: tuple[float, ...] | None, head: tuple[float, ...] | None
+) -> None:
+    """Nothing was segmented in them, or no instance has a box; frames before, between and after them are as always."""
+    person = make_person(gaze=gaze, head=head)
+    without_box = (replace(TARGETS[0], box=None),)
+    seen = ((), TARGETS, (), without_box, TARGETS, without_box)
+    frames = [
+        Scene(index=index, time_ns=index * 40_000_000, targets=targets, people=(person,))
+        for index, targets in enumerate(seen)
+    ]
+    results = [result for block in blocks(method, frames) for result in block]
+    assert [bool(result.attentions[0].values) for result in results] == [targets is TARGETS for targets in seen]
+    assert all(focus is None for focus, targets in zip(focuses(results), seen, strict=True) if targets is not TARGETS)
+
+
 def test_a_first_frame_is_corrected_by_those_after_it() -> None:
     frames = scenes([-0.1, *[0.15] * 7])
     forward = [result for block in blocks(bayes("forward"), frames) for result in block]

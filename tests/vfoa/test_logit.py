@@ -173,7 +173,7 @@ def test_probabilities_are_those_of_the_outside_option(utility: list[list[float]
         assert found == pytest.approx(odds / (1 + odds.sum(axis=1, keepdims=True)))
 
 
-@given(st.floats(-8, 8), st.floats(0.1, 4))
+@given(st.floats(-8, 8), st.floats(0.1, 3))
 def test_a_spread_of_the_constant_makes_probabilities_less_sure(utility: float, spread: float) -> None:
     drawn = utility + spread * np.random.default_rng(1).normal(size=200_000)
     (found,) = probabilities(np.array([utility]), spread)
@@ -258,6 +258,20 @@ def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None
     assert fitted.forward.gaze == unfitted.forward.gaze
     assert fitted.forward.head != unfitted.forward.head
     assert fitted.forward.head.spread == 0
+
+
+def test_frames_without_targets_say_nothing_of_the_weights() -> None:
+    def sequence(seen: list[Seen]) -> LabelledSequence:
+        count = len(seen)
+        return LabelledSequence(group="a", times_s=[0.1 * k for k in range(count)], seen=seen, targets=[None] * count)
+
+    subject = looking(LEFT, LEFT)
+    (with_targets, _), (without, _) = (
+        observe(subject, targets, {}, Means(), 0.1, by_posterior(targets)) for targets in (TARGETS, ())
+    )
+    assert fit([sequence([without] * 3)]) == default_weights()
+    fitted, expected = fit([sequence([without] * 9 + [with_targets] * 3)]), fit([sequence([with_targets] * 3)])
+    assert fitted.forward.both.vector == pytest.approx(expected.forward.both.vector)
 
 
 def test_weights_survive_their_vector() -> None:
