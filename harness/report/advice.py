@@ -155,12 +155,12 @@ def _wrong_subject(run: _Run) -> Iterator[str]:
 
 
 def _other_methods(run: _Run, why: str) -> Iterator[str]:
-    """Advice to use the posterior, unless a method with probabilities is used."""
+    """Advice to use the default method, unless a method with probabilities is used."""
     methods = set(run.values("attention", "method"))
     if run.is_default:
-        yield f"try the posterior, {why} (--set attention.method=bayes)"
+        yield f"try the logit, {why} (--set attention.method=logit)"
     elif methods and not methods & {"bayes", "logit"}:
-        yield f'try the posterior, {why} (attention.method = "bayes" in a configuration of its own)'
+        yield f'try the logit, {why} (attention.method = "logit" in a configuration of its own)'
 
 
 NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {

@@ -31,7 +31,6 @@ from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.records import tables_of, write_manifest
 from tests.repository import REPOSITORY
 from vfoa import __version__
-from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, default_weights
@@ -110,7 +109,7 @@ def test_fitted_weights_come_before_the_method_of_the_default_run(fitted: Path) 
     assert isinstance(smoothed, LogitSettings)
     assert smoothed.smoothing == "both"
     assert chosen("attention.method=cones").method == "cones"
-    assert chosen(preset=None).method == chosen(preset="realtime").method == "bayes"
+    assert chosen(preset=None).method == chosen(preset="realtime").method == "logit"
 
 
 def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
@@ -122,7 +121,7 @@ def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
     capsys.readouterr()
     code, said, err = vfoa(monkeypatch, capsys, "run", "one", "--workers", "1", "--recording", "none")
     assert code == 0, err
-    expected = BayesSettings(method="bayes").elsewhere
+    expected = LogitSettings(method="logit").elsewhere
     assert said.splitlines().count(f"one has no labels. {expected} First: vfoa annotate one") == 1
     cones = ("run", "one", "--workers", "1", "--recording", "none", "--out", "cones", "--set", "attention.method=cones")
     assert "calibration error" not in vfoa(monkeypatch, capsys, *cones)[1]
