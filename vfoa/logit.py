@@ -34,7 +34,7 @@ from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
 from vfoa.settings import Settings
-from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
+from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
 
 
 class Weights(Settings):
@@ -252,8 +252,7 @@ def weigh_attentions(
             continue
         belief, cues = found
         seen, means = _observed(subject, targets, eyes, before.means, belief, cues, time_ns)
-        weights = settings.of_case(seen.case, later=False)
-        attentions.append(_attention(subject, seen, weights, fit=fit_of(belief, cues)))
+        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
         after.append(Remembered(means, (belief, time_ns)))
     return tuple(attentions), tuple(after)
 
@@ -277,7 +276,7 @@ def _observed(
         answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
         dt_s = seconds_between(means.time_ns, time_ns)
-        posterior = PosteriorAnswer(chance, cue_shares(cues, belief))
+        posterior = PosteriorAnswer(chance, cue_shares(cues, belief), fit_of(belief, cues))
         return observe(subject, targets, eyes, means, dt_s, posterior, time_ns)
 
     claimed = None if subject.gaze is None else subject.gaze.sigma_rad
@@ -291,8 +290,7 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
         seen = [attention.belief for _, attention in frames]
         gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
         for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
-            weights = settings.of_case(each.case, later=True)
-            yield _attention(attention.subject, each, weights, after, attention.fit)
+            yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
 
     return revised(window, count, Seen, of_track)
 
@@ -302,13 +300,11 @@ def target_probabilities(seen: Seen, weights: Weights, after: Float | None = Non
     return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
-def _attention(
-    subject: Subject, seen: Seen, weights: Weights, after: Float | None = None, fit: DirectionFit | None = None
-) -> Attention:
+def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
     probability = target_probabilities(seen, weights, after)
     totals = dict(zip(seen.ids, probability.tolist(), strict=True))
     shares = _SHARES.get(seen.case) or _prepared(weights)[1] or seen.shares
-    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen, fit=fit)
+    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen, fit=seen.fit)
 
 
 _SHARES: dict[Case, tuple[float, float]] = {"gaze": (1.0, math.nan), "head": (math.nan, 1.0)}

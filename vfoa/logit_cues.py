@@ -30,7 +30,7 @@ import numpy as np
 
 from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
 from vfoa.methods import boxes_of_others
-from vfoa.types import Box3D, Float, Subject, Target
+from vfoa.types import Box3D, DirectionFit, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
 MEAN_S = np.array([0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -77,7 +77,7 @@ class Seen:
     """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
 
     ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
-    frame; ``log_size`` (T,) is the logarithm of the angular radius. ``shares`` are those of gaze and head in the
+    frame; ``log_size`` (T,) is the logarithm of the angular radius. ``shares`` and ``fit`` are those of the
     posterior's answer.
     """
 
@@ -87,13 +87,15 @@ class Seen:
     before: Float
     log_size: Float
     shares: tuple[float, float]
+    fit: DirectionFit
 
 
 class PosteriorAnswer(NamedTuple):
-    """Probabilities by target, none of one that is not seen, and the shares of gaze and head in them."""
+    """Probabilities by target, none of one that is not seen, the shares of gaze and head in them, and their fit."""
 
     chances: Mapping[int | None, float]
     shares: tuple[float, float]
+    fit: DirectionFit
 
 
 def observe(
@@ -134,7 +136,15 @@ def observe(
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     size = np.log(shapes.radius_rad)
-    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=size, shares=posterior.shares)
+    seen = Seen(
+        case=case,
+        ids=ids,
+        now=now,
+        before=_mean(sums),
+        log_size=size,
+        shares=posterior.shares,
+        fit=posterior.fit,
+    )
     return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
 
 

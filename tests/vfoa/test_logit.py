@@ -26,6 +26,7 @@ from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
     Cues,
+    DirectionFit,
     Float,
     FrameResult,
     Gaze,
@@ -61,7 +62,7 @@ def looking(gaze: Float | None, head: Float | None) -> Subject:
 def by_posterior(targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> PosteriorAnswer:
     """The same probability of each target, half of it by the gaze."""
     chances = {None: 1 - chance * len(targets), **{each.instance.id: chance for each in targets}}
-    return PosteriorAnswer(chances, (0.5, 0.5))
+    return PosteriorAnswer(chances, (0.5, 0.5), DirectionFit(tail=0.5))
 
 
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
@@ -197,7 +198,7 @@ def test_without_labels_the_answer_is_the_posterior_and_less_sure(
     directions: tuple[Float | None, Float | None], parts: list[float]
 ) -> None:
     chance, added = np.array(parts) / sum(parts), 1e-3
-    answer = PosteriorAnswer(dict(zip((2, 3), chance.tolist(), strict=False)), (0.5, 0.5))
+    answer = by_posterior()._replace(chances=dict(zip((2, 3), chance.tolist(), strict=False)))
     seen, _ = observe(looking(*directions), TARGETS, {}, Means(), 0.1, answer)
     assert seen.ids == (2, 3)
     for cases, after in ((default_weights().forward, None), (default_weights().both, later_means([seen], [])[0])):
