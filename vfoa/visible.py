@@ -109,14 +109,16 @@ def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> 
 
 def _lattices(reach_rad: Float, count: int) -> Float:
     """Fibonacci lattices (T, 3, K) over caps about (0, 0, 1), the first ray of each."""
-    share, right, down = _spiral(count)
-    z = 1 - share * (1 - np.cos(reach_rad[:, None]))
-    aside = np.sqrt(np.maximum(1 - z**2, 0))
-    return np.stack([aside * right, aside * down, z], axis=1)
+    share, turns = _spiral(count)
+    below = share * (1 - np.cos(reach_rad[:, None]))
+    rays = np.sqrt(below * (2 - below))[:, None] * turns
+    rays[:, 2] = 1 - below
+    return np.asarray(rays)
 
 
 @lru_cache(maxsize=4)
-def _spiral(count: int) -> tuple[Float, Float, Float]:
+def _spiral(count: int) -> tuple[Float, Float]:
+    """The share (K,) of the height of the cap below its top, and the direction (3, K) aside, of each ray."""
     number = np.arange(count)
     angle = np.pi * (3 - np.sqrt(5)) * number
-    return number / (count - 1), np.cos(angle), np.sin(angle)
+    return number / (count - 1), np.array([np.cos(angle), np.sin(angle), np.zeros(count)])
