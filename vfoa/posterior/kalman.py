@@ -26,9 +26,9 @@ class Normal:
 
 def pooled(states: Normal, shares: Float) -> Normal:
     """Collapse the targets with their shares (T, H) into one (T = 1)."""
-    means = (states.means * shares).sum(axis=2, keepdims=True)
+    means = np.einsum("pdth,th->pdh", states.means, shares)[:, :, None]
     covariances = states.covariances + _products(states.means - means)
-    return Normal(means, (covariances * shares).sum(axis=2, keepdims=True))
+    return Normal(means, np.einsum("pqth,th->pqh", covariances, shares)[:, :, None])
 
 
 def mixed(before: Normal, new: Normal, transition: Transition) -> Normal:
@@ -41,8 +41,7 @@ def mixed(before: Normal, new: Normal, transition: Transition) -> Normal:
 
 def _products(means: Float) -> Float:
     """The products (P, P, T, H) of the parts, a mean over the two directions."""
-    right, down = means[:, 0], means[:, 1]
-    return (right[:, None] * right + down[:, None] * down) / 2
+    return np.einsum("pdth,qdth->pqth", means, means) / 2
 
 
 @dataclass(frozen=True, slots=True)
