@@ -31,10 +31,12 @@ METHODS: Tables = {
     "posterior": {"method": "bayes"},
     "posterior_both": {"method": "bayes", "smoothing": "both"},
     "logit": {"method": "logit"},
-    "logit_both": {"method": "logit", "smoothing": "both"},
 }
-_FITTED: Tables = {f"{name}_fitted": {**METHODS[name], "weights": "left-out"} for name in ("logit", "logit_both")}
-"""The logit fitted to the labels of the material's other clips."""
+_FITTED: Tables = {
+    "logit_fitted": {"method": "logit", "weights": "left-out"},
+    "logit_both_fitted": {"method": "logit", "weights": "left-out", "smoothing": "both"},
+}
+"""The logit fitted to the labels of the material's other clips. Without labels, later frames do not change it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
