@@ -16,7 +16,6 @@ is wrong in the next one. How much people look at nothing differs most between s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
@@ -207,8 +206,14 @@ class Logit:
         return weigh_again(window, count, self._settings)
 
 
-_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
-_NODE_WEIGHTS /= _NODE_WEIGHTS.sum()
+@lru_cache(maxsize=16)
+def _offsets(spread: float) -> tuple[Float, Float]:
+    """Nodes of a normal distribution about 0 and their weights (Gauss and Hermite).
+
+    They are as many as keep the errors of probabilities below .005: a wide distribution needs more.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(9 if spread <= 3 else 21)
+    return spread * nodes, weights / weights.sum()
 
 
 def probabilities(utility: Float, spread: float = 0.0) -> Float:
@@ -223,7 +228,8 @@ def probabilities(utility: Float, spread: float = 0.0) -> Float:
     if spread == 0:
         return np.asarray(power / (np.exp(-top) + total))
     # exp(offset) times power over 1 + exp(offset) times total, a mean over the offsets
-    return np.asarray(power * (1 / (np.exp(-top - spread * _NODES) + total) @ _NODE_WEIGHTS)[..., None])
+    offsets, weights = _offsets(spread)
+    return np.asarray(power * (1 / (np.exp(-top - offsets) + total) @ weights)[..., None])
 
 
 def weigh_attentions(
@@ -303,12 +309,12 @@ def target_probabilities(seen: Seen, weights: Weights, after: Float | None = Non
 def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
     probability = target_probabilities(seen, weights, after)
     totals = dict(zip(seen.ids, probability.tolist(), strict=True))
-    shares = _SHARES.get(seen.case) or _prepared(weights)[1] or seen.shares
-    return answer_of(subject, totals, 1 - float(probability.sum()), shares, belief=seen, fit=seen.fit)
+    by_weights = _prepared(weights)[1] if seen.case == "both" else None
+    return answer_of(
+        subject, totals, 1 - float(probability.sum()), by_weights or seen.shares, belief=seen, fit=seen.fit
+    )
 
 
-_SHARES: dict[Case, tuple[float, float]] = {"gaze": (1.0, math.nan), "head": (math.nan, 1.0)}
-"""The shares of gaze and head in the frames with one of them alone."""
 _PREPARED: Recent[tuple[Float, tuple[float, float] | None]] = Recent(16)
 
 

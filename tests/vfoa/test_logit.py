@@ -174,7 +174,7 @@ def test_probabilities_are_those_of_the_outside_option(utility: list[list[float]
         assert found == pytest.approx(odds / (1 + odds.sum(axis=1, keepdims=True)))
 
 
-@given(st.floats(-8, 8), st.floats(0.1, 3))
+@given(st.floats(-8, 8), st.floats(0.1, 5))
 def test_a_spread_of_the_constant_makes_probabilities_less_sure(utility: float, spread: float) -> None:
     drawn = utility + spread * np.random.default_rng(1).normal(size=200_000)
     (found,) = probabilities(np.array([utility]), spread)
