@@ -165,10 +165,10 @@ def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck
     for (clip, name), part in judged.items():
         if len(part.fits):
             fits.setdefault((clip, base_of(name)), []).append(part.fits)
-    joined = {pair: np.concatenate(parts) for pair, parts in fits.items()}
-    first: dict[tuple[str, bytes], Pair] = {}
-    for pair, of_pair in joined.items():
-        first.setdefault((pair[0], of_pair.tobytes()), pair)
+    distinct: dict[tuple[str, bytes], tuple[str, Float]] = {}
+    for (clip, name), parts in fits.items():
+        values = np.concatenate(parts)
+        distinct.setdefault((clip, values.tobytes()), (name, values))
     return [
         DirectionCheck(
             clip=clip,
@@ -179,8 +179,8 @@ def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck
             implied_deg=_median(implied_rad, _DEGREES),
             share=_median(share),
         )
-        for clip, name in first.values()
-        for tail, claimed_rad, implied_rad, share in [joined[clip, name].T]
+        for (clip, _), (name, values) in distinct.items()
+        for tail, claimed_rad, implied_rad, share in [values.T]
     ]
 
 

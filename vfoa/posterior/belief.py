@@ -63,8 +63,8 @@ class Belief:
 
     ``log_weights`` (K, G) are defined up to a constant; ``looked`` (T, K, G) sums to 1 over the targets. ``leave`` (K,
     G) and ``new`` (T, K, G) are the transition that led to this frame. ``tail`` is the probability, before the frame,
-    of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the first
-    head.
+    of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the
+    first head or gaze.
     """
 
     keys: Keys
