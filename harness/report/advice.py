@@ -143,7 +143,7 @@ def _missed(run: _Run) -> Iterator[str]:
 
 
 def _outscored(run: _Run) -> Iterator[str]:
-    yield "see which object won instead (vfoa view RUN --failures)"
+    yield "see what won instead (vfoa view RUN --failures)"
     if run.has_images:
         yield "see which stage costs the frames (vfoa run CLIP --oracle, on a clip with ground truth)"
 

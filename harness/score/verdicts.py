@@ -52,7 +52,7 @@ ERROR_TYPES = {
     "wrong_subject": "this is somebody else's body",
     "no_hit": "no ray hit anything",
     "missed": "the true target got no attention at all, another did",
-    "outscored": "the true target got some attention, another more",
+    "outscored": "the true target got some attention, another or nowhere more",
 }
 """Each error type, in order, with an explanation for new readers."""
 
