@@ -83,6 +83,7 @@ DOORS = {
         "harness/pipeline/cache_store.py",
         "harness/sources/recordings/containers.py",
         "harness/sources/recordings/bags.py",
+        "harness/studio/store.py",
     ),
     "pyarrow": (
         "harness/record/",

@@ -123,12 +123,13 @@ class Hits:
 
     def keep(self, which: NDArray[np.bool_]) -> Hits:
         """Some of the rays."""
+        rows = np.flatnonzero(which)
         return Hits(
             placed=self.placed,
-            rays=self.rays[which],
-            depth_m=self.depth_m[which],
-            triangle=self.triangle[which],
-            corner_share=self.corner_share[which],
+            rays=self.rays.take(rows, axis=0),
+            depth_m=self.depth_m[rows],
+            triangle=self.triangle[rows],
+            corner_share=self.corner_share.take(rows, axis=0),
         )
 
     @property
@@ -171,9 +172,9 @@ def _tensor(array: NDArray[Any]) -> Any:
 
 def _mix(values: Values, corners: NDArray[np.intp], shares: tuple[Values, ...]) -> Values:
     """Values (N, 3) inside triangles, from those of their corners (3, N) and barycentric shares 3 x (N, 1)."""
-    mixed = values[corners[0]] * shares[0]
-    mixed += values[corners[1]] * shares[1]
-    mixed += values[corners[2]] * shares[2]
+    mixed = values.take(corners[0], axis=0) * shares[0]
+    mixed += values.take(corners[1], axis=0) * shares[1]
+    mixed += values.take(corners[2], axis=0) * shares[2]
     return mixed
 
 

@@ -37,6 +37,10 @@ class Layer:
     ids: NDArray[np.uint16]
 
 
+Moving = tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Hits]
+"""Pixels (v, u) where moving bodies are seen, and the hits there."""
+
+
 class Renderer:
     """Renders the frames of a stage, each independently, in any order."""
 
@@ -45,27 +49,34 @@ class Renderer:
         self._still = Assembly([body for body in stage.bodies if not body.moves])
         self._moving = Assembly([body for body in stage.bodies if body.moves])
         self._rays = [_camera_rays(view) for view in VIEWS]
+        self._last: dict[int, tuple[int, Moving]] = {}
         self._depths: dict[int, Layer] = {}
         self._backdrops: dict[int, Values] = {}
 
     def image(self, frame: int, view: int) -> Image:
         """Return the image of camera ``view`` (0 left, 1 right): (H, W, 3) uint8 RGB. ``frame`` counts from 0."""
-        seen, hits = self._layer(frame, view)
+        (v, u), hits = self._moving_layer(frame, view)
         colour = self._backdrop(view).copy()
-        v, u = seen
         colour[v, u] = hits.shade(np.ones(len(v), dtype=np.float32))
         return self._sense(colour, frame, view)
 
     def left_geometry(self, frame: int) -> Layer:
         """Depth and instance ids of the left view."""
-        (v, u), hits = self._layer(frame, 0)
+        (v, u), hits = self._moving_layer(frame, 0)
         still = self._still_layer(0)
         depth, ids = still.depth_m.copy(), still.ids.copy()
         depth[v, u], ids[v, u] = hits.depth_m, hits.ids
         return Layer(depth_m=depth, ids=ids)
 
-    def _layer(self, frame: int, view: int) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Hits]:
-        """The moving bodies where they are in front of the static ones: pixels (v, u), and the hits there."""
+    def _moving_layer(self, frame: int, view: int) -> Moving:
+        """The moving bodies where they are in front of the static ones; image and geometry of a frame share them."""
+        last, layer = self._last.get(view, (None, None))
+        if layer is None or last != frame:
+            layer = self._cast_moving(frame, view)
+            self._last[view] = frame, layer
+        return layer
+
+    def _cast_moving(self, frame: int, view: int) -> Moving:
         placed = self._moving.placed(self._stage.poses(frame))
         where = placed.covers(view)
         hits = placed.cast(self._rays[view][where])
