@@ -7,6 +7,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from textwrap import dedent
 from typing import Any, Literal, Union, get_args, get_origin
@@ -139,19 +140,21 @@ def _describe(table: str, choice: str, model: type[Settings], summary: str) -> S
     )
 
 
+@cache
 def _meanings(model: type[Settings]) -> dict[str, str]:
     """The docstrings below the fields of a class and of its bases, by field.
 
     They are read here, and not by pydantic when a class is made: that takes a fifth of the start of every process.
     """
     meanings: dict[str, str] = {}
-    for each in reversed(model.__mro__):
-        if issubclass(each, Settings):
-            definition = ast.parse(dedent(inspect.getsource(each))).body[0]
-            for field, below in pairwise(ast.iter_child_nodes(definition)):
-                match field, below:
-                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                        meanings[name] = inspect.cleandoc(text)
+    for base in reversed(model.__bases__):
+        if issubclass(base, Settings):
+            meanings |= _meanings(base)
+    definition = ast.parse(dedent(inspect.getsource(model))).body[0]
+    for field, below in pairwise(ast.iter_child_nodes(definition)):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                meanings[name] = inspect.cleandoc(text)
     return meanings
 
 
