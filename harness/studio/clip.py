@@ -143,7 +143,7 @@ class StudioClip:
         return cache_folder(_cache_key(self.digest())) / f"{kind}_{index + 1:04d}.bin"
 
 
-@lru_cache(maxsize=4)  # the rate is read for every frame, and a gathering would be drawn again
+@lru_cache(maxsize=64)  # the rate is read for every frame, and a gathering would be drawn again
 def _scenario(settings: StudioSettings) -> Scenario:
     usual = gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
     return replace(usual, mean_fixation_s=settings.mean_fixation_s)
