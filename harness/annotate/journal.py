@@ -295,7 +295,7 @@ class JournaledStore(ABC, Generic[Content]):
             self.commit({kind: True})
 
     def commit(self, entry: Entry) -> None:
-        """Make a change of the present state. A change that fails is not made.
+        """Apply a change to the present state. A change that fails leaves it as it was.
 
         Raises
         ------

@@ -35,7 +35,7 @@ class Address(Settings):
 
 
 def read_address(labels: Path) -> Address | None:
-    """The address of the last page of these labels; None without one of the last day that can be trusted.
+    """The address of the last page of these labels, if it is of the last day and its file can be trusted; else None.
 
     A warning says why a file is not used.
     """

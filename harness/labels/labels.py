@@ -110,7 +110,7 @@ class Labels:
         return row.label if frame <= row.last_frame else None
 
     def places(self, subject: str, frames: NDArray[np.int64]) -> NDArray[np.intp]:
-        """The places in :meth:`of` of a subject's labels in frames (n,); -1 where there is none."""
+        """For each of the frames (n,), the position of the subject's label in :meth:`of`; -1 where there is none."""
         rows = self.of(subject)
         firsts, lasts = (np.array([getattr(row, name) for row in rows], dtype=np.int64) for name in _ENDS)
         places = np.searchsorted(firsts, frames, side="right") - 1

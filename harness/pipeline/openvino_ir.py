@@ -106,7 +106,7 @@ def _layers(root: Element, path: Path) -> Iterator[_Layer]:
         try:
             shapes = [_integers(",".join(length.text or "" for length in port.iterfind("dim"))) for port in taken]
         except ValueError:
-            raise VfoaError(f"{path}: layer {name!r}: an input of open length; expected integers (dim)") from None
+            raise VfoaError(f"{path}: layer {name!r}: an input without a fixed size; expected integers (dim)") from None
         yield _Layer(
             path=path,
             kind=element.get("type", ""),
@@ -237,7 +237,7 @@ class _Network:
         return [int(value) for value in array]
 
     def tensor(self, layer: _Layer, place: int) -> str:
-        """The tensor that a layer takes as its input of this place."""
+        """The tensor at this input of a layer."""
         port = layer.inputs[place] if place < len(layer.inputs) else None
         if port not in self._tensors:
             raise layer.error(f"input {place}: found nothing; expected the output of a layer before it")

@@ -243,7 +243,7 @@ def plan_sentence(planned: Sequence[PlannedPair], difference: float) -> str:
 
 
 def plan_table(planned: Sequence[PlannedPair], difference: float) -> Table:
-    """The clips that every two configurations need, and what they follow from; unknown cells where it is not known."""
+    """For every two configurations, the number of clips needed, and the figures that it follows from, where known."""
     return Table.of(
         f"Clips needed to see a difference of {100 * difference:g} points",
         "Configuration | Against | Clips | Range | Twice the looks | Points now | Detectable now | Spread of clips | "

@@ -77,7 +77,7 @@ def _without(
 
 
 def _are_identical(first: _ByOthers, second: _ByOthers) -> bool:
-    """Whether the configurations are identical one by one: equal sums over them say less."""
+    """Whether each pair of configurations answers identically: their rates together may be equal by chance."""
     return all(pair(first[others], second[others]).is_identical for others in first)
 
 

@@ -97,7 +97,7 @@ def _least(
 
 
 def _chosen(view: View, looks: LookColumns, directions: Float, row: int, others: Codes) -> list[int]:
-    """The places that the baselines pick for one person."""
+    """The positions, among the targets of a frame, that the baselines pick for one person."""
     ids = view.ids[row].tolist()
     things = [
         (ids[place], _known(view.centers_m[row, place]), _known(view.boxes_px[row, place])) for place in others.tolist()

@@ -110,7 +110,7 @@ def subset(
     if any(condition.key == "time" for condition in conditions):
         for clip in labels:
             if len(times_ns.get(clip, ())) != len(frames[clip]):
-                raise VfoaError(f"--where: time: the run has no times of {clip}; expected them: run it again, or frame")
+                raise VfoaError(f"--where: time: the run has no times of {clip}; run it again, or use frame")
     has_distances = any(condition.key in DISTANCES for condition in conditions)
     distances = measured_distances(columns(), labels) if has_distances else {}
     found: dict[str, Labels] = {}

@@ -122,7 +122,7 @@ class Hits:
         return ids
 
     def keep(self, which: NDArray[np.bool_]) -> Hits:
-        """Some of the rays."""
+        """The hits of these rays alone (N,)."""
         rows = np.flatnonzero(which)
         return Hits(
             placed=self.placed,

@@ -231,7 +231,7 @@ class _Table:
         return tuple(_IN_IMAGE[cell.lower()] for cell in cells)
 
     def _check_points(self) -> None:
-        """Reject points in shares of the image's size, which are no pixels."""
+        """Reject points that are fractions of the image's size instead of pixels."""
         points = np.zeros((0, 2)) if self._points is None else self._points[~np.isnan(self._points[:, 0])]
         if len(points) > 1 and (points >= 0).all() and (points <= 1).all():
             raise VfoaError(
