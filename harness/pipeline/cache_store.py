@@ -47,7 +47,7 @@ DEFAULT_LIMIT_GB = 10.0
 DRAFT_SECONDS = 3600.0
 """No draft file is written for longer than this."""
 
-_IDENTITY = "identity.json"
+_IDENTITY, _RESULT = "identity.json", ".bin"
 _log = logging.getLogger(__name__)
 
 
@@ -182,7 +182,8 @@ class Store:
         sizes: dict[tuple[str, str, str], list[int]] = {}
         for folder, parts in self.described("*"):
             key = folder.parent.name, str(parts["stage"]), str(parts["clip"])
-            sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
+            results = (status.st_size for path, status in _files(folder) if path.endswith(_RESULT))
+            sizes.setdefault(key, []).extend(results)
         usages = (
             Usage(slot=slot, name=name, clip=clip, files=len(own), bytes=sum(own))
             for (slot, name, clip), own in sizes.items()
@@ -194,17 +195,20 @@ class Store:
 
         Drafts that a killed process left are removed, too.
         """
-        for draft in self.stages.rglob(".*.bin.*"):
-            with suppress(OSError):
-                if time.time() - draft.stat().st_mtime > DRAFT_SECONDS:
-                    draft.unlink()
-        results = sorted(_results(self.stages))
+        results, oldest_draft = [], time.time() - DRAFT_SECONDS
+        for path, status in _files(self.stages):
+            if path.endswith(_RESULT):
+                results.append((status.st_mtime, status.st_size, path))
+            elif f"{_RESULT}." in os.path.basename(path) and status.st_mtime < oldest_draft:
+                with suppress(OSError):
+                    os.unlink(path)
+        results.sort()
         excess = sum(size for _, size, _ in results) - self.limit_bytes
         for _, size, path in results:
             if excess <= 0:
                 break
             with suppress(OSError):
-                path.unlink(missing_ok=True)
+                os.unlink(path)
             excess -= size
 
     def clear(self) -> None:
@@ -240,16 +244,17 @@ def warn_damaged(path: Path) -> None:
     _log.warning("%s: damaged; its result is computed again", path)
 
 
-def _results(folder: Path) -> list[tuple[float, int, Path]]:
-    """(last use, bytes, path) of every output under a folder; those that vanish meanwhile are left out."""
-    results = []
-    for path in folder.rglob("*.bin"):
-        try:
-            status = path.stat()
-        except OSError:
-            continue
-        results.append((status.st_mtime, status.st_size, path))
-    return results
+def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
+    """Every file under a folder; those that vanish meanwhile are left out. The cache of many clips has many files."""
+    pending = [os.fspath(folder)]
+    while pending:
+        with suppress(OSError), os.scandir(pending.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    pending.append(entry.path)
+                else:
+                    with suppress(OSError):
+                        yield entry.path, entry.stat()
 
 
 _TYPE = "$type"
