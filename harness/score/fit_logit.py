@@ -157,8 +157,8 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
         for person in test:
             by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
             by_method |= {name: outcomes_of[person.labelled] for name, outcomes_of in person.others.items()}
+            by_method[f"{DEFAULT}, forward"] = answers(person, default_weights(), "forward")  # and both: see vfoa.logit
             for smoothing in SMOOTHINGS:
-                by_method[f"{DEFAULT}, {smoothing}"] = answers(person, default_weights(), smoothing)
                 by_method[f"{FITTED}, {smoothing}"] = answers(person, weights, smoothing)
             for name, outcomes in by_method.items():
                 by_name.setdefault(name, []).append(outcomes)

@@ -76,6 +76,7 @@ def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
     assert (found.fit.experiment, found.fit.configuration, found.fit.clips) == ("talk", "forward", ("one", "two"))
     scores = {each.method: each for each in found.fit.held_out}
     assert {"commonest", "nearest within a limit", "two cones", "cones", "fitted, both"} <= set(scores)
+    assert [name for name in scores if name.startswith("default weights")] == ["default weights, forward"]
     assert scores["fitted, forward"].n == scores["commonest"].n == 120
     assert scores["nearest within a limit"].frr == 1
     assert scores["nearest within a limit"].log_loss is None
