@@ -91,7 +91,17 @@ def run_plainly(
     limit: int | None = None,
     bar: Bar = no_bar,
 ) -> RunDirectory:
-    """Run an experiment without recordings, or reuse its results."""
+    """Run an experiment for a fit, without recordings, or reuse its results.
+
+    Raises
+    ------
+    VfoaError
+        If nobody is labelled: before anything is perceived. Or as :func:`harness.run.runner.run_plan`.
+    """
+    from harness.score.labelled_run import check_labelled
+
     plan = prepare(experiment, limit=limit, fit=_LEFT_OUT)
+    labels = {each.manifest.name: each.labels for each in plan.clips}
+    check_labelled(experiment.name, labels, [each.plain() for each in plan.experiment.configurations])
     with bar(plan.frames, experiment.name) as progress:
         return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True)

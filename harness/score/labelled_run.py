@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import Labels
+from harness.labels.labels import IGNORED, Labels
 from harness.run.attend import with_method
 from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import RunDirectory
@@ -19,7 +19,7 @@ from harness.run.executors import GOES_ON, Executor, InProcess, Progress
 from harness.run.grid import base_of
 from harness.run.table_files import find_tables
 from harness.run.table_scenes import NoCloudsError, SceneFrame, read_scenes
-from harness.score.finished_run import FinishedRun
+from harness.score.finished_run import FinishedRun, how_to_label
 from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
 from harness.score.score import pair_verdicts
@@ -93,7 +93,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     Raises
     ------
     VfoaError
-        If the run is not finished, has no such configuration, or no labelled frame with a measured direction.
+        If the run is not finished, has no such configuration or no label that counts, or nobody labelled has a measured
+        direction.
     """
     run = FinishedRun.read(directory)
     known = run.manifest.configurations
@@ -102,6 +103,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
+    of_clips = {clip.name: reference.labels.get(clip.name) for clip in run.manifest.clips}
+    check_labelled(run.manifest.experiment, of_clips, known.values())
     pairs = _labelled_pairs(run, reference.labels, [chosen], tuple(ROWS))
     return labelled_runs(run.manifest.experiment, pairs, [chosen], InProcess(), _answers(run, reference))[0]
 
@@ -121,6 +124,21 @@ def read_features(
     run = FinishedRun.read(directory)
     pairs = _labelled_pairs(run, run.reference().labels, configurations, cases)
     return labelled_runs(run.manifest.experiment, pairs, configurations, InProcess())
+
+
+def check_labelled(
+    experiment: str, labels: Mapping[str, Labels | None], configurations: Collection[Mapping[str, Any]]
+) -> None:
+    """Reject an experiment in which nobody has a label that counts; ``labels`` are those of each clip, by its name.
+
+    Raises
+    ------
+    VfoaError
+        The message says how the first clip is labelled.
+    """
+    if not any(row.label.target != IGNORED for of_clip in labels.values() if of_clip for row in of_clip.ranges):
+        how = how_to_label(next(iter(labels)), configurations)
+        raise VfoaError(f"fit: {experiment}: found no label of who looks at what; expected some: {how}")
 
 
 class LabelTruth(NamedTuple):
@@ -218,7 +236,10 @@ def labelled_runs(
         seeds = len({pair.configuration for pair in pairs if base_of(pair.configuration) == name})
         of_all = [replace(each, sequence=replace(each.sequence, weight=1 / seeds)) for of in by_pair for each in of]
         if not any(person.labelled for person in of_all):
-            raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
+            raise VfoaError(
+                f"fit: {experiment}: found no measured direction of a labelled person; "
+                "expected some: `vfoa run` says what is missing"
+            )
         runs.append(LabelledRun(experiment=experiment, configuration=name, seeds=seeds, people=of_all))
     return runs
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -179,14 +180,6 @@ def test_weights_of_an_earlier_version_are_taken(fitted: Path) -> None:
     assert read_fitted(fitted).fit.version == "0.0.9"
 
 
-def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), 12)
-    (tmp_path / "annotations" / "one.csv").unlink()
-    with pytest.raises(VfoaError, match="no labelled frame"):
-        fit("talk.toml")
-
-
 def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one",), 78, 2 * STEP_NS)
@@ -224,6 +217,21 @@ def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
     assert not Path("fitted.toml").exists()
     fit(run, Path("fitted.toml"), first="20s", even_if_worse=True)
     assert read_fitted(Path("fitted.toml")).fit.held_out == ()
+
+
+def test_without_labels_nothing_is_perceived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), 12)
+    labels = tmp_path / "annotations" / "one.csv"
+    finished = _plain_run(tmp_path)
+    labels.write_text(re.sub("(,(?:anna|ben)),[^,]+", r"\1,ignore", labels.read_text()))
+    for _ in ("only ignored", "none"):
+        with pytest.raises(VfoaError, match=r"talk: found no label .*--clip one"):
+            fit("talk.toml", Path("fitted.toml"))
+        with pytest.raises(VfoaError, match=r"talk: found no label .*--clip one"):
+            read_labelled(finished)
+        labels.unlink(missing_ok=True)
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_run_whose_manifest_has_no_settings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
