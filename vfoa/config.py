@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from vfoa.errors import VfoaError, did_you_mean
@@ -72,8 +73,12 @@ def read_steps(
     VfoaError
         If a key or a value is wrong, or stuff is to be reconstructed where the matcher leaves it out.
     """
-    models = {**STEPS, "attention": _method_class(tables.get("attention", {}), methods, where).Settings}
-    steps: dict[str, Any] = {step: parse(model, tables.get(step, {}), where, step) for step, model in models.items()}
+    method = _method_class(tables.get("attention", {}), methods, where).Settings
+    steps: dict[str, Any] = {
+        step: parse(model, tables.get(step, {}), where, step) for step, model in STEPS.items() if step != "attention"
+    }
+    owners = partial(choices_with, methods, "attention.method")
+    steps["attention"] = parse(method, tables.get("attention", {}), where, "attention", owners=owners)
     reconstruction: ReconstructionSettings = steps.pop("reconstruction")
     if is_in_region(stereo) and reconstruction.stuff:
         raise VfoaError(
@@ -81,6 +86,11 @@ def read_steps(
             f'{list(reconstruction.stuff)}; expected stereo.region = "frame"'
         )
     return reconstruction, AttendSettings(**steps)
+
+
+def choices_with(registry: Registry, dotted: str, setting: str) -> list[str]:
+    """The choices of a key, such as ``attention.method = "cones"``, that have a setting of this name."""
+    return [f'{dotted} = "{name}"' for name in registry.owners(setting)]
 
 
 def is_in_region(stereo: Settings | None) -> bool:

@@ -53,6 +53,10 @@ class Registry:
         """Whether :meth:`load` takes this name. Other distributions are asked last, because listing them is slow."""
         return name in self.builtin or name in self._others()
 
+    def owners(self, setting: str) -> list[str]:
+        """The names of this project whose settings have this key."""
+        return [name for name in self.builtin if setting in self.load(name).Settings.model_fields]
+
     def load(self, name: str) -> Any:
         """Import and return the class called ``name``.
 

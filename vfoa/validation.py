@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -13,7 +13,14 @@ from vfoa.removed import removed
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def parse(model: type[Model], data: Any, where: str, table: str = "", beside: Iterable[str] = ()) -> Model:
+def parse(
+    model: type[Model],
+    data: Any,
+    where: str,
+    table: str = "",
+    beside: Iterable[str] = (),
+    owners: Callable[[str], Iterable[str]] = lambda key: (),
+) -> Model:
     """Check ``data`` against a model and return the model.
 
     Parameters
@@ -28,6 +35,8 @@ def parse(model: type[Model], data: Any, where: str, table: str = "", beside: It
         Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
     beside
         Other keys that the same table of the file may have: suggestions for a misspelt key.
+    owners
+        Gives the choices, such as ``attention.method = "cones"``, under which the table may have an unknown key.
 
     Raises
     ------
@@ -40,10 +49,12 @@ def parse(model: type[Model], data: Any, where: str, table: str = "", beside: It
     except ValidationError as error:
         mistakes = sorted(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside)}{more}") from None
+        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside, owners)}{more}") from None
 
 
-def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str]) -> str:
+def _sentence(
+    model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str], owners: Callable[[str], Iterable[str]]
+) -> str:
     """One pydantic error as ``key: expected and found``."""
     location, kind = mistake["loc"], mistake["type"]
     path = (*([table] if table else []), *location)
@@ -52,6 +63,8 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
     if kind in ("extra_forbidden", "literal_error") and (gone := removed(path, mistake["input"])):
         return f"{prefix}found {_short(mistake['input'])}: {gone}"
     if kind == "extra_forbidden":
+        if len(location) == 1 and (choices := " or ".join(owners(str(location[0])))):
+            return f"unknown key {key!r}; it is a setting of {choices}"
         keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
     if kind == "missing":

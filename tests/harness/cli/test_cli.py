@@ -53,6 +53,14 @@ def test_the_packages_run_as_modules(module: str) -> None:
         (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
         (("run", "demo", "--set", "stereo.machter=bm"), "demo.toml --set stereo.machter=bm: "),
         (("run", "demo", "--set", "stereo.machter=bm"), "unknown key 'stereo.machter'; did you mean 'matcher'?"),
+        (
+            ("run", "studio_table", "--set", "attention.cones_deg=[30]"),
+            "unknown key 'attention.cones_deg'; it is a setting of attention.method = \"cones\"",
+        ),
+        (
+            ("run", "studio_table", "--set", "stereo.matcher=hitnet", "--set", "stereo.wls=true"),
+            'stereo.wls\'; it is a setting of stereo.matcher = "bm" or stereo.matcher = "sgbm"',
+        ),
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
         (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
         (("score", "nowhere"), "nowhere: expected a run's directory, found nothing there"),
