@@ -54,7 +54,7 @@ class BayesSettings(MethodSettings):
         return (
             "posterior: nothing is fitted to this clip; in four settings its calibration error was 0.07 to 0.25. That "
             "of a logit fitted to 20 labelled seconds was 0.06 where the posterior's was 0.18 (people in a room), and "
-            "0.08 where it was 0.06 (a conversation): vfoa fit CLIP."
+            "0.08 where it was 0.06 (a conversation)."
         )
 
     @property

@@ -24,7 +24,6 @@ from harness.cli.options import (
 from harness.cli.terminal import say, signals_as_ctrl_c
 
 if TYPE_CHECKING:
-    from harness.labels.labels import Labels
     from harness.run.directory import RunDirectory
     from harness.run.experiment import Experiment
     from harness.run.plan import Plan
@@ -143,7 +142,7 @@ def run(
     scores = rescore(directory)
     for notice in (*experiment.missing, *notices):
         say(notice)
-    if advice := _advice(plan):
+    if advice := _advice(plan, directory.path):
         say(advice)
     print_scores(scores, directory.path, verbose=verbose)
     _report_failures(directory)
@@ -216,20 +215,19 @@ def _run_paper_cases(out: str | None) -> None:
     print_reports([table])
 
 
-def _advice(plan: Plan) -> str | None:
+def _advice(plan: Plan, run: Path) -> str | None:
     """A line for a clip without labels: what calibration error to expect, and what a few labels would change."""
-    expected = [configuration.attend.attention.elsewhere for configuration in plan.experiment.configurations]
-    clip = next((planned.manifest.name for planned in plan.clips if not _is_labelled(planned.labels)), None)
+    from harness.score.finished_run import how_to_label
+
+    configurations = plan.experiment.configurations
+    expected = [configuration.attend.attention.elsewhere for configuration in configurations]
+    unlabelled = (each.manifest.name for each in plan.clips if each.labels is None or not each.labels.are_scored)
+    clip = next(unlabelled, None)
     if clip is None or not any(expected):
         return None
     sentences = " ".join(dict.fromkeys(filter(None, expected)))
-    return f"{clip} has no labels. {sentences} First: vfoa annotate {clip}"
-
-
-def _is_labelled(labels: Labels | None) -> bool:
-    from harness.labels.labels import IGNORED
-
-    return labels is not None and any(row.label.target != IGNORED for row in labels.ranges)
+    how = how_to_label(clip, [configuration.plain() for configuration in configurations])
+    return f"{clip} has no labels. {sentences} {how}, and `vfoa fit {run}` fits to them."
 
 
 @contextmanager

@@ -126,6 +126,11 @@ class Labels:
             if (label := self.at(frame, subject)) is not None
         )
 
+    @property
+    def are_scored(self) -> bool:
+        """Whether any label counts: one of a target or of ``none``, not of ``ignore``."""
+        return any(row.label.target != IGNORED for row in self.ranges)
+
     def confirmed(self) -> Labels:
         """Return the labels to score: suggestions become ``ignore``, so that no run is scored by a run."""
         return Labels(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, Labels
+from harness.labels.labels import Labels
 from harness.run.attend import with_method
 from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import RunDirectory
@@ -136,7 +136,7 @@ def check_labelled(
     VfoaError
         The message says how the first clip is labelled.
     """
-    if not any(row.label.target != IGNORED for of_clip in labels.values() if of_clip for row in of_clip.ranges):
+    if not any(of_clip.are_scored for of_clip in labels.values() if of_clip):
         how = how_to_label(next(iter(labels)), configurations)
         raise VfoaError(f"fit: {experiment}: found no label of who looks at what; expected some: {how}")
 

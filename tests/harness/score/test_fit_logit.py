@@ -124,7 +124,12 @@ def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
     code, said, err = vfoa(monkeypatch, capsys, "run", "one", "--workers", "1", "--recording", "none")
     assert code == 0, err
     expected = LogitSettings(method="logit").elsewhere
-    assert said.splitlines().count(f"one has no labels. {expected} First: vfoa annotate one") == 1
+    (line,) = (line for line in said.splitlines() if line.startswith("one has no labels."))
+    assert expected in line
+    assert re.findall("`(.*?)`", line) == [
+        "vfoa labels import FILE --clip one --format FORMAT",  # there is no picture to label
+        f"vfoa fit {Path('runs', 'one')}",
+    ]
     cones = ("run", "one", "--workers", "1", "--recording", "none", "--out", "cones", "--set", "attention.method=cones")
     assert "calibration error" not in vfoa(monkeypatch, capsys, *cones)[1]
 
@@ -154,7 +159,7 @@ def test_the_terminal_says_that_a_clip_was_fitted_on(
 
 
 def test_the_default_weights_say_what_to_expect_and_fitted_ones_do_not(fitted: Path) -> None:
-    assert "vfoa fit CLIP" in LogitSettings(method="logit").elsewhere
+    assert "calibration error" in LogitSettings(method="logit").elsewhere
     assert read_fitted(fitted).attention.elsewhere == ""
 
 
