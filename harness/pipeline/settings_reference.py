@@ -6,6 +6,7 @@ import ast
 import inspect
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -150,11 +151,12 @@ def _meanings(model: type[Settings]) -> dict[str, str]:
     for base in reversed(model.__bases__):
         if issubclass(base, Settings):
             meanings |= _meanings(base)
-    definition = ast.parse(dedent(inspect.getsource(model))).body[0]
-    for field, below in pairwise(ast.iter_child_nodes(definition)):
-        match field, below:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                meanings[name] = inspect.cleandoc(text)
+    with suppress(OSError, TypeError, SyntaxError):  # a class of another distribution may come without its source
+        definition = ast.parse(dedent(inspect.getsource(model))).body[0]
+        for field, below in pairwise(ast.iter_child_nodes(definition)):
+            match field, below:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    meanings[name] = inspect.cleandoc(text)
     return meanings
 
 

@@ -157,7 +157,8 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
         for person in test:
             by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
             by_method |= {name: outcomes_of[person.labelled] for name, outcomes_of in person.others.items()}
-            by_method[f"{DEFAULT}, forward"] = answers(person, default_weights(), "forward")  # and both: see vfoa.logit
+            # later frames have no weight in them: both would be the same row
+            by_method[f"{DEFAULT}, forward"] = answers(person, default_weights(), "forward")
             for smoothing in SMOOTHINGS:
                 by_method[f"{FITTED}, {smoothing}"] = answers(person, weights, smoothing)
             for name, outcomes in by_method.items():

@@ -6,14 +6,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from pydantic import create_model
 
 import vfoa as package
 from harness.cli.options import configuration_names, experiment_and_clip_names
-from harness.pipeline.configuration import TABLES
+from harness.pipeline.configuration import STEPS, TABLES
 from harness.pipeline.settings_reference import setting_keys, settings_tables
 from harness.run.experiment import load_experiment
 from tests.command import vfoa
 from vfoa.errors import VfoaError
+from vfoa.settings import Settings
 
 
 @pytest.mark.parametrize("table", settings_tables(), ids=lambda table: table.title)
@@ -30,6 +32,12 @@ def test_the_reference_of_a_stage_has_every_key_of_its_choices() -> None:
     assert by_key["stereo.mode"].default == '"3way"'
     with pytest.raises(VfoaError, match="did you mean 'stereo'"):
         settings_tables("sterio")
+
+
+def test_settings_whose_source_is_not_there_have_no_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STEPS, "tracking", create_model("Compiled", __base__=Settings, rate_hz=(float, 25.0)))
+    (table,) = settings_tables("tracking")
+    assert [(each.key, each.default, each.meaning) for each in table.settings] == [("tracking.rate_hz", "25", "")]
 
 
 def test_every_key_of_the_reference_is_one_that_set_takes() -> None:
