@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Replace, experiment_and_clip_names
+from harness.cli.options import Overrides, Replace, experiment_and_clip_names
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def fit(
         bool, typer.Option("--even-if-worse", help="Write the file even if the default weights are better.")
     ] = False,
     tables: Annotated[Path | None, typer.Option(metavar="FILE.md", help="Also write the tables as Markdown.")] = None,
+    overrides: Overrides = None,
     replace: Replace = False,
 ) -> None:
     """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
@@ -57,7 +59,7 @@ def fit(
     from vfoa.errors import VfoaError
 
     first_s = _seconds(first)
-    name, inputs, directory = _source(what)
+    name, inputs, directory = _source(what, tuple(overrides or ()))
     path = out or Path(f"{name}-fitted.toml")
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
@@ -82,7 +84,9 @@ def fit(
             f"{least.log_loss}; label more, or add --even-if-worse"
         )
     atomic_write(path, fitted_text(fitted))
-    say(f"{path}: vfoa run {run.experiment if _is_run(what) else what} --preset {path}")
+    changes = [word for change in overrides or () for word in ("--set", change)]
+    command = ["vfoa", "run", run.experiment if _is_run(what) else what, *changes, "--preset", str(path)]
+    say(f"{path}: {shlex.join(command)}")
 
 
 def _seconds(text: str | None) -> float | None:
@@ -103,7 +107,7 @@ def _is_run(what: str) -> bool:
     return (Path(what) / "manifest.json").is_file()
 
 
-def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
+def _source(what: str, overrides: tuple[str, ...]) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
     """The experiment's name, the files that are read, and a function that returns the run, made if there is none."""
     from harness.cli.run import experiment_of
     from harness.cli.terminal import frames_bar
@@ -112,11 +116,14 @@ def _source(what: str) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_plainly
     from harness.run.directory import RunDirectory
+    from vfoa.errors import VfoaError
 
     if _is_run(what):
+        if overrides:
+            raise VfoaError(f"fit: found --set {overrides[0]} for a finished run; expected an experiment or a clip")
         run = RunDirectory(Path(what))
         return run.read_manifest().experiment, list(run.inputs), lambda: run
-    experiment = experiment_of([what], (), (), None)
+    experiment = experiment_of([what], (), overrides, None)
     files = [find("experiments", what) or Path(what)]
     files += [file for clip in experiment.clips for file in load_manifest(clip).files]
     out = Path("runs") / experiment.name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -222,6 +223,25 @@ def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
     assert not Path("fitted.toml").exists()
     fit(run, Path("fitted.toml"), first="20s", even_if_worse=True)
     assert read_fitted(Path("fitted.toml")).fit.held_out == ()
+
+
+def test_a_clip_is_fitted_under_changed_settings_and_the_command_it_prints_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    labelled_clips(tmp_path, ("one",), 140)
+    capsys.readouterr()
+    changed = ("--set", "gaze_filter.max_missing=7")
+    code, said, err = vfoa(monkeypatch, capsys, "fit", "one", "--even-if-worse", *changed)
+    assert code == 0, err
+    run = RunDirectory(Path("runs", "one")).read_manifest()
+    assert run.configurations["default"]["gaze_filter"]["max_missing"] == 7
+    command = shlex.split(said.splitlines()[-1].partition(": ")[2])
+    assert set(changed) < set(command)
+    assert vfoa(monkeypatch, capsys, *command[1:], "--workers", "1", "--recording", "none")[0] == 0
+    code, _, err = vfoa(monkeypatch, capsys, "fit", "runs/one", *changed)
+    assert (code, err.count("\n")) == (2, 1)
 
 
 def test_without_labels_nothing_is_perceived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
