@@ -70,6 +70,8 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
         for name, person in people.items():
             target, instance_id = _focus(record, person)
             chances = _chances(record, person) if target is not None else {}
+            if target is not None and not chances:  # nothing else is there: a blank row would say that none are known
+                chances = dict.fromkeys(with_chances, 0.0)
             rows.append((record.frame, name, target, instance_id, *(chances.get(other) for other in with_chances)))
     return header, rows
 

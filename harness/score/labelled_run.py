@@ -237,8 +237,8 @@ def labelled_runs(
         of_all = [replace(each, sequence=replace(each.sequence, weight=1 / seeds)) for of in by_pair for each in of]
         if not any(person.labelled for person in of_all):
             raise VfoaError(
-                f"fit: {experiment}: found no measured direction of a labelled person; "
-                "expected some: `vfoa run` says what is missing"
+                f"fit: {experiment}: found no labelled frame with a measured direction and the target that is looked "
+                "at; expected some: the error types of its run say what is missing"
             )
         runs.append(LabelledRun(experiment=experiment, configuration=name, seeds=seeds, people=of_all))
     return runs

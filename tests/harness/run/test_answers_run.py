@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -315,8 +316,17 @@ def test_shares_of_the_image_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
         _run_points(tmp_path, [f"{first},anna,0.5,0.25,1", f"{second},anna,0.5,0.3,1"])
 
 
+def _leave_anna_alone(tables: Path, frame: int) -> None:
+    people, objects = tables / "people.csv", tables / "objects.csv"
+    people.write_text(re.sub(rf"^{frame},\d+,ben,.*\n", "", people.read_text(), flags=re.MULTILINE))
+    header, robot, *cups = objects.read_text().splitlines()
+    robots = [f"{number}{robot}" for number in range(1, frame)]
+    objects.write_text("\n".join([header, *robots, *(cup for cup in cups if not cup.startswith(f"{frame},"))]) + "\n")
+
+
 def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None:
-    """A posterior with its probabilities, and a rule that can say "nowhere"."""
+    """A posterior with its probabilities, and a rule that can say "nowhere". In the last frame Anna is alone."""
+    _leave_anna_alone(talk / "data" / "talk", frame=12)
     write_text(talk / "annotations" / "talk.csv", true_labels().replace("7,12,ben,robot", "7,12,ben,none"))
     methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5)}
     write_text(talk / "talk.toml", _experiment(**methods))
