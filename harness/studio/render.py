@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from harness.studio.material import Values
 from harness.studio.raycast import Assembly, Hits, Placed, shadow_share
 from harness.studio.stage import RIG, Stage
+from vfoa.recent import Recent
 from vfoa.types import Image, Map
 
 VIEWS = (0, 1)
@@ -49,7 +50,7 @@ class Renderer:
         self._still = Assembly([body for body in stage.bodies if not body.moves])
         self._moving = Assembly([body for body in stage.bodies if body.moves])
         self._rays = [_camera_rays(view) for view in VIEWS]
-        self._last: dict[int, tuple[int, Moving]] = {}
+        self._moving_layers: Recent[Moving] = Recent(len(VIEWS))
         self._depths: dict[int, Layer] = {}
         self._backdrops: dict[int, Values] = {}
 
@@ -70,11 +71,7 @@ class Renderer:
 
     def _moving_layer(self, frame: int, view: int) -> Moving:
         """The moving bodies where they are in front of the static ones; image and geometry of a frame share them."""
-        last, layer = self._last.get(view, (None, None))
-        if layer is None or last != frame:
-            layer = self._cast_moving(frame, view)
-            self._last[view] = frame, layer
-        return layer
+        return self._moving_layers.get((), (frame, view), lambda: self._cast_moving(frame, view))
 
     def _cast_moving(self, frame: int, view: int) -> Moving:
         placed = self._moving.placed(self._stage.poses(frame))
