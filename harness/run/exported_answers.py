@@ -69,9 +69,10 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
                 people.setdefault(person.name, person)  # of two tracks with one name the first counts, as in the score
         for name, person in people.items():
             target, instance_id = _focus(record, person)
-            chances = _chances(record, person) if target is not None else {}
-            if target is not None and not chances:  # nothing else is there: a blank row would say that none are known
-                chances = dict.fromkeys(with_chances, 0.0)
+            chances = dict[str, float]()
+            if target is not None:
+                # zeros where nothing else is there: a blank row would say that no probability is known
+                chances = _chances(record, person) or dict.fromkeys(with_chances, 0.0)
             rows.append((record.frame, name, target, instance_id, *(chances.get(other) for other in with_chances)))
     return header, rows
 
