@@ -73,12 +73,11 @@ def read_steps(
     VfoaError
         If a key or a value is wrong, or stuff is to be reconstructed where the matcher leaves it out.
     """
-    method = _method_class(tables.get("attention", {}), methods, where).Settings
+    models = {**STEPS, "attention": _method_class(tables.get("attention", {}), methods, where).Settings}
+    owners = {"attention": partial(methods.choices_with, "attention.method")}
     steps: dict[str, Any] = {
-        step: parse(model, tables.get(step, {}), where, step) for step, model in STEPS.items() if step != "attention"
+        step: parse(model, tables.get(step, {}), where, step, owners=owners.get(step)) for step, model in models.items()
     }
-    owners = partial(choices_with, methods, "attention.method")
-    steps["attention"] = parse(method, tables.get("attention", {}), where, "attention", owners=owners)
     reconstruction: ReconstructionSettings = steps.pop("reconstruction")
     if is_in_region(stereo) and reconstruction.stuff:
         raise VfoaError(
@@ -86,11 +85,6 @@ def read_steps(
             f'{list(reconstruction.stuff)}; expected stereo.region = "frame"'
         )
     return reconstruction, AttendSettings(**steps)
-
-
-def choices_with(registry: Registry, dotted: str, setting: str) -> list[str]:
-    """The choices of a key, such as ``attention.method = "cones"``, that have a setting of this name."""
-    return [f'{dotted} = "{name}"' for name in registry.owners(setting)]
 
 
 def is_in_region(stereo: Settings | None) -> bool:

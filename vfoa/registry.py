@@ -53,9 +53,9 @@ class Registry:
         """Whether :meth:`load` takes this name. Other distributions are asked last, because listing them is slow."""
         return name in self.builtin or name in self._others()
 
-    def owners(self, setting: str) -> list[str]:
-        """The names of this project whose settings have this key."""
-        return [name for name in self.builtin if setting in self.load(name).Settings.model_fields]
+    def choices_with(self, dotted: str, setting: str) -> list[str]:
+        """The built-in choices of a key, such as ``attention.method = "cones"``, that have a setting."""
+        return [f'{dotted} = "{name}"' for name in self.builtin if setting in self.load(name).Settings.model_fields]
 
     def load(self, name: str) -> Any:
         """Import and return the class called ``name``.

@@ -11,6 +11,7 @@ from vfoa.errors import VfoaError, did_you_mean
 from vfoa.removed import removed
 
 Model = TypeVar("Model", bound=BaseModel)
+Owners = Callable[[str], Iterable[str]]
 
 
 def parse(
@@ -19,7 +20,7 @@ def parse(
     where: str,
     table: str = "",
     beside: Iterable[str] = (),
-    owners: Callable[[str], Iterable[str]] = lambda key: (),
+    owners: Owners | None = None,
 ) -> Model:
     """Check ``data`` against a model and return the model.
 
@@ -52,9 +53,7 @@ def parse(
         raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside, owners)}{more}") from None
 
 
-def _sentence(
-    model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str], owners: Callable[[str], Iterable[str]]
-) -> str:
+def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str], owners: Owners | None) -> str:
     """One pydantic error as ``key: expected and found``."""
     location, kind = mistake["loc"], mistake["type"]
     path = (*([table] if table else []), *location)
@@ -63,7 +62,7 @@ def _sentence(
     if kind in ("extra_forbidden", "literal_error") and (gone := removed(path, mistake["input"])):
         return f"{prefix}found {_short(mistake['input'])}: {gone}"
     if kind == "extra_forbidden":
-        if len(location) == 1 and (choices := " or ".join(owners(str(location[0])))):
+        if owners and len(location) == 1 and (choices := " or ".join(owners(str(location[0])))):
             return f"unknown key {key!r}; it is a setting of {choices}"
         keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"

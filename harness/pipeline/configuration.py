@@ -24,7 +24,7 @@ import vfoa.stereo
 from harness.clips.manifest import ClipManifest
 from harness.sources import Clip, MeasuredClip
 from vfoa import config
-from vfoa.config import Tables, choices_with, is_in_region, read_steps
+from vfoa.config import Tables, is_in_region, read_steps
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.methods import DEFAULT_METHOD, MethodSettings
@@ -79,7 +79,7 @@ class StageKind:
         name = self.library.resolve(name)
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
-        owners = partial(choices_with, self.library, f"{self.name}.{self.key}")
+        owners = partial(self.library.choices_with, f"{self.name}.{self.key}")
         checked = parse(self.stage_class(name).Settings, settings, where, self.name, beside=(self.key,), owners=owners)
         return StageChoice(slot=self.name, name=name, settings=checked)
 
