@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.cli.options import Overrides, Replace, experiment_and_clip_names
-from harness.cli.terminal import say
+from harness.cli.terminal import say, told_if_interrupted
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -59,12 +61,14 @@ def fit(
     from vfoa.errors import VfoaError
 
     first_s = _seconds(first)
-    name, inputs, directory = _source(what, tuple(overrides or ()))
+    notices: list[str] = []
+    name, inputs, directory = _source(what, tuple(overrides or ()), notices.append)
     path = out or Path(f"{name}-fitted.toml")
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
-    run = read_labelled(directory(), config)
+    with told_if_interrupted(notices):
+        run = read_labelled(directory(), config)
     try:
         fitted = fit_logit(run, first_s=first_s)
     except VfoaError:
@@ -107,8 +111,13 @@ def _is_run(what: str) -> bool:
     return (Path(what) / "manifest.json").is_file()
 
 
-def _source(what: str, overrides: tuple[str, ...]) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
-    """The experiment's name, the files that are read, and a function that returns the run, made if there is none."""
+def _source(
+    what: str, overrides: tuple[str, ...], tell: Callable[[str], None]
+) -> tuple[str, list[Path], Callable[[], RunDirectory]]:
+    """The experiment's name, the files that are read, and a function that returns the run, made if there is none.
+
+    ``tell`` is called with a line about what is reused, or kept if it is interrupted.
+    """
     from harness.cli.run import experiment_of
     from harness.cli.terminal import frames_bar
     from harness.clips.manifest import load_manifest
@@ -126,5 +135,6 @@ def _source(what: str, overrides: tuple[str, ...]) -> tuple[str, list[Path], Cal
     experiment = experiment_of([what], (), overrides, None)
     files = [find("experiments", what) or Path(what)]
     files += [file for clip in experiment.clips for file in load_manifest(clip).files]
-    out = Path("runs") / experiment.name
-    return experiment.name, files, lambda: run_plainly(experiment, out, cache=open_store(None), bar=frames_bar)
+    store, cores = open_store(None), os.cpu_count() or 1
+    make = partial(run_plainly, experiment, Path("runs") / experiment.name, cache=store, bar=frames_bar, tell=tell)
+    return experiment.name, files, partial(make, workers=cores, threads=cores)

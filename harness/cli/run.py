@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,7 +20,7 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import say, signals_as_ctrl_c
+from harness.cli.terminal import say, told_if_interrupted
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -124,7 +123,7 @@ def run(
         from harness.score.oracle_ablation import with_oracle_ablation
 
         experiment = with_oracle_ablation(experiment)
-    with _told_if_interrupted(notices):
+    with told_if_interrupted(notices):
         plan, directory = run_whole(
             experiment,
             folder,
@@ -179,7 +178,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     changes = changed_methods(overrides)
     scores, left_out = {}, []
     notices: list[str] = []
-    with _told_if_interrupted(notices):
+    with told_if_interrupted(notices):
         for name in MATERIALS:
             try:
                 experiment, missing = material_experiment(name, changes)
@@ -228,18 +227,6 @@ def _advice(plan: Plan, run: Path) -> str | None:
     sentences = " ".join(dict.fromkeys(filter(None, expected)))
     how = how_to_label(clip, [configuration.plain() for configuration in configurations])
     return f"{clip} has no labels. {sentences} {how}, and `vfoa fit {run}` fits to them."
-
-
-@contextmanager
-def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
-    """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
-    try:
-        with signals_as_ctrl_c():
-            yield
-    except KeyboardInterrupt:
-        for notice in notices or ["interrupted before the first frame of the experiment"]:
-            say(f"vfoa: {notice}", err=True)
-        raise typer.Exit(130) from None
 
 
 def _report_failures(directory: RunDirectory) -> None:

@@ -247,3 +247,15 @@ def signals_as_ctrl_c() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def told_if_interrupted(notices: list[str]) -> Iterator[None]:
+    """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
+    try:
+        with signals_as_ctrl_c():
+            yield
+    except KeyboardInterrupt:
+        for notice in notices or ["interrupted before the first frame of the experiment"]:
+            say(f"vfoa: {notice}", err=True)
+        raise typer.Exit(130) from None

@@ -88,10 +88,13 @@ def run_plainly(
     *,
     cache: Store | None,
     workers: int = 1,
-    limit: int | None = None,
+    threads: int = 1,
     bar: Bar = no_bar,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> RunDirectory:
     """Run an experiment for a fit, without recordings, or reuse its results.
+
+    The parameters are those of :func:`harness.run.runner.run_plan`.
 
     Raises
     ------
@@ -100,8 +103,10 @@ def run_plainly(
     """
     from harness.score.labelled_run import check_labelled
 
-    plan = prepare(experiment, limit=limit, fit=_LEFT_OUT)
+    plan = prepare(experiment, fit=_LEFT_OUT)
     labels = {each.manifest.name: each.labels for each in plan.clips}
     check_labelled(experiment.name, labels, [each.plain() for each in plan.experiment.configurations])
     with bar(plan.frames, experiment.name) as progress:
-        return run_plan(plan, out, workers=workers, progress=progress, cache=cache, beside=True)
+        return run_plan(
+            plan, out, workers=workers, threads=threads, progress=progress, cache=cache, tell=tell, beside=True
+        )

@@ -345,6 +345,21 @@ def _interrupted(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+def test_an_interrupted_fit_says_what_is_kept_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    labelled_clips(tmp_path, ("one", "two"), 20)
+    with monkeypatch.context() as patch:
+        patch.setattr("harness.run.loop.attend_clip", _interrupted)
+        code, _, said = vfoa(monkeypatch, capsys, "fit", "talk.toml")
+    assert (code, len(said.splitlines())) == (130, 1)
+    assert str(Path("runs", "talk")) in said
+    assert vfoa(monkeypatch, capsys, "fit", "talk.toml")[0] == 0
+    assert RunDirectory(Path("runs", "talk")).read_manifest().finished
+
+
 def test_a_script_attends_again_with_the_weights_of_the_run(left_out: None, tmp_path: Path) -> None:
     run = harness.load_run(_run(tmp_path / "run").path)
     assert run.attend({}).astype(str).equals(run.answers.astype(str))
