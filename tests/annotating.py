@@ -6,8 +6,7 @@ import os
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from harness.run.records import FrameRecord
 from harness.sources import Clip
 from harness.studio import StudioSettings
 from harness.studio.store import cache_folder
-from tests.browser import BrowserPage
+from tests.browser import BrowserPage, wait_for
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record, write_run
 from tests.repository import REPOSITORY
@@ -152,17 +151,6 @@ def _records() -> list[FrameRecord]:
         subject = subject_record("ann", totals={focus: total} if focus else {}, focus=focus, instance_id=1)
         records.append(frame_record(targets, [subject], frame=frame, clip="noise"))
     return records
-
-
-def wait_for(condition: Callable[[], object], *, at_most_s: float = 120.0, every_s: float = 0.02) -> None:
-    """Wait until something holds; fail if it does not within a time that only a fault can take.
-
-    A page that software draws answers between two pictures: ask it less often than it draws.
-    """
-    end = time.monotonic() + at_most_s
-    while not condition():
-        assert time.monotonic() < end, "it did not come to hold"
-        time.sleep(every_s)
 
 
 def shown(browser: Chrome) -> int | None:

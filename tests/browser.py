@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
@@ -47,6 +48,27 @@ def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome
         browser.quit()
 
 
+Held = TypeVar("Held")
+
+
+def wait_for(
+    condition: Callable[[], Held],
+    said: str = "it did not come to hold",
+    *,
+    at_most_s: float = 120.0,
+    every_s: float = 0.02,
+) -> Held:
+    """Return what a condition gives as soon as it holds; fail if it does not within a time that only a fault can take.
+
+    A page that software draws answers between two pictures: ask it less often than it draws.
+    """
+    end = time.monotonic() + at_most_s
+    while not (held := condition()):
+        assert time.monotonic() < end, said
+        time.sleep(every_s)
+    return held
+
+
 def set_width(browser: Chrome, width_px: int, height_px: int = 900) -> None:
     """Show pages as on a screen of this size; a window cannot be as narrow as a phone."""
     size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1, "mobile": False}
@@ -55,11 +77,7 @@ def set_width(browser: Chrome, width_px: int, height_px: int = 900) -> None:
 
 def wait_until_drawn(browser: Chrome) -> None:
     """Wait until a report page has drawn everything."""
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    WebDriverWait(browser, 60).until(
-        lambda found: found.execute_script("return document.documentElement.dataset.ready === 'yes'")
-    )
+    wait_for(lambda: browser.execute_script("return document.documentElement.dataset.ready === 'yes'"))
 
 
 class BrowserPage:
@@ -145,13 +163,11 @@ def dead_buttons(browser: Chrome, *selectors: str) -> list[str]:
 def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     """Move the pointer of a report page to a frame in the timeline of a configuration; frames have no gaps."""
     from selenium.webdriver import ActionChains
-    from selenium.webdriver.support.wait import WebDriverWait
 
     wait_until_drawn(browser)
     canvas = browser.find_element("id", "timeline")
     browser.execute_script("arguments[0].scrollIntoView({block: 'start'})", canvas)
-    WebDriverWait(browser, 60).until(lambda _: canvas.get_attribute("data-places"))
-    places = json.loads(str(canvas.get_attribute("data-places")))
+    places = json.loads(wait_for(lambda: canvas.get_attribute("data-places")) or "")
     share = (frame - places["first"] + 0.5) / places["count"]
     x = places["left"] + share * places["width"] - canvas.size["width"] / 2
     y = places["rows"][configuration] - canvas.size["height"] / 2

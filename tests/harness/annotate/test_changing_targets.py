@@ -18,7 +18,8 @@ from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
 from harness.labels.files import write_annotations
 from harness.labels.labels import Label, Labels, Timeline
-from tests.annotating import FRAMES, MANIFEST, LabellingPage, letters, wait_for, write_labels
+from tests.annotating import FRAMES, MANIFEST, LabellingPage, letters, write_labels
+from tests.browser import wait_for
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 

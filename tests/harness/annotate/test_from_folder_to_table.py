@@ -14,7 +14,8 @@ from harness.labels.files import format_annotations
 from harness.labels.labels import IGNORED
 from harness.studio import StudioClip
 from harness.studio.stage import RIG
-from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
+from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels
+from tests.browser import wait_for
 from tests.calibrations import matrix, write_opencv
 from tests.command import vfoa
 from tests.disk import write_image

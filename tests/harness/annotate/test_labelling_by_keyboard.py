@@ -25,8 +25,8 @@ from tests.annotating import (
     share_rendered_frames,
     shown,
     true_labels,
-    wait_for,
 )
+from tests.browser import wait_for
 from tests.disk import moving_picture, write_text, write_video
 from tests.repository import REPOSITORY
 

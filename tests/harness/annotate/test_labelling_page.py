@@ -11,8 +11,8 @@ import pytest
 from harness.annotate.actions import Action
 from harness.clips.manifest import load_manifest
 from harness.sources import Truth
-from tests.annotating import STRIP, LabellingPage, wait_for, write_labels
-from tests.browser import dead_buttons, requested, set_width
+from tests.annotating import STRIP, LabellingPage, write_labels
+from tests.browser import dead_buttons, requested, set_width, wait_for
 from tests.exchanges import PlainClip
 from vfoa.types import Image
 

@@ -24,8 +24,7 @@ from harness.report.page.render import render_page
 from harness.report.write import run_tables
 from harness.score.reference import Reference
 from harness.score.verdicts import Verdict
-from tests.annotating import wait_for
-from tests.browser import WEBGL, chromium, let_out, point_at, requested, set_width
+from tests.browser import WEBGL, chromium, let_out, point_at, requested, set_width, wait_for
 from tests.harness.record.conftest import ANN, CONFIGURATION, Recorded
 from tests.records import labels, run_manifest, scored_records
 from tests.web import running

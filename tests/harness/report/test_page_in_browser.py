@@ -26,7 +26,7 @@ from harness.report.thumbnails.writer import picture
 from harness.run.records import FrameRecord, TargetRecord
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
-from tests.browser import BrowserPage, point_at, requested, set_width, wait_until_drawn
+from tests.browser import BrowserPage, point_at, requested, set_width, wait_for, wait_until_drawn
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
 
 if TYPE_CHECKING:
@@ -65,9 +65,7 @@ class ReportPage(BrowserPage):
 
     def wait(self, condition: Callable[[], Any], said: str = "") -> Any:
         """What a condition returns, as soon as it holds."""
-        from selenium.webdriver.support.wait import WebDriverWait
-
-        return WebDriverWait(self.browser, 60).until(lambda _: condition(), said)
+        return wait_for(condition, said)
 
     @contextmanager
     def media(self, **emulated: Any) -> Iterator[None]:
