@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -156,11 +158,10 @@ def _indexed(path: Path) -> _Index:
     size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     if size_px[0] * size_px[1] > MOST_PIXELS:
         raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
-    stamps = sorted(_grabbed(_open(path, packets=True)))
-    if not _are_frames(path, stamps):
-        stamps = list(_grabbed(_open(path)))
+    packets = sorted(_grabbed(_open(path, packets=True)))
+    stamps = packets if _are_frames(path, packets) else list(_grabbed(_open(path)))
     if not stamps:
-        raise VfoaError(f"{path}: no frame can be read; expected a video")
+        raise VfoaError(f"{path}: no frame can be read; expected {_readable(path) if packets else 'a video'}")
     stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     span_s = (stamps[-1] - stamps[0]) / 1e9
     mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
@@ -174,6 +175,17 @@ def _indexed(path: Path) -> _Index:
         notes.append(f"{path.name}: pictures are {turn}, as the file says")
     rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
     return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
+
+
+def _readable(path: Path) -> str:
+    """What to make of a film whose frames OpenCV does not decode: it has no decoder of AV1, among others."""
+    import av
+
+    with suppress(av.FFmpegError, IndexError, OSError), av.open(str(path)) as container:
+        coded = container.streams.video[0].codec_context.codec.canonical_name
+        film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}.mp4"])
+        return f"another coding than {coded}, which OpenCV does not decode: `{film}`"
+    return "a video"
 
 
 @lru_cache(maxsize=16)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
+import shlex
 import struct
 from collections.abc import Callable
 from fractions import Fraction
@@ -83,6 +85,26 @@ def test_files_that_are_no_video_are_one_line(tmp_path: Path, capfd: pytest.Capt
     with pytest.raises(VfoaError, match=r"b\.mp4: no such file"):
         Video(tmp_path / "b.mp4")
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_film_that_opencv_does_not_decode_names_its_coding_and_how_to_convert_it(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "my film.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libsvtav1", 25, options={"preset": "12", "svtav1-params": "lp=1"})
+        stream.height, stream.width = IMAGES[0].shape[:2]
+        for image in IMAGES[:3]:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image)))
+        container.mux(stream.encode())
+    capfd.readouterr()
+    with pytest.raises(VfoaError) as error:
+        Video(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert "av1" in str(error.value)
+    (command,) = re.findall("`(.*)`", str(error.value))
+    assert shlex.split(command)[:3] == ["ffmpeg", "-i", str(path)]
+    assert capfd.readouterr().err == ""
 
 
 def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> None:
