@@ -29,6 +29,9 @@ Value = TypeVar("Value")
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
 
+DOUBTED_ROWS_PX = 0.5
+"""Median row difference from which the images are also tried as if they were rectified already."""
+
 MIN_MATCHES = 30
 """Fewer matches do not allow a check of rectification."""
 
@@ -114,6 +117,28 @@ def _matching_problems(error_px: float, disparity_px: float) -> Iterator[str]:
             f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
             "(left and right swapped?)"
         )
+
+
+def _rectified_notes(manifest: ClipManifest, error_px: float) -> Iterator[str]:
+    """A note if rows agree twice as well without rectification: the program of a camera may have rectified its images.
+
+    ``error_px`` is the median row difference with it.
+    """
+    if error_px < DOUBTED_ROWS_PX:
+        return
+    as_they_are = manifest.model_copy(update={"source": {**manifest.source, "rectified": True}})
+    frames, _ = _attempt(lambda: _sample(as_they_are.open_images()))  # None of a source without such a setting
+    offsets = _offsets_px(frames or ())
+    if len(offsets) >= MIN_MATCHES and (own_px := _rows_apart_px(offsets)) < error_px / 2:
+        yield (
+            f"matched points lie {own_px:.1f} rows apart in the images as they are in the files, and {error_px:.1f} "
+            "once rectified: if they were rectified before, say rectified = true in [source]"
+        )
+
+
+def _rows_apart_px(offsets: Float) -> float:
+    """The median row difference of matched points (N, 2)."""
+    return float(np.median(np.abs(offsets[:, 1])))
 
 
 def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:
@@ -300,7 +325,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     offsets = _offsets_px(frames)
     is_matched = len(offsets) >= MIN_MATCHES
     disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0
-    error_px = float(np.median(np.abs(offsets[:, 1]))) if is_matched else 0.0
+    error_px = _rows_apart_px(offsets) if is_matched else 0.0
     few = f"{len(offsets)} points were matched between left and right; rectification is checked from {MIN_MATCHES} on"
     _, drawn_problems = _attempt(lambda: manifest.drawn(clip.frames))
     return ClipCheck(
@@ -315,6 +340,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
+            *_rectified_notes(manifest, error_px),
             *_picture_bits_notes(greatest),
             *depth_notes(frames),
             *near_notes(frames),

@@ -23,6 +23,12 @@ def refuse_foreign(path: Path) -> None:
     if not path.is_file():
         return
     check_fetched(path)
+    if path.suffix.lower() in (".svo", ".svo2"):
+        raise VfoaError(
+            f"{path}: a recording of the ZED's SDK, which is not read; expected its views, which the SDK's sample "
+            "svo_export.py writes: --mode 0 a film of both, --mode 2 two series of images. They are rectified: give "
+            "fx, cx, cy and the baseline of the SDK's calibration_parameters (--fx --cx --cy --baseline)"
+        )
     if path.suffix.lower() == ".mkv" and any(name.startswith("K4A_") for name in container_tags(path)):
         raise VfoaError(
             f"{path}: a recording of Azure Kinect's recorder (colour, depth and infrared in one file), which is not "

@@ -99,6 +99,26 @@ def test_rows_that_do_not_match_fail(tmp_path: Path) -> None:
     assert found["problems"] == ["matched points lie 4.0 rows apart (median); expected at most 1.5 in a rectified pair"]
 
 
+def test_images_that_were_rectified_before_are_recognised(tmp_path: Path) -> None:
+    """The calibration turns the right camera by 20 mrad, of which nothing is left in the images."""
+    turned, _ = cv2.Rodrigues(np.array([0.02, 0.0, 0.0]))
+    matrix = [[300, 0, 95.5], [0, 300, 71.5], [0, 0, 1]]
+    document = {"K1": matrix, "D1": [0] * 5, "K2": matrix, "D2": [0] * 5, "R": turned.tolist(), "T": [-0.1, 0, 0]}
+    write_text(tmp_path / "datasets" / "wall" / "stereo.json", json.dumps(document))
+    manifest = MANIFEST.replace(f"[source.camera]\n{CAMERA}", 'calibration = "stereo.json"\n')
+    _clip(tmp_path, manifest=manifest)
+    code, found = _check("wall")
+    assert code == 2
+    assert found["vertical_error_px"] == pytest.approx(300 * 0.02, rel=0.2)
+    (note,) = [note for note in found["notes"] if "rectified" in note]
+    assert "0.0 rows apart" in note
+    assert "rectified = true in [source]" in note
+    _clip(tmp_path, manifest=manifest.replace("calibration", "rectified = true\ncalibration"))
+    code, found = _check("wall")
+    assert code == 0
+    assert not [note for note in found["notes"] if "rectified" in note]
+
+
 def test_swapped_views_fail(tmp_path: Path) -> None:
     swapped = MANIFEST.replace('left = "left"', 'left = "x"').replace('"right"', '"left"').replace('"x"', '"right"')
     _clip(tmp_path, manifest=swapped)

@@ -58,6 +58,12 @@ def test_a_recording_of_azure_kinect_is_named_and_another_film_passes(tmp_path: 
         refuse_foreign(path)
 
 
+@pytest.mark.parametrize("name", ["zed.svo", "ZED.SVO2"])
+def test_a_recording_of_the_zed_is_named(name: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}: a recording of the ZED's SDK.*svo_export\.py"):
+        refuse_foreign(write_text(tmp_path / name, ""))
+
+
 @pytest.mark.parametrize(("content", "what"), [(LAYOUT, "a layout"), (MESSAGE, "messages"), ([MESSAGE], "messages")])
 def test_json_of_foxglove_is_named(content: object, what: str, tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.json", json.dumps(content))
