@@ -341,7 +341,7 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
 
 
 def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
-    """Read the rig of a rectified pair from calibration files: OpenCV, ROS, Kalibr, KITTI, ZED and others.
+    """Read the rig of a rectified pair from calibration files: OpenCV, ROS, Kalibr, KITTI, ZED, OAK and others.
 
     Parameters
     ----------

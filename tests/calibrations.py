@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -125,6 +126,31 @@ def write_kalibr(path: Path, rig: Rig) -> Path:
     pose[:3, :3], pose[:3, 3] = rig.rotation, rig.translation_m
     cameras["cam1"]["T_cn_cnm1"] = pose.tolist()
     return write_yaml(path, cameras)
+
+
+def write_depthai(path: Path, rig: Rig) -> Path:
+    """The left camera (socket 1) leads to the right one, and that to the colour camera (socket 0); centimetres."""
+    poses = (rig.rotation, rig.translation_m * 100, 2), (np.eye(3), np.array([3.7, 0.1, -0.1]), 0)
+    colour = {"extrinsics": {"rotationMatrix": [], "toCameraSocket": -1}}
+    cameras: list[list[object]] = [[0, colour]]
+    for number, k, d, (rotation, shift, leads_to) in zip((1, 2), rig.k, rig.d, poses, strict=True):
+        extrinsics = {
+            "rotationMatrix": rotation.tolist(),
+            "specTranslation": {"x": -7.5, "y": 0.0, "z": 0.0},
+            "toCameraSocket": leads_to,
+            "translation": dict(zip("xyz", shift.tolist(), strict=True)),
+        }
+        camera = {
+            "cameraType": int(rig.model == "equidistant"),
+            "distortionCoeff": [*d.tolist(), *[0.0] * 10],
+            "extrinsics": extrinsics,
+            "height": SIZE[1],
+            "intrinsicMatrix": k.tolist(),
+            "width": SIZE[0],
+        }
+        cameras.append([number, camera])
+    pair = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    return write_text(path, json.dumps({"cameraData": cameras, "stereoRectificationData": pair}, indent=4))
 
 
 def write_zed(path: Path, rig: Rig) -> Path:

@@ -195,6 +195,7 @@ PARSERS: Sequence[Parser] = (
     Parser("ROS calibration", "left.yaml", whole.ros(0), states.cameras_beside("right.yaml", whole.ros(1))),
     Parser("EuRoC calibration", "cam0.yaml", whole.euroc(0), states.cameras_beside("cam1.yaml", whole.euroc(1))),
     Parser("Kalibr calibration", "camchain.yaml", lambda path: calibrations.write_kalibr(path, whole.RIG), _cameras),
+    Parser("OAK calibration", "oak.json", lambda path: calibrations.write_depthai(path, whole.RIG), _cameras),
     Parser("ZED calibration", "SN1.conf", lambda path: calibrations.write_zed(path, whole.RIG), _cameras),
     Parser("KITTI calibration", "calib.txt", whole.KITTI, _cameras),
     Parser("Middlebury calibration", "calib.txt", whole.MIDDLEBURY, _cameras),

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import documents, texts
+from harness.sources.calibration_files import depthai, documents, texts
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -130,6 +130,13 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     merged = {name: value for document in contents for name, value in document.items()}
     if documents.is_kalibr_chain(merged):
         return "Kalibr", documents.kalibr_pair(merged, options.calibration_cameras or (0, 1), where)
+    if depthai.is_depthai(merged):
+        if options.rectified:
+            raise VfoaError(
+                f"{where}: rectified: found true; expected the four numbers of DepthAI's rectified images (fx_px, "
+                "cx_px, cy_px, baseline_m in [source.camera]), which this file does not hold"
+            )
+        return "DepthAI", depthai.depthai_pair(merged, size, where)
     cameras = documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
     return "OpenCV", cameras
 
@@ -172,7 +179,7 @@ _CALIBRATION_NAME = re.compile(
     re.IGNORECASE,
 )
 _CALIBRATION_CONTENT = re.compile(
-    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix)",
+    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b)",
     re.IGNORECASE,
 )
 

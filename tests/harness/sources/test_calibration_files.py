@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -65,6 +66,7 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "ros": lambda root: calibrations.write_ros(root, RIG),
     "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
     "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
+    "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
 }
 
 
@@ -112,7 +114,7 @@ def test_every_format_is_found_beside_the_images_and_says_the_same_rig(tmp_path:
     cameras = _raw(paths)
     for camera, k, d in zip((cameras.left, cameras.right), RIG.k, RIG.d, strict=True):
         np.testing.assert_allclose(camera.k, k)
-        np.testing.assert_allclose(camera.d, [*d, 0][: len(camera.d)])
+        np.testing.assert_allclose(camera.d, [*d, *[0] * 10][: len(camera.d)])
         assert camera.model == "plumb_bob"
     found, expected = cameras.rectified(), rectification(RIG)
     assert found.baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m), rel=1e-6)
@@ -176,12 +178,13 @@ def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, An
         rectify_pose(**given, where="rig")
 
 
-def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
+def test_fisheye_lenses_of_every_program(tmp_path: Path) -> None:
     kalibr = _raw([calibrations.write_kalibr(tmp_path / "camchain.yaml", FISHEYE)])
     opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
     zed = _raw([calibrations.write_zed(tmp_path / "SN1.conf", FISHEYE)])
+    oak = _raw([calibrations.write_depthai(tmp_path / "oak.json", FISHEYE)])
     assert kalibr.rectified() == opencv.rectified()
-    for found in (kalibr, zed):
+    for found in (kalibr, zed, oak):
         _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
 
 
@@ -260,12 +263,93 @@ def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None
     assert find_calibrations(tmp_path, _size) == ([("calib.txt",)], [])
 
 
-@pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
+@pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed", "depthai"])
 def test_a_calibration_for_another_size_is_named(tmp_path: Path, name: str) -> None:
     paths = FORMATS[name](tmp_path)
     calibrations, (fault,) = find_calibrations(tmp_path, lambda: (64, 48))
     assert calibrations == []
     assert str(paths[0]) in fault
+
+
+def test_an_oak_camera_s_pair_is_rectified_as_its_own_program_does(tmp_path: Path) -> None:
+    """Numbers of a BW1098OBC (depthai-core, examples/calib_data_v53.json, July 2021), copied by hand."""
+    left = [[858.9890747, 0, 646.7761230], [0, 859.7152710, 411.6924744], [0, 0, 1]]
+    right = [[865.6600952, 0, 639.4890747], [0, 866.1361084, 409.4836121], [0, 0, 1]]
+    d_left = [-4.8373399, 14.9179058, -0.0004877, -0.0001378, -15.1229658, -4.8896589, 15.1347094, -15.3369112]
+    d_right = [28.8575439, -87.7545319, 0.0012091, 0.0011757, 380.5861206, 28.9347706, -90.3639221, 387.0883790]
+    right_from_left = [
+        [0.9999335408210754, -0.0020758542232215405, 0.011339202523231506],
+        [0.0019991763401776552, 0.9999750852584839, 0.006769340950995684],
+        [-0.011352972127497196, -0.006746221799403429, 0.9999127984046936],
+    ]
+    rectified_from_left = [
+        [0.9995151162147522, 0.031031876802444458, 0.0025566520635038614],
+        [-0.031040119007229805, 0.9995128512382507, 0.0032499704975634813],
+        [-0.0024545539636164904, -0.003327753394842148, 0.9999914765357971],
+    ]
+    rectified_from_right = [
+        [0.9994133114814758, 0.03304661810398102, -0.009000386111438274],
+        [-0.03307604789733887, 0.9994478821754456, -0.0031408509239554405],
+        [0.00889162253588438, 0.003436705330386758, 0.9999545812606812],
+    ]
+    shift = {"x": -7.459310054779053, "y": -0.24664966762065887, "z": 0.06717608124017715}
+    leads = {"rotationMatrix": right_from_left, "toCameraSocket": 2, "translation": shift}
+    nowhere = {"rotationMatrix": [], "toCameraSocket": -1, "translation": {"x": 0.0, "y": 0.0, "z": 0.0}}
+    size = {"height": 800, "width": 1280}
+    cameras = [
+        [1, {"distortionCoeff": [*d_left, *[0.0] * 6], "intrinsicMatrix": left, "extrinsics": leads, **size}],
+        [2, {"distortionCoeff": [*d_right, *[0.0] * 6], "intrinsicMatrix": right, "extrinsics": nowhere, **size}],
+    ]
+    path = write_text(tmp_path / "calib.json", json.dumps({"cameraData": cameras}))
+    pair = read_cameras([path], lambda: (1280, 800))
+    assert isinstance(pair, RawCalibration)
+    np.testing.assert_allclose(pair.left.r, rectified_from_left, atol=1e-6)
+    np.testing.assert_allclose(pair.right.r, rectified_from_right, atol=1e-6)
+    assert pair.rectified().baseline_m == pytest.approx(0.0746, abs=1e-4)
+    cut = read_cameras([path], lambda: (640, 360))
+    assert isinstance(cut, RawCalibration)
+    assert cut.left.size_px == (1280, 720)
+    assert cut.left.k[1, 2] == pytest.approx(left[1][2] - 40)
+
+
+def _depthai(root: Path, change: Callable[[Any], object]) -> list[Path]:
+    (path,) = FORMATS["depthai"](root)
+    document = json.loads(path.read_text())
+    change(document)
+    return [write_text(path, json.dumps(document))]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda found: found.update(cameraData=[3]), "cameraData: expected pairs"),
+        (lambda found: found["stereoRectificationData"].update(leftCameraSocket=7), r"left camera \(socket 7\)"),
+        (lambda found: found["cameraData"][1][1].pop("width"), "camera 1: no width"),
+        (lambda found: found["cameraData"][2][1].update(intrinsicMatrix=[1, 2]), "camera 2: intrinsicMatrix: found 2"),
+        (lambda found: found["cameraData"][1][1]["extrinsics"].pop("translation"), "extrinsics: no translation"),
+        (lambda found: found["cameraData"][1][1]["extrinsics"].update(toCameraSocket=-1), "no common camera"),
+    ],
+)
+def test_what_is_wrong_in_an_oak_camera_s_file_is_named(
+    tmp_path: Path, change: Callable[[Any], object], message: str
+) -> None:
+    with pytest.raises(VfoaError, match=rf"oak\.json.*{message}"):
+        read_cameras(_depthai(tmp_path, change), _size)
+
+
+def test_the_ways_of_an_oak_s_cameras_meet_in_a_third_one(tmp_path: Path) -> None:
+    """Both lead to the colour camera, as those of later ones do; without a pair in the file, sockets 1 and 2."""
+    plain = _raw(FORMATS["depthai"](tmp_path)).rectified()
+
+    def lead_to_colour(found: Any) -> None:
+        del found["stereoRectificationData"]
+        right = found["cameraData"][2][1]["extrinsics"]
+        shift = RIG.translation_m * 100 + np.array([*right["translation"].values()])
+        left = {"rotationMatrix": RIG.rotation.tolist(), "translation": dict(zip("xyz", shift.tolist(), strict=True))}
+        found["cameraData"][1][1]["extrinsics"] = {**left, "toCameraSocket": 0}
+
+    met = _raw(_depthai(tmp_path, lead_to_colour)).rectified()
+    assert (met.fx_px, met.baseline_m) == pytest.approx((plain.fx_px, plain.baseline_m))
 
 
 def _kalibr(root: Path, **changes: Any) -> list[Path]:
@@ -307,6 +391,7 @@ FIRST = Options(calibration_cameras=(0, 1))
         (FORMATS["zed"], FIRST, r"SN1\.conf: calibration_cameras: found"),
         (FORMATS["ros"], Options(fisheye=True), r"right\.yaml: fisheye: found true"),
         (FORMATS["kalibr"], Options(fisheye=True), r"camchain\.yaml: fisheye: found true"),
+        (FORMATS["depthai"], Options(rectified=True), r"oak\.json: rectified: found true"),
     ],
 )
 def test_cameras_and_options_that_are_wrong_are_named(
