@@ -117,7 +117,7 @@ class StudioClip:
         from harness.studio.store import load_pair, save_pair
 
         path = self._stored("frame", index)
-        if (stored := load_pair(path)) is not None:
+        if (stored := load_pair(path, (RIG.height_px, RIG.width_px))) is not None:
             return stored
         renderer = _renderer(self._settings)
         left, right = renderer.image(index, 0), renderer.image(index, 1)

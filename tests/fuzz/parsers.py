@@ -30,7 +30,7 @@ from harness.sources.media.maps import read_depth_file, read_disparity
 from harness.sources.media.video import Video
 from harness.sources.sintel import read_camera, read_segments
 from tests import calibrations
-from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity, write_image, write_video
+from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity, write_video
 from tests.exchanges import PlainClip, exchange
 from tests.fuzz import states, whole
 from tests.fuzz.states import Read
@@ -149,7 +149,7 @@ PARSERS: Sequence[Parser] = (
     Parser(
         "rendered pair",
         "pair.bin",
-        lambda path: path.write_bytes(write_image(path.with_suffix(".png"), picture(1, 20, 10)).read_bytes()),
+        states.write_rendered,
         states.load_rendered,
         names_file=False,
     ),

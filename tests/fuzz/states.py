@@ -39,7 +39,7 @@ from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
-from harness.studio.store import load_geometry, load_pair, save_geometry
+from harness.studio.store import load_geometry, load_pair, save_geometry, save_pair
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import labels_text, write_text
 from tests.exchanges import PlainClip
@@ -219,9 +219,14 @@ def use_identity(path: Path) -> Any:
     return store.usage(), difference(_IDENTITY.parts, (parts for _, parts in store.described("stereo")))
 
 
+def write_rendered(path: Path) -> None:
+    save_pair(path, *(np.full((10, 20, 3), value, np.uint8) for value in (1, 2)))
+    path.write_bytes(path.read_bytes()[32:])
+
+
 def load_rendered(path: Path) -> Any:
     """The damaged bytes behind a right checksum."""
-    return load_pair(_sealed(path))
+    return load_pair(_sealed(path), (10, 20))
 
 
 def write_geometry(path: Path) -> None:
