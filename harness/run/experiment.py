@@ -48,7 +48,7 @@ from harness.pipeline.configuration import (
 from harness.run.fitted import read_fitted
 from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
-from harness.run.notes import Note, fitted_on_reported
+from harness.run.notes import Note, NoteKind, fitted_on_reported
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean
 from vfoa.methods import DEFAULT_METHOD
@@ -177,7 +177,8 @@ def load_experiment(
         configurations=configurations,
         limit=None if clips else file.limit,
         notes=(
-            *map(Note, (*file.notes, *missing, *partly)),
+            *map(Note, (*file.notes, *missing)),
+            *partly,
             *_fitted_notes(file, preset, present),
         ),
         annotator=file.annotator,
@@ -256,7 +257,7 @@ class _Layers:
 
 def _configurations(
     file: _File, changes: Sequence[_Change], preset: str | None, where: str
-) -> tuple[tuple[Configuration, ...], list[str]]:
+) -> tuple[tuple[Configuration, ...], list[Note]]:
     """Return every configuration of the file with the changes that it has, and notes on changes that some lack."""
     layers = [_Layers.of(variant, file, preset, where) for variant in variants(file.grid, file.configuration, where)]
     changed = {each.variant.name: each.tables(changes) for each in layers}
@@ -269,7 +270,8 @@ def _configurations(
         made.append(each.configuration(taken))
     check_all_used(file.defaults, used, where)
     return tuple(made), [
-        f"{key} is not set in {', '.join(names)}: no such setting there." for key, names in partly.items()
+        Note(f"{key} is not set in {', '.join(names)}: no such setting there.", NoteKind.PARTLY_SET)
+        for key, names in partly.items()
     ]
 
 

@@ -16,11 +16,13 @@ class NoteKind(StrEnum):
     """Rates are too good: the weights have seen the labels of a clip that is reported."""
     DOUBT = auto()
     """The axes or units of a clip are in question."""
+    PARTLY_SET = auto()
+    """A changed setting has no effect under some configurations."""
     UNLABELLED = auto()
     """A clip is not scored."""
 
 
-WARNINGS = (NoteKind.FITTED_ON_REPORTED, NoteKind.DOUBT)
+WARNINGS = (NoteKind.FITTED_ON_REPORTED, NoteKind.DOUBT, NoteKind.PARTLY_SET)
 """Kinds of notes that stand with the rates on the terminal, too."""
 
 

@@ -8,6 +8,7 @@ import pytest
 from harness.pipeline.configuration import Configuration
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
+from harness.run.notes import WARNINGS, NoteKind
 from harness.run.plan import prepare
 from vfoa.errors import VfoaError
 
@@ -277,7 +278,9 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
     experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.mode=hh",))
     found = _by_name(experiment.configurations)
     assert [found[name]["stereo"].get("mode") for name in ("bm-one", "sgbm-one")] == [None, "hh"]  # type: ignore[attr-defined]
-    assert "stereo.mode is not set in bm-one, bm-two, bm-nearest: no such setting there." in map(str, experiment.notes)
+    (note,) = (note for note in experiment.notes if note.kind == NoteKind.PARTLY_SET)
+    assert note.text == "stereo.mode is not set in bm-one, bm-two, bm-nearest: no such setting there."
+    assert note.kind in WARNINGS  # on the terminal, beside the rates
     with pytest.raises(VfoaError, match=r"unknown key 'stereo\.moed'"):
         load_experiment("demo", overrides=("stereo.moed=hh",))
 
