@@ -27,6 +27,7 @@ from harness.sources.recordings.topics import (
     Topic,
     find_streams,
     unused_depth,
+    unused_pairs,
 )
 from harness.sources.recordings.video import VideoDecoder
 from vfoa.errors import VfoaError
@@ -157,7 +158,8 @@ class RecordingClip:
             self._optics = PairCameras(topics, recording, self._folder, self._size_px)
         by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
         self.notes = (
-            *(*index.losses, *paired, *unused_depth(topics, self._streams), *self._optics.notes),
+            *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
+            *self._optics.notes,
             *([by_log] if settings.stamps == "log" else []),
         )
 

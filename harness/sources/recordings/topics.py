@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Generic, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import Field, model_validator
@@ -65,14 +66,15 @@ class Topic:
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
-    """Return two image topics: the named ones, or the only two whose names differ in nothing but the side.
+    """Return two image topics: the named ones, or those of the only rig: their names differ in nothing but the side.
 
     The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.media.frame_files`).
+    A driver publishes the images of a rig several times: of these, the best are taken (:func:`_best_of_each_rig`).
 
     Raises
     ------
     VfoaError
-        If there are none, a named one is missing, or there are several candidates.
+        If there are none, a named one is missing, or there are several rigs.
     """
     everything = sorted(topics, key=lambda topic: topic.name)
     images = [topic for topic in everything if topic.is_image]
@@ -85,6 +87,17 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
         raise VfoaError(f"{where}: no image topics; found {listed(everything)}")
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)
+    pairs = _best_of_each_rig(_pairs(images, left, right))
+    if len(pairs) != 1:
+        raise VfoaError(
+            f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
+            f"(--set left=/TOPIC --set right=/TOPIC): found {listed(images)}"
+        )
+    return pairs[0]
+
+
+def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None = None) -> list[tuple[Topic, Topic]]:
+    """Every two topics whose names differ in nothing but the side, and are these where they are named."""
     by_name = {topic.name: topic for topic in images}
     sides = [(name, name.replace("left", "right")) for name in by_name if "left" in name]
     for ways in (sides, pair_names(by_name, numbered=False)):
@@ -94,13 +107,41 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
             if right_name in by_name and left in (None, left_name) and right in (None, right_name)
         ]
         if pairs:
-            break
-    if len(pairs) != 1:
-        raise VfoaError(
-            f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
-            f"(--set left=/TOPIC --set right=/TOPIC): found {listed(images)}"
-        )
-    return pairs[0]
+            return pairs
+    return []
+
+
+def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
+    """One pair of each rig, whose topics have the same name before the side: rectified, in colour, uncompressed.
+
+    Pairs with a tenth less frames than another one of the rig count less than that.
+    """
+    rigs: dict[str, list[tuple[Topic, Topic]]] = {}
+    for pair in pairs:
+        rigs.setdefault(_rig_of(pair), []).append(pair)
+
+    def best(of_rig: list[tuple[Topic, Topic]]) -> tuple[Topic, Topic]:
+        frames = [min(len(topic.places) for topic in pair) for pair in of_rig]
+
+        def rank(place: int) -> tuple[bool, bool, bool, bool, int]:
+            left = of_rig[place][0]
+            is_whole = frames[place] >= 0.9 * max(frames)
+            is_rectified = bool(_RECTIFIED.search(left.name))
+            return is_whole, is_rectified, not _is_gray(left), left.type.kind == "raw", frames[place]
+
+        return of_rig[max(range(len(of_rig)), key=rank)]
+
+    return [*map(best, rigs.values())]
+
+
+def _rig_of(pair: tuple[Topic, Topic]) -> str:
+    """What the names of both topics begin with."""
+    left, right = (topic.name for topic in pair)
+    return "".join(letter for letter, _ in takewhile(lambda both: both[0] == both[1], zip(left, right, strict=False)))
+
+
+def _is_gray(topic: Topic) -> bool:
+    return "gray" in topic.name or (topic.header is not None and topic.header.form in ("mono8", "8UC1"))
 
 
 def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
@@ -210,6 +251,7 @@ _ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registe
 _REALSENSE_SDK = "/device_"
 _COLOUR = ("color", "colour", "rgb")
 _NO_COLOUR = ("infra", "/ir", "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
+_RECTIFIED = re.compile("(?:^|[/_])rect")
 _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
 
 
@@ -297,10 +339,9 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
         parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
         common = next((place for place, (part, other) in enumerate(parts) if part != other), 0)
         is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
-        is_gray = "gray" in colour.name or (colour.header is not None and colour.header.form in ("mono8", "8UC1"))
         is_of_side = any(side in colour.name for side in ("left", "right"))
         same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id
-        return same_frame, common, ("rect" in colour.name) == is_rectified, not is_gray, not is_of_side
+        return same_frame, common, ("rect" in colour.name) == is_rectified, not _is_gray(colour), not is_of_side
 
     highest = max(map(rank, pairs), default=None)
     return [pair for pair in pairs if rank(pair) == highest]
@@ -340,6 +381,20 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
         return Sides(left, right, named(images, settings.depth, "depth", where))
     own = [topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
     return Sides(left, right, own[0] if len(own) == 1 else None)
+
+
+def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
+    """A note if the rig's images were recorded in other ways, too."""
+    if streams.right is None:
+        return ()
+    rig = _rig_of((streams.left, streams.right))
+    pairs = _pairs(sorted((topic for topic in topics if topic.is_image), key=lambda topic: topic.name))
+    lefts = [pair[0].name for pair in pairs if _rig_of(pair) == rig]
+    chosen = _TRANSPORT.sub("", streams.left.name)
+    others = [name for name in dict.fromkeys(_TRANSPORT.sub("", left) for left in lefts) if name != chosen]
+    if not others:
+        return ()
+    return (f"{chosen} is read; recorded, too: {', '.join(others)}; left = and right = in [source] take them instead",)
 
 
 def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:

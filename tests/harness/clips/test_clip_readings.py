@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.sources.recordings.clip import McapClip
+from harness.sources.recordings.topics import RecordingSettings
 from tests.calibrations import RIG, SIZE, opencv_nodes, write_kalibr, write_opencv, write_ros, write_zed
 from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_image, write_text
 from tests.harness.clips.adding import (
@@ -60,6 +63,53 @@ def test_several_pairs_of_topics_are_listed(tmp_path: Path) -> None:
     assert "/front/left/image (sensor_msgs/msg/Image, 1 message)" in message
     assert message.endswith("(here as --set KEY=VALUE)")
     vfoa("add", path, "--set", "left=/rear/left/image", "--set", "right=/rear/right/image")
+
+
+OF_A_ZED = [
+    *("/zed/{side}/image_rect_gray", "/zed/{side}/image_rect_color"),
+    *("/zed/{side}_raw/image_raw_gray", "/zed/{side}_raw/image_raw_color"),
+]
+OF_A_LATER_ZED = [f"/zed/{{side}}/{colour}/{kind}/image" for colour in ("color", "gray") for kind in ("raw", "rect")]
+
+
+@pytest.mark.parametrize(
+    ("topics", "expected"),
+    [
+        (["/{side}/image_raw", "/{side}/image_raw/compressed"], "/left/image_raw"),
+        (["/{side}/image_raw", "/{side}/image_rect", "/{side}/image_rect/compressed"], "/left/image_rect"),
+        ([*OF_A_ZED, *(f"{topic}/compressed" for topic in OF_A_ZED)], "/zed/left/image_rect_color"),
+        (OF_A_LATER_ZED, "/zed/left/color/rect/image"),
+    ],
+)
+def test_of_what_a_driver_publishes_of_a_rig_the_best_is_read(tmp_path: Path, topics: list[str], expected: str) -> None:
+    """As ``ros2 bag record -a`` keeps it: every transport, raw and rectified, in colour and gray."""
+    path = tmp_path / "all.mcap"
+    with recorder(path) as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            for topic in (topic.format(side=side) for topic in topics):
+                record.camera(f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info", 10**9, camera)
+                record.picture(topic, 10**9, picture(1), "png" if topic.endswith("compressed") else "raw")
+    clip = McapClip(RecordingSettings(recording="all.mcap"), tmp_path)
+    assert clip._streams.left.name == expected
+    assert clip._streams.right is not None
+    assert clip._streams.right.name == expected.replace("left", "right")
+    others = {name.format(side="left").removesuffix("/compressed") for name in topics} - {expected}
+    assert set(re.findall("/[^ ,;]+", " ".join(clip.notes))) == ({expected, *others} if others else set())
+    named = McapClip(RecordingSettings(recording="all.mcap", left=topics[0].format(side="left")), tmp_path)
+    assert named._streams.left.name == topics[0].format(side="left")
+
+
+def test_a_topic_that_was_recorded_for_a_moment_only_is_not_preferred(tmp_path: Path) -> None:
+    path = tmp_path / "all.mcap"
+    with recorder(path) as record:
+        for stamp_ns in range(10**9, 10**10, 10**9):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp_ns, camera)
+                record.picture(f"/{side}/image_raw", stamp_ns, picture(1))
+                if stamp_ns == 10**9:
+                    record.picture(f"/{side}/image_rect", stamp_ns, picture(1))
+    clip = McapClip(RecordingSettings(recording="all.mcap"), tmp_path)
+    assert (clip._streams.left.name, len(clip.frames)) == ("/left/image_raw", 9)
 
 
 def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
