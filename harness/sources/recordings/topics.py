@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import takewhile
 from typing import Generic, Literal, NamedTuple, Self, TypeVar
@@ -140,6 +141,10 @@ def _rig_of(pair: tuple[Topic, Topic]) -> str:
     return "".join(letter for letter, _ in takewhile(lambda both: both[0] == both[1], zip(left, right, strict=False)))
 
 
+def _is_infrared(topic: Topic) -> bool:
+    return any(word in topic.name.lower() for word in _INFRARED)
+
+
 def _is_gray(topic: Topic) -> bool:
     return "gray" in topic.name or (topic.header is not None and topic.header.form in ("mono8", "8UC1"))
 
@@ -250,7 +255,8 @@ _ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registe
 
 _REALSENSE_SDK = "/device_"
 _COLOUR = ("color", "colour", "rgb")
-_NO_COLOUR = ("infra", "/ir", "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
+_INFRARED = ("infra", "/ir")
+_NO_COLOUR = (*_INFRARED, "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
 _RECTIFIED = re.compile("(?:^|[/_])rect")
 _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
 
@@ -361,6 +367,8 @@ Streams = Sides[Topic]
 def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
     """Return the named topics; else the only pair, with the depth of its left camera; else colour and depth.
 
+    Colour with aligned depth is preferred to a pair in infrared, in which a depth camera's pattern may be seen.
+
     Raises
     ------
     VfoaError
@@ -376,6 +384,11 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
             raise
         left, depth = find_colour_and_depth(topics, settings.left, None, where)
         return Sides(left, None, depth)
+    if settings.left is None and settings.right is None and settings.depth is None and _is_infrared(left):
+        with suppress(VfoaError):
+            colour, depth = find_colour_and_depth(topics, None, None, where)
+            if is_aligned(depth, colour):
+                return Sides(colour, None, depth)
     if settings.depth is not None:
         images = (topic for topic in topics if topic.is_image)
         return Sides(left, right, named(images, settings.depth, "depth", where))
@@ -385,10 +398,12 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
     """A note if the rig's images were recorded in other ways, too."""
-    if streams.right is None:
-        return ()
-    rig = _rig_of((streams.left, streams.right))
     pairs = _pairs(sorted((topic for topic in topics if topic.is_image), key=lambda topic: topic.name))
+    if streams.right is None:
+        others = [pair[0].name for pair in _best_of_each_rig(pairs)]
+        took = "left = and right = in [source] take it instead"
+        return tuple(f"a pair was recorded, too: {other}; {took}" for other in others)
+    rig = _rig_of((streams.left, streams.right))
     lefts = [pair[0].name for pair in pairs if _rig_of(pair) == rig]
     chosen = _TRANSPORT.sub("", streams.left.name)
     others = [name for name in dict.fromkeys(_TRANSPORT.sub("", left) for left in lefts) if name != chosen]

@@ -112,6 +112,26 @@ def test_a_topic_that_was_recorded_for_a_moment_only_is_not_preferred(tmp_path: 
     assert (clip._streams.left.name, len(clip.frames)) == ("/left/image_raw", 9)
 
 
+@pytest.mark.parametrize("has_depth", [False, True])
+def test_an_infrared_pair_gives_way_to_colour_with_aligned_depth(tmp_path: Path, has_depth: bool) -> None:
+    path, depth = tmp_path / "realsense.mcap", np.full((HEIGHT, WIDTH), 1500, np.uint16)
+    with recorder(path) as record:
+        for side, camera in (("infra1", LEFT), ("infra2", RIGHT), ("color", LEFT)):
+            record.camera(f"/camera/{side}/camera_info", 10**9, camera)
+            record.picture(f"/camera/{side}/image_rect_raw", 10**9, picture(1))
+        if has_depth:
+            topic = "/camera/aligned_depth_to_color/image_raw"
+            record.raw(topic, 10**9, WIDTH, HEIGHT, "16UC1", 2 * WIDTH, depth.tobytes())
+            record.camera(f"{topic.rpartition('/')[0]}/camera_info", 10**9, LEFT)
+    clip = McapClip(RecordingSettings(recording=path.name), tmp_path)
+    read = "/camera/color/image_rect_raw" if has_depth else "/camera/infra1/image_rect_raw"
+    assert (clip._streams.left.name, clip._streams.right is None) == (read, has_depth)
+    assert [("infra1" in note) for note in clip.notes] == [True] * has_depth
+    infra = {side: f"/camera/infra{number}/image_rect_raw" for side, number in (("left", 1), ("right", 2))}
+    pair = McapClip(RecordingSettings(recording=path.name, **infra), tmp_path)
+    assert pair._streams.right is not None
+
+
 def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
     path = tmp_path / "bare.mcap"
     with recorder(path) as record:
