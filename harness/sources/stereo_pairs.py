@@ -61,7 +61,32 @@ class ImageFiles:
         return ((f"{number} {role}", self._files[number]) for number in frames)
 
 
-Pictures = ImageFiles | Video
+class LaterStart:
+    """The right video of two that were not started together, by the numbers of the left one.
+
+    ``offset`` is its own frame at the left one's frame 0; below 0, it was started later.
+    """
+
+    def __init__(self, video: Video, offset: int) -> None:
+        self._video, self._offset = video, offset
+        self.path, self.rate_hz, self.notes = video.path, video.rate_hz, video.notes
+        self.frames = range(-offset, len(video.frames) - offset)
+        self.times_ns = dict(zip(self.frames, video.times_ns, strict=True))
+
+    def file(self, number: int) -> Path:
+        """The file."""
+        return self.path
+
+    def read(self, number: int) -> Image:
+        """Read the picture at the left one's number."""
+        return self._video.read(number + self._offset)
+
+    def parts(self, role: str, frames: Iterable[int]) -> Iterator[tuple[str, Path]]:
+        """The file with its role, and where it starts."""
+        return self._video.parts(f"{role} from {self._offset}", frames)
+
+
+Pictures = ImageFiles | Video | LaterStart
 """Images by number, with their times and rate if they are known."""
 
 
@@ -121,7 +146,10 @@ class StereoPairs:
 
     @property
     def films(self) -> dict[str, float]:
-        """The name of each video, the left one first, and the time of its first picture for a player, s."""
+        """The name of each video, the left one first, and the time of its first picture for a player, s.
+
+        Not of a right one that was started at another time.
+        """
         sides = (self._right, self._left) if self._swapped and self._right else (self._left, self._right)
         return {side.path.name: first_picture_s(side.path) for side in sides if isinstance(side, Video)}
 
@@ -145,7 +173,9 @@ class PairFiles(Settings):
 
     ``both`` is the same for files that hold both views. ``stamps``: the numbers in the images' names are times, in this
     unit, and those of a pair may be ``tolerance_ms`` apart. ``times`` is a file with the time of each left image in a
-    line, as in KITTI's raw recordings. ``swap`` exchanges left and right.
+    line, as in KITTI's raw recordings. ``swap`` exchanges left and right. ``right_offset``: of two videos that were not
+    started together, the frame of ``right`` that was taken with frame 0 of ``left``; -3 if that is frame 3 of ``left``
+    with frame 0 of ``right``.
     """
 
     layout: Layout = "images"
@@ -156,6 +186,7 @@ class PairFiles(Settings):
     tolerance_ms: float | None = Field(default=None, ge=0, le=1e6)
     times: str | None = None
     swap: bool = False
+    right_offset: int = 0
 
     @model_validator(mode="after")
     def _files_of_the_layout(self) -> Self:
@@ -175,6 +206,8 @@ class PairFiles(Settings):
             raise ValueError(f"times: found {self.times!r}; expected it only for the layout images, and without stamps")
         if self.tolerance_ms is not None and (self.stamps is None or self.layout != "images"):
             raise ValueError('tolerance_ms: expected stamps = "ns" (or us, ms, s) beside it, and the layout images')
+        if self.right_offset and self.layout != "videos":
+            raise ValueError(f"right_offset: found {self.right_offset}; expected it only for the layout videos")
         return self
 
     def views(self, folder: Path) -> StereoPairs:
@@ -188,7 +221,9 @@ class PairFiles(Settings):
         right: Pictures | None = None
         if "video" in self.layout:
             left: Pictures = Video(folder / (self.left or str(self.both)))
-            right = None if self.right is None else Video(folder / self.right)
+            if self.right is not None:
+                film = Video(folder / self.right)
+                right = LaterStart(film, self.right_offset) if self.right_offset else film
         elif self.both is not None:
             left = self._images(find_frames(folder, self.both, "source.both"), folder)
         else:
@@ -307,7 +342,7 @@ def _out_of_step(left: Pictures, right: Pictures, frames: Sequence[int]) -> list
     if left.times_ns is None or right.times_ns is None:
         return []
     times_ns = [np.array([times[number] for number in frames]) for times in (left.times_ns, right.times_ns)]
-    apart_ns = np.abs(times_ns[0] - times_ns[1])
+    apart_ns = np.abs(np.subtract(*(times - times[0] for times in times_ns)))  # they may have started apart
     if len(frames) < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:
         return []
     first, most_ms = int(np.argmax(apart_ns > 0)), apart_ns.max() / 1e6

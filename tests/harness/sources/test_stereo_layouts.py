@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from harness.sources.media.frame_files import pair_names
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
@@ -180,6 +181,40 @@ def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
         "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places"
         in (_open(found).notes)
     )
+
+
+@pytest.mark.parametrize("offset", [2, -3])
+def test_two_videos_that_were_not_started_together(tmp_path: Path, offset: int) -> None:
+    """A frame of the left one is read with the frame of the right one that was taken at the same time."""
+    for side, first, count in ((0, 0, 10), (1, -offset, 9)):
+        write_video(tmp_path / f"{side}.mkv", [_flat(number) for number in range(first, first + count)])
+    settings = {"layout": "videos", "left": "0.mkv", "right": "1.mkv", "right_offset": offset, "camera": CAMERA}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    assert clip.frames == tuple(range(max(0, -offset), min(10, 9 - offset)))
+    for number in clip.frames:
+        frame = clip.frame(number)
+        assert frame.right is not None
+        assert np.array_equal(frame.left, frame.right)
+        assert frame.time_ns == number * 40_000_000
+    assert [*clip.films] == ["0.mkv"]
+    assert not any("in step" in note for note in clip.notes)
+    together = StereoFolderClip(StereoFolderSettings.model_validate({**settings, "right_offset": 0}), tmp_path)
+    assert clip.digest() != together.digest()
+    assert not np.array_equal(together.frame(3).left, together.frame(3).right)  # type: ignore[arg-type]
+
+
+def _flat(number: int) -> np.ndarray:
+    return np.full((16, 16, 3), 40 + 12 * number, np.uint8)
+
+
+def test_an_offset_without_two_videos_or_common_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError, match="right_offset"):
+        StereoFolderSettings.model_validate({"left": "a", "right": "b", "right_offset": 1, "camera": CAMERA})
+    for side in (0, 1):
+        write_video(tmp_path / f"{side}.mkv", [_flat(1)] * 3)
+    settings = {"layout": "videos", "left": "0.mkv", "right": "1.mkv", "right_offset": 5, "camera": CAMERA}
+    with pytest.raises(VfoaError, match="on both sides"):
+        StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
 
 
 def _drop_frame(video: Path, number: int) -> None:
