@@ -216,17 +216,13 @@ def _run_paper_cases(out: str | None) -> None:
 
 def _advice(plan: Plan, run: Path) -> str | None:
     """A line for a clip without labels: what calibration error to expect, and what a few labels would change."""
-    from harness.score.finished_run import how_to_label
-
-    configurations = plan.experiment.configurations
-    expected = [configuration.attend.attention.elsewhere for configuration in configurations]
+    expected = [configuration.attend.attention.elsewhere for configuration in plan.experiment.configurations]
     unlabelled = (each.manifest.name for each in plan.clips if each.labels is None or not each.labels.are_scored)
     clip = next(unlabelled, None)
     if clip is None or not any(expected):
         return None
     sentences = " ".join(dict.fromkeys(filter(None, expected)))
-    how = how_to_label(clip, [configuration.plain() for configuration in configurations])
-    return f"{clip} has no labels. {sentences} {how}, and `vfoa fit {run}` fits to them."
+    return f"{clip} has no labels. {sentences} When it has some, `vfoa fit {run}` fits to them."
 
 
 def _report_failures(directory: RunDirectory) -> None:
