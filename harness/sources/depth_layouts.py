@@ -126,16 +126,29 @@ _TUM_CAMERAS = {
 
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
-    """Return every way to read a folder as colour with depth; none for anything else."""
+    """Return every way to read a folder as colour with depth; none for anything else.
+
+    Raises
+    ------
+    VfoaError
+        If there are files called depth beside those of colour, and no depth can be read from them.
+    """
     if not path.is_dir():
         return ()
     for lists in _TUM_LISTS:
         if all((path / name).is_file() for name in lists):
             return (_recognised(path, {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}),)
-    readings = []
-    for colour, depth in _pairs(path):
+    readings, faults = [], []
+    for colour, depth, first in _pairs(path):
+        try:
+            read_depth_file(first, None)
+        except VfoaError as fault:
+            faults.append(fault)
+            continue
         with suppress(VfoaError):  # no common number
             readings.append(_recognised(path, {"colour": colour, "depth": depth}))
+    if faults and not readings:
+        raise faults[0]
     return tuple(readings)
 
 
@@ -159,14 +172,14 @@ def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     return Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
 
 
-def _pairs(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield globs of files whose paths differ by a word for colour and the word depth."""
+def _pairs(path: Path) -> Iterator[tuple[str, str, Path]]:
+    """Yield globs of files whose paths differ by a word for colour and the word depth, and the first file of depth."""
     patterns = _patterns(path)
     depths = {pattern: first for pattern, first in patterns.items() if "depth" in pattern.lower()}
     for depth, first in depths.items():
-        with suppress(VfoaError):
-            read_depth_file(first, None)
-            yield from ((colour, depth) for colour in patterns if colour not in depths and _is_colour_of(colour, depth))
+        for colour in patterns:
+            if colour not in depths and _is_colour_of(colour, depth):
+                yield colour, depth, first
 
 
 def _patterns(root: Path) -> dict[str, Path]:

@@ -65,6 +65,18 @@ def test_several_pairs_of_topics_are_listed(tmp_path: Path) -> None:
     vfoa("add", path, "--set", "left=/rear/left/image", "--set", "right=/rear/right/image")
 
 
+def test_pictures_of_depth_are_named_and_hide_no_pair(tmp_path: Path) -> None:
+    for number in (1, 2):
+        write_image(tmp_path / "rgb" / f"{number}.png", picture(number))
+        write_image(tmp_path / "depth" / f"{number}.png", picture(number)[..., 0])
+    assert re.search(r"depth/1\.png: found uint8 .*16 bits", refused(tmp_path))
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for number in (1, 2):
+            write_image(tmp_path / side / f"{number}.png", picture(number))
+    assert vfoa("add", tmp_path, *NUMBERS)["adapter"] == "stereo_folder"
+
+
 OF_A_ZED = [
     *("/zed/{side}/image_rect_gray", "/zed/{side}/image_rect_color"),
     *("/zed/{side}_raw/image_raw_gray", "/zed/{side}_raw/image_raw_color"),
