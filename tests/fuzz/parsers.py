@@ -133,6 +133,7 @@ PARSERS: Sequence[Parser] = (
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
         for name, file_name in (("csv", "theirs.csv"), ("elan", "theirs.eaf"))
     ),
+    Parser("labels of a table", "theirs.csv", whole.LOOKS, _labels("table")),
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),

@@ -66,6 +66,11 @@ DRAWN = (
     "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
     "1,mug,box,1,2,30.5,40,\n9,mug,box,4,2,33,40,1\n2,book,point,7,8,,,\n1,anna,head,5,6,25,36,\n"
 )
+LOOKS = (
+    "start;end;person;object;note\n0,04;1,2;girl;bird;far\n0:00:01.2;0:00:01.9;girl;none;\n",
+    "frame,subject,target\n1,girl,bird\n2,girl,bird\n1,boy,girl\n",
+    "time_ns,subject,target\n40000000,girl,bird\n81000000,girl,none\n",
+)
 ELAN_TEXT = (
     "girl\t\t00:00:00.030\t0.03\t00:00:00.130\t0.13\t00:00:00.100\t0.1\tbird\n",
     "Begin Time - msec\tEnd Time - msec\tDuration - msec\tgirl\tboy\n30\t130\t100\tbird\t\n0\t40\t40\t\tgirl\n",

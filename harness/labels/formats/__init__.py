@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from harness.labels.files import read_annotations, write_annotations
+from harness.files.io import read_text
+from harness.labels.files import VERSION_LINE, read_annotations, write_annotations
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import Labels
+from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 
 
@@ -40,6 +42,8 @@ class AnnotationCsv:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names."""
+        if not read_text(path).startswith(VERSION_LINE.rpartition(" ")[0]):
+            raise VfoaError(f"{path}:1: expected {VERSION_LINE!r}; a table of one's own is read with --format table")
         labels = read_annotations(
             path,
             timeline=exchange.timeline,
@@ -62,6 +66,7 @@ FORMATS = Registry(
         "csv": "harness.labels.formats:AnnotationCsv",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
+        "table": "harness.labels.formats.own_table:OwnTable",
     },
     group="vfoa.annotation_formats",
 )

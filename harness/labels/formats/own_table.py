@@ -1,0 +1,218 @@
+"""A table of one's own, of a spreadsheet or a script: a row for each look, or for each frame.
+
+Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
+(:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, in seconds,
+milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in one frame, which is that of
+the number ``frame``, or nearest to ``time_s``, or to ``time_ns`` by the clip's own stamps.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from harness.files.dialects import is_missing, number_hint, table_rows
+from harness.files.tables import whole_number
+from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans
+from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
+from harness.labels.rows import check_sequence, check_text
+from vfoa.errors import VfoaError
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "subject": ("subject", "person", "who", "participant"),
+    "target": ("target", "object", "what", "looks_at", "label", "aoi"),
+    "note": ("note", "notes", "comment", "comments"),
+    "frame": ("frame", "frame_number", "frame_index"),
+    "first_frame": ("first_frame", "start_frame", "frame_start"),
+    "last_frame": ("last_frame", "end_frame", "frame_end"),
+    "start_s": ("start_s", "start", "start_time", "begin", "begin_time", "start_time_s"),
+    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s"),
+    "start_ms": ("start_ms", "start_time_ms", "begin_ms"),
+    "end_ms": ("end_ms", "end_time_ms", "stop_ms"),
+    "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
+    "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
+}
+"""The names of each column, in lower case, with ``_`` for everything but letters and digits."""
+
+_PLACES = (
+    *(("start_s", "end_s"), ("start_ms", "end_ms"), ("first_frame", "last_frame")),
+    *(("frame",), ("time_s",), ("time_ns",)),
+)
+"""The columns that say where a row holds; a table has those of one kind."""
+
+_MS_PER_UNIT = {"start_s": 1000, "start_ms": 1}
+_CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:\.[0-9]+)?)")
+_NUMBER = re.compile(r"-?[0-9]{1,12}(?:\.[0-9]*)?")
+
+
+class OwnTable(ReadOnly):
+    """Reads such a table."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read labels. Without a column of subjects they are those of the clip's only one."""
+        (line, header), *rows = table_rows(path) or [(1, [])]
+        columns, left_out = _columns(header, f"{path}:{line}")
+        place = _place(columns, f"{path}:{line}")
+        if "subject" not in columns and len(exchange.subjects) != 1:
+            raise VfoaError(
+                f"{path}:{line}: no column of subjects; expected subject, since the clip has "
+                f"{', '.join(exchange.subjects) or 'none'}"
+            )
+        for row_line, cells in rows:
+            if len(cells) != len(header):
+                raise VfoaError(
+                    f"{path}:{row_line}: found {len(cells)} cells; expected {len(header)}, as in the header"
+                )
+        table = [(f"{path}:{line}", {name: cells[at] for name, at in columns.items()}) for line, cells in rows]
+        known = [row for row in table if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+        if place[0] in ("time_s", "time_ns"):
+            imported = _moments(known, place[0], exchange, path)
+        elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
+            imported = _spans(known, place, exchange, path)
+        else:
+            imported = _frames(known, place, exchange, path)
+        notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
+        if len(known) < len(table):
+            notes.append(f"{path}: {len(table) - len(known)} rows without a target are left out.")
+        return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
+
+
+_Row = tuple[str, Mapping[str, str]]
+"""The place of a row, and its cells by column."""
+
+
+def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:
+    """The position of each known column, and the names of the others."""
+    found, left_out = dict[str, int](), list[str]()
+    for at, name in enumerate(header):
+        plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+        column = next((column for column, names in COLUMNS.items() if plain in names), None)
+        if column is None:
+            left_out.append(name)
+        elif column in found:
+            raise VfoaError(f"{where}: {header[found[column]]} and {name} both are {column}; expected one of them")
+        else:
+            found[column] = at
+    if "target" not in found:
+        names = ", ".join(COLUMNS["target"])
+        raise VfoaError(f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({names})")
+    return found, left_out
+
+
+def _place(columns: Mapping[str, int], where: str) -> tuple[str, ...]:
+    """The columns that say where a row holds."""
+    whole = [place for place in _PLACES if columns.keys() >= {*place}]
+    if len(whole) != 1:
+        kinds = "; ".join(" and ".join(place) for place in _PLACES)
+        found = " and of ".join(" and ".join(place) for place in whole) or "none of them"
+        raise VfoaError(f"{where}: where a row holds: found {found}; expected the columns of one kind: {kinds}")
+    return whole[0]
+
+
+def _label(cells: Mapping[str, str], where: str, exchange: Exchange) -> tuple[str, Label]:
+    """The subject, ours, and the label of a row."""
+    check_text(cells.values(), where)
+    subject = exchange.subject(cells["subject"], where) if "subject" in cells else next(iter(exchange.subjects))
+    return subject, Label(target=exchange.target(cells["target"], subject, where), note=cells.get("note", ""))
+
+
+def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
+    """Labels by time: that of the columns, or of frames from 0 at the rate of ``--fps``."""
+    if place[0] in _MS_PER_UNIT:
+        read = partial(_time_ms, unit_ms=_MS_PER_UNIT[place[0]])
+    else:
+        read = partial(_frame_ms, rate_hz=exchange.fps or 0.0)
+    spans = []
+    for where, cells in rows:
+        subject, label = _label(cells, where, exchange)
+        start = read(cells[place[0]], f"{where}: {place[0]}", is_end=False)
+        end = read(cells[place[-1]], f"{where}: {place[-1]}", is_end=True)
+        spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
+    return from_spans(spans, exchange, path)
+
+
+def _time_ms(cell: str, where: str, *, unit_ms: int, is_end: bool = False) -> int:
+    if clock := _CLOCK.fullmatch(cell):
+        hours, minutes, seconds = clock.groups()
+        return round(1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds)))
+    if not _NUMBER.fullmatch(cell):
+        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
+    return round(float(cell) * unit_ms)
+
+
+def _frame_ms(cell: str, where: str, *, rate_hz: float, is_end: bool) -> int:
+    """When a frame of another program is shown, or the one after it."""
+    return round(1000 * (_frame(cell, where) + is_end) / rate_hz)
+
+
+def _frame(cell: str, where: str) -> int:
+    if (number := whole_number(cell)) is None:
+        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected the number of a frame")
+    return number
+
+
+def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
+    """Labels by the clip's own frame numbers."""
+    ranges = [(where, _range(where, cells, place, exchange)) for where, cells in rows]
+    check_sequence(ranges, exchange.timeline, allow_gaps=True)
+    found = [row for _, row in ranges]
+    return exchange.labels(found if len(place) > 1 else _joined(found, exchange.frames), path)
+
+
+def _range(where: str, cells: Mapping[str, str], place: Sequence[str], exchange: Exchange) -> LabelRange:
+    subject, label = _label(cells, where, exchange)
+    first, last = (_frame(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
+    if first > last:
+        raise VfoaError(f"{where}: {place[0]} {first} comes after {place[-1]} {last}")
+    frames = exchange.frames
+    for frame in (first, last):
+        if not frames or not frames[0] <= frame <= frames[-1]:
+            clip = f"{frames[0]} to {frames[-1]}" if frames else "none"
+            raise VfoaError(
+                f"{where}: frame {frame} is outside the clip; its frames: {clip} (numbers of another program, from 0: "
+                "--fps RATE)"
+            )
+    return LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+
+
+def _joined(rows: Sequence[LabelRange], frames: Sequence[int]) -> Iterator[LabelRange]:
+    """Ranges of rows that hold for a frame each."""
+    labels: dict[str, dict[int, Label]] = {}
+    for row in rows:
+        labels.setdefault(row.subject, {})[row.first_frame] = row.label
+    for subject, by_frame in labels.items():
+        yield from ranges_of(subject, ((frame, by_frame.get(frame)) for frame in frames))
+
+
+def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) -> Imported:
+    """Labels of the frames that are nearest to times, by at most half a step."""
+    timeline = exchange.timeline if column == "time_ns" else exchange.shown
+    if not timeline.times_ns:
+        raise VfoaError(f"{path}: {column}: the clip does not know its times; expected a column of frames")
+    found, outside, within_ns = list[tuple[str, LabelRange]](), list[str](), timeline.step_ns / 2
+    for where, cells in rows:
+        subject, label = _label(cells, where, exchange)
+        place = f"{where}: {column}"
+        cell = cells[column]
+        own_ns = _frame(cell, place) if column == "time_ns" else MS * _time_ms(cell, place, unit_ms=1000)
+        if (frame := _nearest(own_ns, timeline, within_ns)) is None:
+            outside.append(where)
+        else:
+            found.append((where, LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)))
+    check_sequence(found, exchange.timeline, allow_gaps=True)
+    imported = exchange.labels(_joined([row for _, row in found], exchange.frames), path)
+    if not outside:
+        return imported
+    note = f"{path}: {len(outside)} rows are of no frame of the clip and are left out, the first at {outside[0]}."
+    return Imported(labels=imported.labels, notes=(*imported.notes, note))
+
+
+def _nearest(time_ns: int, timeline: Timeline, within_ns: float) -> int | None:
+    """The frame nearest to a time; None if it is further away than ``within_ns``."""
+    after = bisect_left(timeline.times_ns, time_ns)
+    near = (place for place in (after - 1, after) if 0 <= place < len(timeline.times_ns))
+    apart_ns, place = min((abs(timeline.times_ns[place] - time_ns), place) for place in near)
+    return timeline.frames[place] if apart_ns <= within_ns else None

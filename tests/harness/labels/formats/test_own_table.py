@@ -1,0 +1,149 @@
+"""Labels in tables of one's own: every way to say where a row holds, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+
+from harness.labels.formats import FORMATS
+from harness.labels.formats.exchange import Exchange
+from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
+from harness.labels.formats.own_table import COLUMNS, OwnTable
+from harness.labels.labels import LabelRange, Labels, timeline_of
+from tests.disk import write_text
+from tests.exchanges import PlainClip, exchange, labels_of, row
+from tests.measured import open_measured
+from vfoa.errors import VfoaError
+
+FIVE = PlainClip(frames=range(1, 6), rate_hz=10.0)
+"""Frame n is shown at (n - 1) / 10 s."""
+EXPECTED = Labels([row(1, 2, "bird"), row(3, 5, "none"), row(2, 2, "girl", "boy")])
+
+
+def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tuple[Labels, tuple[str, ...]]:
+    imported = OwnTable().read(write_text(folder / "mine.csv", text), exchange(clip, **more))
+    return imported.labels, imported.notes
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "first_frame,last_frame,subject,target\n1,2,girl,bird\n3,5,girl,none\n2,2,boy,girl\n",
+        "End frame;Start frame;Object;Person\n2;1;bird;girl\n5;3;none;girl\n2;2;girl;boy\n",
+        "subject\ttarget\tframe\n" + "".join(f"girl\t{'bird' if n < 3 else 'none'}\t{n}\n" for n in (3, 1, 2, 5, 4))
+        + "boy\tgirl\t2\n",
+        "who,what,start,end\ngirl,bird,0,0.2\ngirl,none,0.2,0.5\nboy,girl,0.1,0.2\n",
+        "who;what;Start (s);End (s)\ngirl;bird;0;0,2\ngirl;none;0,2;0,5\nboy;girl;0,1;0,2\n",
+        "who,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
+        "who,what,start,end\ngirl,bird,0:00:00,0:00.2\ngirl,none,00:00:00.2,0:00.5\nboy,girl,0:00.1,0:00.2\n",
+        "person,looks_at,time_s\n" + "".join(f"girl,{'bird' if n < 2 else 'none'},{n / 10 + 0.03}\n" for n in range(5))
+        + "boy,girl,0.1\n",
+        "person,looks_at,time_ns\n"
+        + "".join(f"girl,{'bird' if n < 3 else 'none'},{n * 10**8 - 4 * 10**7}\n" for n in range(1, 6))
+        + "boy,girl,200000000\n",
+    ],
+)  # fmt: skip
+def test_every_way_to_say_where_a_row_holds_gives_the_same_labels(tmp_path: Path, text: str) -> None:
+    assert _read(tmp_path, text) == (EXPECTED, ())
+
+
+def test_with_a_rate_frames_are_those_of_another_program_from_0(tmp_path: Path) -> None:
+    """There, the clip begins after half a second."""
+    text = "first_frame,last_frame,subject,target\n5,6,girl,bird\n7,9,girl,none\n"
+    labels, _ = _read(tmp_path, text, fps=10.0, offset=0.5)
+    assert labels == Labels([row(1, 2, "bird"), row(3, 5, "none")])
+
+
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+    text = "time,subject,target,rater\n0,girl,bird,A\n0.1,girl,,A\n0.2,girl,cup,A\n0.9,girl,cup,A\n"
+    labels, notes = _read(tmp_path, text, gaps="none")
+    assert labels == Labels([row(1, 1, "bird"), row(2, 2, "none"), row(3, 3, "cup")])
+    columns, blank, filled, outside = notes
+    assert "rater" in columns
+    assert "1 rows" in blank
+    assert "girl: 1 frames" in filled
+    assert outside.endswith(f"the first at {tmp_path / 'mine.csv'}:5.")
+
+
+def test_names_are_translated_and_a_note_is_kept(tmp_path: Path) -> None:
+    text = "frame,participant,label,Comment\n1,P01,Vogel,a smile\n2,P01,NA,\n"
+    labels, _ = _read(tmp_path, text, renamed={"P01": "girl", "Vogel": "bird"})
+    assert labels == Labels([row(1, 1, "bird", note="a smile")])
+
+
+def test_the_only_person_of_a_clip_needs_no_column(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "mine.csv", "frame,target\n1,bird\n")
+    alone = Exchange(timeline=timeline_of(FIVE), rate_hz=10.0, subjects=("girl",), targets=("bird",))
+    assert OwnTable().read(path, alone).labels == Labels([row(1, 1, "bird")])
+    with pytest.raises(VfoaError, match=r"mine\.csv:1: no column of subjects.*girl, boy"):
+        _read(tmp_path, "frame,target\n1,bird\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"mine\.csv:1: .*target"),
+        ("frame,subject,target\n1,girl.bird\n", r"mine\.csv:2: found 2 cells; expected 3"),
+        ("frame,subject\n1,girl\n", r"mine\.csv:1: .*target"),
+        ("from,to,subject,target\n0,1,girl,bird\n", r"mine\.csv:1: .*none of them"),
+        ("frame,start,end,subject,target\n1,0,1,girl,bird\n", r"mine\.csv:1: .*start_s and end_s and of frame"),
+        ("frame,who,person,target\n1,girl,girl,bird\n", r"mine\.csv:1: who and person both are subject"),
+        ("frame,subject,target\n0,girl,bird\n", r"mine\.csv:2: frame 0 is outside .*1 to 5.*--fps"),
+        ("frame,subject,target\n1.5,girl,bird\n", r"mine\.csv:2: frame: found '1\.5'"),
+        ("frame,subject,target\n1,girl,bird\n1,girl,cup\n", r"mine\.csv:3: 'girl' has two labels in frame 1"),
+        ("first_frame,last_frame,subject,target\n2,1,girl,bird\n", r"mine\.csv:2: first_frame 2 comes after"),
+        ("start,end,subject,target\n0,soon,girl,bird\n", r"mine\.csv:2: end_s: found 'soon'"),
+        ("start,end,subject,target\n0.4,0.1,girl,bird\n", r"mine\.csv:2: ends at 0\.1 s"),
+        ("start,end,subject,target\n0,0.2,girl,bird\n0.1,0.3,girl,cup\n", r"mine\.csv:3: 'girl' has two labels"),
+        ("time_ns,subject,target\n1e9,girl,bird\n", r"mine\.csv:2: time_ns: found '1e9'.*cut off"),
+        ("frame,subject,target\n1,Girl,brid\n", r"mine\.csv:2: unknown subject 'Girl'.*'brid'.*--rename"),
+        ("frame,subject,target\n1,girl,girl\n", r"mine\.csv:2: 'girl' looks at 'girl'"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_row(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(tmp_path, text)
+
+
+def test_times_need_a_rate(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="--fps"):
+        _read(tmp_path, "time,subject,target\n0,girl,bird\n", PlainClip(rate_hz=None))
+
+
+def test_it_cannot_be_written_and_the_own_format_names_it(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "mine.csv", "frame,subject,target\n1,girl,bird\n")
+    with pytest.raises(VfoaError, match=r"mine\.csv:1: .*--format table"):
+        FORMATS.load("csv")().read(path, exchange(FIVE))
+    with pytest.raises(VfoaError, match="cannot be written"):
+        OwnTable().write(path, EXPECTED, exchange(FIVE))
+
+
+def test_no_name_stands_for_two_columns() -> None:
+    names = [name for column in COLUMNS.values() for name in column]
+    assert len(names) == len({*names})
+
+
+@given(labels_of(range(1, 51), notes=False, points=False, tags=False, suggested=False))
+def test_rows_of_frames_give_the_ranges_back(tmp_path_factory: pytest.TempPathFactory, labels: Labels) -> None:
+    def rows(each: LabelRange) -> str:
+        frames = range(each.first_frame, each.last_frame + 1)
+        return "".join(f"{frame},{each.subject},{each.label.target}\n" for frame in frames)
+
+    text = "frame,subject,target\n" + "".join(map(rows, labels.ranges))
+    read, _ = _read(tmp_path_factory.mktemp("rows"), text, PlainClip())
+    for frame, subject, label in labels.labelled(range(1, 51)):
+        assert read.at(frame, subject) == label
+
+
+def test_a_genuine_table_says_what_the_arrays_say(shared_data: Path) -> None:
+    """Idiap's conversation: a row for each person and time stamp."""
+    folder = shared_data / "idiap_vfoa"
+    clip = open_measured("idiap_vfoa", folder, file="heads.csv")
+    renamed = {"unfocused": "none", "1:person": "2", "2:person": "1", "1:other person": "2", "2:other person": "1"}
+    theirs = Exchange(
+        timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=("1", "2"), targets=("robot",), renamed=renamed
+    )
+    arrays = IdiapGroundTruth().read(folder / "gt_first_half.npz", theirs).labels
+    assert OwnTable().read(folder / "labels.csv", theirs).labels == arrays
