@@ -53,7 +53,7 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        (line, header), *rows = table_rows(path) or [(1, [])]
+        (line, header), *lines = table_rows(path) or [(1, [])]
         columns, left_out = _columns(header, f"{path}:{line}")
         place = _place(columns, f"{path}:{line}")
         if "subject" not in columns and len(exchange.subjects) != 1:
@@ -61,13 +61,8 @@ class OwnTable(ReadOnly):
                 f"{path}:{line}: no column of subjects; expected subject, since the clip has "
                 f"{', '.join(exchange.subjects) or 'none'}"
             )
-        for row_line, cells in rows:
-            if len(cells) != len(header):
-                raise VfoaError(
-                    f"{path}:{row_line}: found {len(cells)} cells; expected {len(header)}, as in the header"
-                )
-        table = [(f"{path}:{line}", {name: cells[at] for name, at in columns.items()}) for line, cells in rows]
-        known = [row for row in table if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+        rows = [_row(cells, header, columns, f"{path}:{line}") for line, cells in lines]
+        known = [row for row in rows if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
         if place[0] in ("time_s", "time_ns"):
             imported = _moments(known, place[0], exchange, path)
         elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
@@ -75,8 +70,8 @@ class OwnTable(ReadOnly):
         else:
             imported = _frames(known, place, exchange, path)
         notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
-        if len(known) < len(table):
-            notes.append(f"{path}: {len(table) - len(known)} rows without a target are left out.")
+        if len(known) < len(rows):
+            notes.append(f"{path}: {len(rows) - len(known)} rows without a target are left out.")
         return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
@@ -100,6 +95,14 @@ def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[st
         names = ", ".join(COLUMNS["target"])
         raise VfoaError(f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({names})")
     return found, left_out
+
+
+def _row(cells: Sequence[str], header: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
+    """The cells by column. The word ``none`` is a target, however it is written: no program fills it in there."""
+    if len(cells) != len(header):
+        raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header")
+    row = {name: cells[at] for name, at in columns.items()}
+    return where, {**row, "target": NOWHERE} if row["target"].lower() == NOWHERE else row
 
 
 def _place(columns: Mapping[str, int], where: str) -> tuple[str, ...]:
@@ -145,12 +148,12 @@ def _time_ms(cell: str, where: str, *, unit_ms: int, is_end: bool = False) -> in
 
 def _frame_ms(cell: str, where: str, *, rate_hz: float, is_end: bool) -> int:
     """When a frame of another program is shown, or the one after it."""
-    return round(1000 * (_frame(cell, where) + is_end) / rate_hz)
+    return round(1000 * (_whole(cell, where) + is_end) / rate_hz)
 
 
-def _frame(cell: str, where: str) -> int:
+def _whole(cell: str, where: str, what: str = "the number of a frame") -> int:
     if (number := whole_number(cell)) is None:
-        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected the number of a frame")
+        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected {what}")
     return number
 
 
@@ -164,7 +167,7 @@ def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path
 
 def _range(where: str, cells: Mapping[str, str], place: Sequence[str], exchange: Exchange) -> LabelRange:
     subject, label = _label(cells, where, exchange)
-    first, last = (_frame(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
+    first, last = (_whole(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
     if first > last:
         raise VfoaError(f"{where}: {place[0]} {first} comes after {place[-1]} {last}")
     frames = exchange.frames
@@ -197,7 +200,7 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
         subject, label = _label(cells, where, exchange)
         place = f"{where}: {column}"
         cell = cells[column]
-        own_ns = _frame(cell, place) if column == "time_ns" else MS * _time_ms(cell, place, unit_ms=1000)
+        own_ns = _whole(cell, place, "ns") if column == "time_ns" else MS * _time_ms(cell, place, unit_ms=1000)
         if (frame := _nearest(own_ns, timeline, within_ns)) is None:
             outside.append(where)
         else:

@@ -32,7 +32,7 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
     [
         "first_frame,last_frame,subject,target\n1,2,girl,bird\n3,5,girl,none\n2,2,boy,girl\n",
         "End frame;Start frame;Object;Person\n2;1;bird;girl\n5;3;none;girl\n2;2;girl;boy\n",
-        "subject\ttarget\tframe\n" + "".join(f"girl\t{'bird' if n < 3 else 'none'}\t{n}\n" for n in (3, 1, 2, 5, 4))
+        "subject\ttarget\tframe\n" + "".join(f"girl\t{'bird' if n < 3 else 'None'}\t{n}\n" for n in (3, 1, 2, 5, 4))
         + "boy\tgirl\t2\n",
         "who,what,start,end\ngirl,bird,0,0.2\ngirl,none,0.2,0.5\nboy,girl,0.1,0.2\n",
         "who;what;Start (s);End (s)\ngirl;bird;0;0,2\ngirl;none;0,2;0,5\nboy;girl;0,1;0,2\n",
