@@ -34,7 +34,7 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option("--format", help="elan, csv, boris and idiap_vfoa (import only), or a package's."),
+    typer.Option("--format", help="elan, csv; to import: boris, table, idiap_vfoa; or a package's."),
 ]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
