@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
@@ -90,13 +91,15 @@ def _rows(raw: Picture, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
-_NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
+INFRARED = "infra|/ir(?![a-z])"
+"""Names of topics in infrared, in lower case, as a pattern; a robot may be called iRobot."""
+_NO_DEPTH = re.compile(f"{INFRARED}|confidence|amplitude|thermal|disparity")
 
 
 def may_be_depth(name: str, header: Picture | None) -> bool:
     """Whether a topic's name, and the header of its first image, fit a depth image."""
     name = name.lower()
-    if header is None or any(word in name for word in _NO_DEPTH):
+    if header is None or _NO_DEPTH.search(name):
         return False
     form = header.form
     if form in ("16UC1", "32FC1") or "compressedDepth" in form:

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
 from harness.sources.recordings.messages import IMAGES, READ, Kind, MessageType, Picture, codec_of
-from harness.sources.recordings.pixels import may_be_depth
+from harness.sources.recordings.pixels import INFRARED, may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 
@@ -142,7 +142,7 @@ def _rig_of(pair: tuple[Topic, Topic]) -> str:
 
 
 def _is_infrared(topic: Topic) -> bool:
-    return any(word in topic.name.lower() for word in _INFRARED)
+    return bool(re.search(INFRARED, topic.name.lower()))
 
 
 def _is_gray(topic: Topic) -> bool:
@@ -255,8 +255,7 @@ _ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registe
 
 _REALSENSE_SDK = "/device_"
 _COLOUR = ("color", "colour", "rgb")
-_INFRARED = ("infra", "/ir")
-_NO_COLOUR = (*_INFRARED, "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
+_NO_COLOUR = re.compile(f"{INFRARED}|confidence|thermal|disparity|rgb_to_depth|mask")
 _RECTIFIED = re.compile("(?:^|[/_])rect")
 _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
 
@@ -323,7 +322,7 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
         topic
         for topic in images
         if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
-        if not any(word in topic.name.lower() for word in _NO_COLOUR)
+        if not _NO_COLOUR.search(topic.name.lower())
     ]
     by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
     return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])

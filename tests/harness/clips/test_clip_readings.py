@@ -124,6 +124,17 @@ def test_a_topic_that_was_recorded_for_a_moment_only_is_not_preferred(tmp_path: 
     assert (clip._streams.left.name, len(clip.frames)) == ("/left/image_raw", 9)
 
 
+def test_a_robot_whose_name_begins_like_infrared_has_colour(tmp_path: Path) -> None:
+    path, depth = tmp_path / "irobot.mcap", np.full((HEIGHT, WIDTH), 1500, np.uint16)
+    with recorder(path) as record:
+        record.camera("/irobot/rgb/camera_info", 10**9, LEFT)
+        record.picture("/irobot/rgb/image_raw", 10**9, picture(1))
+        record.picture("/irobot/ir/image_raw", 10**9, picture(1))
+        record.raw("/irobot/depth_registered/image_raw", 10**9, WIDTH, HEIGHT, "16UC1", 2 * WIDTH, depth.tobytes())
+        record.camera("/irobot/depth_registered/camera_info", 10**9, LEFT)
+    assert McapClip(RecordingSettings(recording=path.name), tmp_path)._streams.left.name == "/irobot/rgb/image_raw"
+
+
 @pytest.mark.parametrize("has_depth", [False, True])
 def test_an_infrared_pair_gives_way_to_colour_with_aligned_depth(tmp_path: Path, has_depth: bool) -> None:
     path, depth = tmp_path / "realsense.mcap", np.full((HEIGHT, WIDTH), 1500, np.uint16)
