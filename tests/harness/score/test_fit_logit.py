@@ -6,7 +6,7 @@ import contextlib
 import re
 import shlex
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,14 @@ def labelled_clips(folder: Path, names: tuple[str, ...], frames: int, step_ns: i
         write_text(folder / "annotations" / f"{name}.csv", true_labels(frames))
     clips = ", ".join(f'"{name}"' for name in names)
     write_text(folder / "talk.toml", TWO_CLIPS.replace('"one", "two"', clips))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process() -> Iterator[None]:
+    """Clips of some seconds are no work for a process on each core."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.cpu_count", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -348,7 +356,6 @@ def test_an_interrupted_fit_says_what_is_kept_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
     labelled_clips(tmp_path, ("one", "two"), 20)
     with monkeypatch.context() as patch:
         patch.setattr("harness.run.loop.attend_clip", _interrupted)
