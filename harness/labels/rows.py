@@ -81,14 +81,7 @@ class RowReader:
             if whole_number(cell) is None:
                 raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected a frame number")
         first, last = int(cells[0]), int(cells[1])
-        if first > last:
-            raise VfoaError(f"{where}: first_frame {first} comes after last_frame {last}")
-        if self._timeline is not None and self._timeline.is_whole:
-            frames = self._timeline.frames
-            for frame in (first, last):
-                if not frames or not frames[0] <= frame <= frames[-1]:
-                    clip = f"{frames[0]} to {frames[-1]}" if frames else "none"
-                    raise VfoaError(f"{where}: frame {frame} is outside the clip; its frames: {clip}")
+        check_ends(first, last, self._timeline, where)
         return first, last, None
 
     def _times(self, cells: list[str], where: str) -> tuple[int, int, tuple[int, int]] | None:
@@ -113,6 +106,22 @@ def check_text(cells: Iterable[str], where: str) -> None:
     for cell in cells:
         if not cell.isprintable() and _CONTROL.search(cell):
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")
+
+
+def check_ends(first: int, last: int, timeline: Timeline | None, where: str, hint: str = "") -> None:
+    """Reject a range that ends before it begins, or outside of the clip, if all of its frames are known.
+
+    ``hint`` ends the message on a frame outside.
+    """
+    if first > last:
+        raise VfoaError(f"{where}: first_frame {first} comes after last_frame {last}")
+    if timeline is None or not timeline.is_whole:
+        return
+    frames = timeline.frames
+    for frame in (first, last):
+        if not frames or not frames[0] <= frame <= frames[-1]:
+            clip = f"{frames[0]} to {frames[-1]}" if frames else "none"
+            raise VfoaError(f"{where}: frame {frame} is outside the clip; its frames: {clip}{hint}")
 
 
 def check_sequence(rows: Sequence[tuple[str, LabelRange]], timeline: Timeline | None, *, allow_gaps: bool) -> None:

@@ -261,7 +261,7 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown
     VfoaError
         If a frame lies in two spans of a subject, or a span ends before it begins.
     """
-    rows, outside = list[tuple[str, LabelRange]](), list[Span]()
+    rows, outside = list[tuple[str, LabelRange]](), list[str]()
     for span in sorted(spans, key=lambda span: (span.start_ms, span.end_ms)):
         if span.end_ms < span.start_ms:
             raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
@@ -270,12 +270,16 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown
             row = LabelRange(first_frame=first, last_frame=last, subject=span.subject, label=span.label)
             rows.append((span.where, row))
         else:
-            outside.append(span)
+            outside.append(span.where)
     check_sequence(rows, exchange.timeline, allow_gaps=True)
-    imported = exchange.labels((row for _, row in rows), path)
+    return without(outside, exchange.labels((row for _, row in rows), path), path)
+
+
+def without(outside: Sequence[str], imported: Imported, path: object) -> Imported:
+    """Labels with a note on those that hold no frame of the clip, by their places in the file."""
     if not outside:
         return imported
-    note = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
+    note = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0]}."
     return Imported(labels=imported.labels, notes=(*imported.notes, note))
 
 

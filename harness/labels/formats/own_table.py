@@ -11,14 +11,13 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 from harness.files.dialects import is_missing, number_hint, table_rows
 from harness.files.tables import whole_number
-from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans
+from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, without
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
-from harness.labels.rows import check_sequence, check_text
+from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -124,31 +123,26 @@ def _label(cells: Mapping[str, str], where: str, exchange: Exchange) -> tuple[st
 
 def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
     """Labels by time: that of the columns, or of frames from 0 at the rate of ``--fps``."""
-    if place[0] in _MS_PER_UNIT:
-        read = partial(_time_ms, unit_ms=_MS_PER_UNIT[place[0]])
-    else:
-        read = partial(_frame_ms, rate_hz=exchange.fps or 0.0)
     spans = []
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)
-        start = read(cells[place[0]], f"{where}: {place[0]}", is_end=False)
-        end = read(cells[place[-1]], f"{where}: {place[-1]}", is_end=True)
+        ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
+        if place[0] in _MS_PER_UNIT:
+            start, end = (_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]]) for each in ends)
+        else:
+            first, last = (_whole(*each) for each in ends)
+            start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (first, last + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
     return from_spans(spans, exchange, path)
 
 
-def _time_ms(cell: str, where: str, *, unit_ms: int, is_end: bool = False) -> int:
+def _time_ms(cell: str, where: str, *, unit_ms: int) -> int:
     if clock := _CLOCK.fullmatch(cell):
         hours, minutes, seconds = clock.groups()
         return round(1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds)))
     if not _NUMBER.fullmatch(cell):
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
     return round(float(cell) * unit_ms)
-
-
-def _frame_ms(cell: str, where: str, *, rate_hz: float, is_end: bool) -> int:
-    """When a frame of another program is shown, or the one after it."""
-    return round(1000 * (_whole(cell, where) + is_end) / rate_hz)
 
 
 def _whole(cell: str, where: str, what: str = "the number of a frame") -> int:
@@ -168,16 +162,7 @@ def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path
 def _range(where: str, cells: Mapping[str, str], place: Sequence[str], exchange: Exchange) -> LabelRange:
     subject, label = _label(cells, where, exchange)
     first, last = (_whole(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
-    if first > last:
-        raise VfoaError(f"{where}: {place[0]} {first} comes after {place[-1]} {last}")
-    frames = exchange.frames
-    for frame in (first, last):
-        if not frames or not frames[0] <= frame <= frames[-1]:
-            clip = f"{frames[0]} to {frames[-1]}" if frames else "none"
-            raise VfoaError(
-                f"{where}: frame {frame} is outside the clip; its frames: {clip} (numbers of another program, from 0: "
-                "--fps RATE)"
-            )
+    check_ends(first, last, exchange.timeline, where, " (numbers of another program, from 0: --fps RATE)")
     return LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
 
 
@@ -206,11 +191,7 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
         else:
             found.append((where, LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)))
     check_sequence(found, exchange.timeline, allow_gaps=True)
-    imported = exchange.labels(_joined([row for _, row in found], exchange.frames), path)
-    if not outside:
-        return imported
-    note = f"{path}: {len(outside)} rows are of no frame of the clip and are left out, the first at {outside[0]}."
-    return Imported(labels=imported.labels, notes=(*imported.notes, note))
+    return without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
 
 
 def _nearest(time_ns: int, timeline: Timeline, within_ns: float) -> int | None:
