@@ -139,14 +139,15 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
         if all((path / name).is_file() for name in lists):
             return (_recognised(path, {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}),)
     readings, faults = [], []
-    for colour, depth, first in _pairs(path):
+    for depth, first, colours in _depths(path):
         try:
             read_depth_file(first, None)
         except VfoaError as fault:
             faults.append(fault)
             continue
-        with suppress(VfoaError):  # no common number
-            readings.append(_recognised(path, {"colour": colour, "depth": depth}))
+        for colour in colours:
+            with suppress(VfoaError):  # no common number
+                readings.append(_recognised(path, {"colour": colour, "depth": depth}))
     if faults and not readings:
         raise faults[0]
     return tuple(readings)
@@ -172,14 +173,13 @@ def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     return Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
 
 
-def _pairs(path: Path) -> Iterator[tuple[str, str, Path]]:
-    """Yield globs of files whose paths differ by a word for colour and the word depth, and the first file of depth."""
+def _depths(path: Path) -> Iterator[tuple[str, Path, list[str]]]:
+    """Yield globs of files of depth, with their first file and the globs that differ by a word for colour instead."""
     patterns = _patterns(path)
     depths = {pattern: first for pattern, first in patterns.items() if "depth" in pattern.lower()}
     for depth, first in depths.items():
-        for colour in patterns:
-            if colour not in depths and _is_colour_of(colour, depth):
-                yield colour, depth, first
+        if colours := [each for each in patterns if each not in depths and _is_colour_of(each, depth)]:
+            yield depth, first, colours
 
 
 def _patterns(root: Path) -> dict[str, Path]:

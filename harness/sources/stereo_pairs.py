@@ -61,7 +61,7 @@ class ImageFiles:
         return ((f"{number} {role}", self._files[number]) for number in frames)
 
 
-class LaterStart:
+class ShiftedVideo:
     """The right video of two that were not started together, by the numbers of the left one.
 
     ``offset`` is its own frame at the left one's frame 0; below 0, it was started later.
@@ -86,7 +86,7 @@ class LaterStart:
         return self._video.parts(f"{role} from {self._offset}", frames)
 
 
-Pictures = ImageFiles | Video | LaterStart
+Pictures = ImageFiles | Video | ShiftedVideo
 """Images by number, with their times and rate if they are known."""
 
 
@@ -223,7 +223,7 @@ class PairFiles(Settings):
             left: Pictures = Video(folder / (self.left or str(self.both)))
             if self.right is not None:
                 film = Video(folder / self.right)
-                right = LaterStart(film, self.right_offset) if self.right_offset else film
+                right = ShiftedVideo(film, self.right_offset) if self.right_offset else film
         elif self.both is not None:
             left = self._images(find_frames(folder, self.both, "source.both"), folder)
         else:

@@ -51,7 +51,8 @@ def depthai_pair(document: Document, size: ImageSize, where: str) -> RawCalibrat
     cameras = _cameras(document, where)
     named = document.get("stereoRectificationData")
     sockets = [_socket(named, side, usual, cameras, where) for side, usual in _PAIR.items()]
-    left, right = (_without_rows(_lens(cameras[number], f"{where}: camera {number}"), size()) for number in sockets)
+    size_px = size()
+    left, right = (_without_rows(_lens(cameras[number], f"{where}: camera {number}"), size_px) for number in sockets)
     ways = [_ways(cameras, number, where) for number in sockets]
     if (common := next((number for number in ways[0] if number in ways[1]), None)) is None:
         raise VfoaError(f"{where}: the extrinsics of cameras {sockets[0]} and {sockets[1]} lead to no common camera")

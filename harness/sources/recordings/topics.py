@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import takewhile
 from typing import Generic, Literal, NamedTuple, Self, TypeVar
 
@@ -121,18 +122,18 @@ def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic,
     for pair in pairs:
         rigs.setdefault(_rig_of(pair), []).append(pair)
 
-    def best(of_rig: list[tuple[Topic, Topic]]) -> tuple[Topic, Topic]:
-        frames = [min(len(topic.places) for topic in pair) for pair in of_rig]
+    return [max(of_rig, key=partial(_worth, max(map(_frames_of, of_rig)))) for of_rig in rigs.values()]
 
-        def rank(place: int) -> tuple[bool, bool, bool, bool, int]:
-            left = of_rig[place][0]
-            is_whole = frames[place] >= 0.9 * max(frames)
-            is_rectified = bool(_RECTIFIED.search(left.name))
-            return is_whole, is_rectified, not _is_gray(left), left.type.kind == "raw", frames[place]
 
-        return of_rig[max(range(len(of_rig)), key=rank)]
+def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool, bool, bool, bool, int]:
+    """Rank of a pair among those of its rig, of which one has ``most`` frames; a higher one is better."""
+    left, frames = pair[0], _frames_of(pair)
+    is_rectified = bool(_RECTIFIED.search(left.name))
+    return frames >= 0.9 * most, is_rectified, not _is_gray(left), left.type.kind == "raw", frames
 
-    return [*map(best, rigs.values())]
+
+def _frames_of(pair: tuple[Topic, Topic]) -> int:
+    return min(len(topic.places) for topic in pair)
 
 
 def _rig_of(pair: tuple[Topic, Topic]) -> str:
