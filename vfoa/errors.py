@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 
@@ -83,4 +83,14 @@ def did_you_mean(name: str, expected: Iterable[str]) -> str:
     names = sorted(expected)
     near = difflib.get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"{hint}expected one of: {', '.join(names) or '(none)'}"
+    return f"{hint}expected one of: {listed(names) or '(none)'}"
+
+
+_MOST_LISTED = 40
+"""Most names of a list in a message."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, with commas; of many the first ones, and the number of the others."""
+    more = len(names) - _MOST_LISTED
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_LISTED])} and {more} more"

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.cli.options import Json, clip_names
+from harness.cli.options import Json, clip_and_family_names
 from harness.cli.terminal import bytes_bar, print_json, print_table, say
+from vfoa.errors import VfoaError, check_known, listed
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
@@ -74,7 +75,6 @@ def add_clip(
     from harness.clips.add import add_clip as add
     from harness.files.parsing import parse_assignment
     from harness.files.remote import is_address
-    from vfoa.errors import VfoaError
 
     if is_address(path):
         raise VfoaError(
@@ -104,7 +104,6 @@ def add_clip(
 def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openface: Path) -> None:
     """Check that a path can be read; for the film of one camera, say that OpenFace's table is a clip by itself."""
     from harness.clips.add import recognise
-    from vfoa.errors import VfoaError
 
     try:
         recognise(Path(os.path.abspath(path.expanduser())), adapter, source)
@@ -120,7 +119,6 @@ def _faces_experiment(
     from harness.files.io import read_text
     from harness.files.parsing import toml_value
     from harness.pipeline.stage_files.other_programs import check_program, parts_in, read_part
-    from vfoa.errors import VfoaError
 
     if openface is None and gaze3d is None:
         return None
@@ -164,8 +162,6 @@ def _faces_experiment(
 
 def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov_deg: float | None) -> dict[str, Any]:
     """The settings of a calibration given on the command line."""
-    from vfoa.errors import VfoaError
-
     files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
     missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
     baseline = {} if numbers["baseline_m"] is None else {"baseline_m": numbers["baseline_m"]}
@@ -283,8 +279,8 @@ def check_clips(
         list[str] | None,
         typer.Argument(
             metavar="CLIP",
-            help="Clips by name, or .toml files. Default: those of the working directory, else of the package.",
-            autocompletion=clip_names,
+            help="Clips or families by name, or .toml files. Default: of the working directory, else of the package.",
+            autocompletion=clip_and_family_names,
         ),
     ] = None,
     every_frame: Annotated[
@@ -293,9 +289,9 @@ def check_clips(
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
-    from harness.clips.check import check_clip, clips_at_hand
+    from harness.clips.check import check_clip, clips_at_hand, clips_named
 
-    names, left_out = (clips, []) if clips else clips_at_hand()
+    names, left_out = clips_named(clips) if clips else clips_at_hand()
     checks = [check_clip(clip, every_frame=every_frame) for clip in names]
     if as_json:
         print_json([asdict(check) for check in checks])
@@ -323,7 +319,6 @@ def fetch_clips(
     """
     from harness.clips import fetch
     from harness.files.remote import expand
-    from vfoa.errors import check_known
 
     repositories: dict[str, tuple[str, str, str, Callable[[Path], None]]] = {
         "idiap_vfoa": (fetch.IDIAP_LICENCE, fetch.IDIAP_HOME, "", _import_idiap),
@@ -415,7 +410,7 @@ def _print_checks(checks: list[ClipCheck]) -> None:
         for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
             clips_of_line.setdefault(line, []).append(check.name)
     for line, clips in clips_of_line.items():
-        say(f"{', '.join(clips)}: {line}")
+        say(f"{listed(clips)}: {line}")
 
 
 def _rounded(value: float | None, digits: int) -> str | None:

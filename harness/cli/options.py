@@ -18,12 +18,19 @@ def clip_names(incomplete: str) -> list[str]:
     return _matching(clip_files(), incomplete)
 
 
-def experiment_and_clip_names(incomplete: str) -> list[str]:
-    """Experiments, clips and families of clips by name."""
+def clip_and_family_names(incomplete: str) -> list[str]:
+    """Clips and families of clips by name."""
     from harness.clips.families import clip_files
     from harness.files.folders import names
 
-    return _matching(["paper_cases", *names("experiments"), *names("datasets"), *clip_files()], incomplete)
+    return _matching([*names("datasets"), *clip_files()], incomplete)
+
+
+def experiment_and_clip_names(incomplete: str) -> list[str]:
+    """Experiments, clips and families of clips by name."""
+    from harness.files.folders import names
+
+    return [*_matching(["paper_cases", *names("experiments")], incomplete), *clip_and_family_names(incomplete)]
 
 
 def preset_names(incomplete: str) -> list[str]:

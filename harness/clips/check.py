@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,14 +13,14 @@ import numpy as np
 
 from harness.clips.axes import other_axes
 from harness.clips.families import clip_files
-from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
+from harness.clips.manifest import ClipManifest, clips_here, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
 from harness.files.folders import folders
 from harness.files.remote import unset_variables
 from harness.labels.labels import IGNORED, RESERVED, Label, Labels, timeline_of
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, did_you_mean, listed
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, StereoFrame
 
@@ -294,6 +294,16 @@ def clips_at_hand() -> tuple[list[str], list[str]]:
     if own and (packaged := len(paths) - len(own)):
         left_out.append(f"{packaged} clips that came with vfoa; name one to check it")
     return here, left_out
+
+
+def clips_named(names: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return the clips that are asked for, each once, and a line for those that are left out.
+
+    A family, by its name or file, stands for those of its clips that are here. Raises the errors of
+    :func:`~harness.clips.manifest.clips_here`.
+    """
+    here, absent = clips_here(names)
+    return [*dict.fromkeys(here)], [f"no files here: {listed(absent)}"] if absent else []
 
 
 def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:

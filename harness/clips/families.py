@@ -27,7 +27,7 @@ from harness.files.folders import folders, names
 from harness.files.io import read_text
 from harness.files.parsing import parse_toml
 from harness.files.remote import VARIABLE
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, did_you_mean, listed
 
 
 def find_manifest(name: str) -> Path:
@@ -45,7 +45,7 @@ def find_manifest(name: str) -> Path:
     if path := files.get(name):
         return path
     if clips := families().get(name):
-        raise VfoaError(f"{name}: a family; expected one of its clips: {', '.join(clips)}")
+        raise VfoaError(f"{name}: a family; expected one of its clips: {listed(clips)}")
     raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
 
 
@@ -60,6 +60,13 @@ def clip_files() -> dict[str, Path]:
 def families() -> dict[str, tuple[str, ...]]:
     """The clips of each family by its name."""
     return {name: clips for name, path in names("datasets").items() if (clips := _clips_of(path))}
+
+
+def family_of(name_or_path: str) -> str:
+    """The name of a family of which this is the file, or the same text."""
+    path = Path(name_or_path)
+    own = names("datasets").get(path.stem) if path.suffix == ".toml" else None
+    return path.stem if own and path.is_file() and path.samefile(own) and _clips_of(own) else name_or_path
 
 
 _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
@@ -95,7 +102,7 @@ def member_of(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, A
     if not isinstance(clips, dict) or not all(map(_is_values, clips.values())):
         raise VfoaError(f"{path}: clips: expected a table of values for each clip")
     if clip not in clips:
-        hint = f"expected one of its clips by name: {', '.join(clips)}" if clip is None else did_you_mean(clip, clips)
+        hint = f"expected one of its clips by name: {listed([*clips])}" if clip is None else did_you_mean(clip, clips)
         raise VfoaError(f"{path}: {'a family' if clip is None else f'no clip {clip!r}'}; {hint}")
     values = {"CLIP": clip, **clips[clip]}
     of_others = {name for other in clips.values() for name in other}

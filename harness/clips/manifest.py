@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.clips.families import families, find_manifest, member_of
+from harness.clips.families import families, family_of, find_manifest, member_of
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program
 from harness.files.io import is_file
@@ -285,7 +285,7 @@ def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> 
 
 
 def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Replace each family by its clips; return those to use, and those of families whose root is not here.
+    """Replace each family, by its name or file, by its clips; return those to use, and those whose root is not here.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
     known = families()
     here: list[str] = []
     absent: list[str] = []
-    for name in chosen:
+    for name in map(family_of, chosen):
         if name not in known:
             here.append(name)
             continue

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import clips_at_hand
+from harness.clips.check import clips_at_hand, clips_named
 from harness.clips.families import clip_files
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import labels_text, write_bytes, write_image, write_text
@@ -305,6 +305,21 @@ def test_all_clips_are_those_whose_data_is_at_hand(tmp_path: Path, monkeypatch: 
     assert "clips that came with vfoa" in packaged
     monkeypatch.setenv("LAB", "/lab")
     assert "lab" in clips_at_hand()[0]
+
+
+@pytest.mark.parametrize("name", ["walls", "datasets/walls.toml"])
+def test_a_family_stands_for_those_of_its_clips_that_are_here(tmp_path: Path, name: str) -> None:
+    _clip(tmp_path)
+    family = MANIFEST.replace('name = "wall"', "").replace('root = "wall"', 'root = "${CLIP}"')
+    write_text(tmp_path / "datasets" / "walls.toml", family + "[clips]\nwall_1 = {}\nwall_2 = {}\nwall_3 = {}\n")
+    for clip in ("wall_1", "wall_3"):
+        (tmp_path / "datasets" / clip).symlink_to("wall")
+    assert clips_named([name, "wall", "wall_3"]) == (["wall_1", "wall_3", "wall"], ["no files here: wall_2"])
+    found = CliRunner().invoke(app, ["check", "--json", name])
+    assert [(check["name"], check["frames"], check["problems"]) for check in json.loads(found.stdout)] == [
+        ("wall_1", 3, []),
+        ("wall_3", 3, []),
+    ]
 
 
 def test_without_clips_of_ones_own_those_of_the_package_are_at_hand() -> None:

@@ -191,6 +191,7 @@ def test_a_family_makes_a_clip_of_each_key(tmp_path: Path, monkeypatch: pytest.M
     assert "talks" not in clip_files()
     measured_tables(tmp_path / "datasets" / "files" / "talk_2")
     assert clips_here(["talks", "other"]) == (("talk_2", "other"), ("talk_1",))
+    assert clips_here(["datasets/talks.toml"]) == clips_here(["talks"])
     assert load_experiment("conversation", clips=("talks",)).missing == ("Not here, and not run: talk_1.",)
 
 

@@ -1,0 +1,14 @@
+from __future__ import annotations
+
+import pytest
+
+from vfoa.errors import did_you_mean
+
+
+@pytest.mark.parametrize(("count", "others"), [(40, None), (41, "1 more"), (146, "106 more")])
+def test_of_many_names_the_nearest_and_the_first_are_named(count: int, others: str | None) -> None:
+    names = [f"session_{number:03d}" for number in range(count)]
+    told = did_you_mean("sesion_039", reversed(names))
+    assert told.startswith("did you mean 'session_039'? ")
+    assert told.count("session_") == 1 + min(count, 40)
+    assert told.endswith(f" and {others}" if others else "session_039")
