@@ -203,14 +203,13 @@ def _with_commonest(
 def _with_limits(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
     """The subjects with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
     place = list(BASELINES).index("nearest_in_angle")
-    limits: dict[tuple[str, str], float] = {}
+    by_configuration: dict[str, list[JudgedSubject]] = {}
+    for of_subject in subjects:
+        by_configuration.setdefault(of_subject.configuration, []).append(of_subject)
+    limits = {name: _limits_rad(group, place) for name, group in by_configuration.items()}
     limited = []
     for of_subject in subjects:
-        key = of_subject.configuration, of_subject.clip
-        if key not in limits:
-            others = [other for other in subjects if other.configuration == key[0] and other.clip != key[1]]
-            limits[key] = _limit_rad(others, place)
-        is_target = of_subject.angles_rad <= limits[key]
+        is_target = of_subject.angles_rad <= limits[of_subject.configuration][of_subject.clip]
         says_nothing = np.isfinite(of_subject.angles_rad) & ~is_target
         baselines = of_subject.baselines.copy()
         baselines[:, place] = (of_subject.baselines[:, place] & is_target) | (of_subject.nowhere & says_nothing)
@@ -218,12 +217,19 @@ def _with_limits(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
     return limited
 
 
-def _limit_rad(others: list[JudgedSubject], place: int) -> float:
-    if not others:
-        return math.inf
-    angles_rad = np.concatenate([of_subject.angles_rad for of_subject in others])
-    hits = np.concatenate([of_subject.baselines[:, place] for of_subject in others])
-    return best_limit_rad(angles_rad, hits, np.concatenate([of_subject.nowhere for of_subject in others]))
+def _limits_rad(subjects: Sequence[JudgedSubject], place: int) -> dict[str, float]:
+    """The limit that is best on the other clips, by clip; infinity where there are none."""
+    clips = list(dict.fromkeys(of_subject.clip for of_subject in subjects))
+    if len(clips) == 1:
+        return {clips[0]: math.inf}
+    angles_rad = np.concatenate([of_subject.angles_rad for of_subject in subjects])
+    hits = np.concatenate([of_subject.baselines[:, place] for of_subject in subjects])
+    nowhere = np.concatenate([of_subject.nowhere for of_subject in subjects])
+    clip_at = np.repeat([clips.index(each.clip) for each in subjects], [len(each.angles_rad) for each in subjects])
+    order = np.argsort(angles_rad, kind="stable")  # those of the other clips are then in order for each clip
+    frames = [column[order] for column in (angles_rad, hits, nowhere)]
+    of_others = {clip: clip_at[order] != number for number, clip in enumerate(clips)}
+    return {clip: best_limit_rad(*(column[others] for column in frames)) for clip, others in of_others.items()}
 
 
 def _coded(found: Codes, words: Words, codes: dict[str, int]) -> Codes:
