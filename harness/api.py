@@ -23,6 +23,7 @@ from harness.run.experiment import RecordingKind, load_experiment
 from harness.run.manifest import MOST, Failure
 from harness.run.table_files import make_table, read_table
 from harness.run.tables import TABLES
+from harness.run.timings import read_timings
 from harness.score.compared_runs import compare_runs as _compare_runs
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
@@ -134,6 +135,17 @@ class RunResults:
         Raises the errors of :attr:`answers`.
         """
         return {name: self._parquet(name) for name in TABLES if name not in ("answers", "clouds")}
+
+    @cached_property
+    def timings(self) -> pd.DataFrame:
+        """Milliseconds of each stage in each frame: a row per clip, configuration, frame and stage; no result.
+
+        Raises
+        ------
+        VfoaError
+            If the file is damaged. A run without it, as of an earlier version, has no rows.
+        """
+        return _frame_of(read_timings(self.directory))
 
     def attend(self, changes: Mapping[str, Any], configurations: Collection[str] = ()) -> pd.DataFrame:
         """Return the answers under other settings, from what the run has perceived: no image is read.

@@ -170,8 +170,8 @@ def write_clip(
 
 
 def tables_of(directory: RunDirectory) -> dict[str, bytes]:
-    """The content of every table of frames of a run, by its path."""
-    paths = sorted(directory.path.rglob("*.parquet"))
+    """The content of every table of frames of a run, by its path; without the times, which differ from run to run."""
+    paths = sorted(directory.path.glob("*/**/*.parquet"))
     return {path.relative_to(directory.path).as_posix(): path.read_bytes() for path in paths}
 
 
@@ -179,7 +179,7 @@ def score_run(folder: Path, records: Iterable[FrameRecord], reference: Reference
     """Score records, and write the tables and the page into the folder."""
     directory = RunDirectory(folder)
     found = scored_records(records, reference)
-    write_scores(directory, found, run_manifest(reference.labels), stage_times(directory.timings))
+    write_scores(directory, found, run_manifest(reference.labels), stage_times(directory))
 
 
 def columns_by_pair(records: Iterable[FrameRecord]) -> list[PairColumns]:

@@ -16,6 +16,7 @@ from harness.report.formats import UNKNOWN, Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.directory import RunDirectory
 from harness.run.loop import ClipJob, run_clip
+from harness.run.timings import join_timings, read_timings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,14 +80,12 @@ def measure_stages(
         )
         for error in run_clip(job, lambda clip: None).failures.values():
             raise error
-        directory.join_timings(job.pairs)
+        join_timings(directory, job.pairs)
         return _costs(directory, job)
 
 
 def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
-    import pandas as pd
-
-    table = pd.read_csv(directory.timings)
+    table = read_timings(directory).to_pandas()
     table = table[table["frame"] != job.frames[0]] if len(job.frames) > 1 else table
     layers = layer_names({configuration.name: configuration.plain() for configuration in job.configurations})
     costs = []

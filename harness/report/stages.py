@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from harness.files.io import read_bytes
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
+from harness.run.directory import RunDirectory
 from harness.run.measured import Measured, measures_by_thing, pooled_measures
+from harness.run.timings import read_timings
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
-from vfoa.errors import VfoaError
 from vfoa.types import Float
-
-_TIMINGS = ["clip", "configuration", "frame", "stage", "ms"]
-"""The header of ``timings.csv``."""
 
 _NOTES = (
     "Against the clip's truth, before any filter over time. Disparity: median over frames of the frame's median error, "
@@ -127,32 +123,10 @@ class StageTimes:
         )
 
 
-def stage_times(timings: Path) -> StageTimes:
-    """Read the time per stage of a run.
-
-    Raises
-    ------
-    VfoaError
-        If the file is not a run's timings. A missing file gives no stages: scores need none.
-    """
-    import pyarrow as pa  # type: ignore[import-untyped]
-    from pyarrow import csv
-
-    if not timings.is_file():
-        return StageTimes(configurations=(), ms={})
-    content, expected = read_bytes(timings), ",".join(_TIMINGS)
-    if (header := content.partition(b"\n")[0].decode(errors="replace").rstrip("\r")) != expected:
-        raise VfoaError(f"{timings}:1: expected the columns {expected}, found {header}")
-    types = {**dict.fromkeys(("configuration", "stage"), pa.dictionary(pa.int32(), pa.string())), "ms": pa.float64()}
-    try:
-        table = csv.read_csv(
-            pa.BufferReader(content),
-            read_options=csv.ReadOptions(use_threads=False),
-            convert_options=csv.ConvertOptions(include_columns=[*types], column_types=types, null_values=[]),
-        )
-    except pa.ArrowException as error:
-        raise VfoaError(f"{timings}: not the times of stages: {' '.join(str(error).split())}") from None
-    names, stages = (table.column(name).combine_chunks() for name in ("configuration", "stage"))
+def stage_times(directory: RunDirectory) -> StageTimes:
+    """Read the time per stage of a run; none if it has no times. Raises the errors of :func:`read_timings`."""
+    table = read_timings(directory).combine_chunks()
+    names, stages = (table.column(name).combine_chunks().dictionary_encode() for name in ("configuration", "stage"))
     configurations = tuple(names.dictionary.to_pylist())
     of_stages = stages.dictionary.to_pylist()
     keys = stages.indices.to_numpy() * len(configurations) + names.indices.to_numpy()

@@ -129,7 +129,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
         found = scored(run.columns(), reference)
-        scores = write_scores(directory, found, run.manifest, stage_times(directory.timings))
+        scores = write_scores(directory, found, run.manifest, stage_times(directory))
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
@@ -161,7 +161,7 @@ def report_page(
     run = FinishedRun.read(directory)
     found = scored(run.columns(), run.reference(where=conditions_of(where)))
     served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
-    tables, times = run_tables(found.scores), stage_times(directory.timings)
+    tables, times = run_tables(found.scores), stage_times(directory)
     return _page(directory, found, tables, run.manifest, times, served, where, run_folder)
 
 

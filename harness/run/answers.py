@@ -20,6 +20,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
 from harness.run.table_files import Row, TableWriter
+from harness.run.timings import time_rows
 from vfoa.errors import VfoaError
 from vfoa.types import CUES, Cue, DirectionFit
 
@@ -90,12 +91,6 @@ class AnswerWriter:
         self._answers.parent.mkdir(parents=True, exist_ok=True)
         answers.replace(self._answers)
         times.replace(self._times)  # it is the mark: it is last
-
-
-def time_rows(pair: Pair, frame: int, timings: Mapping[str, float]) -> bytes:
-    """The rows of a frame in ``timings.csv``, from seconds by stage."""
-    prefix = f"{pair[0]},{pair[1]},{frame}"
-    return "".join(f"{prefix},{stage},{1e3 * seconds:.3f}\n" for stage, seconds in timings.items()).encode()
 
 
 _OF_FIT = tuple(each.name for each in fields(DirectionFit))

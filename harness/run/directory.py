@@ -2,8 +2,8 @@
 
 ``scenes/`` and ``directions/`` get the tables of a clip when it is perceived (:mod:`harness.run.scenes`), ``answers/``
 that of a (clip, configuration) when it is finished; drafts are in ``partial/``. There, while a run is on, are also the
-times of the stages, from which ``timings.csv`` is made at the end, and the traceback of a faulty stage. Only one run at
-a time can use the directory.
+times of the stages (:mod:`harness.run.timings`) and the traceback of a faulty stage. Only one run at a time can use the
+directory.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class RunDirectory:
     @property
     def timings(self) -> Path:
         """Milliseconds per clip, configuration, frame and stage. Not a result: it differs from run to run."""
-        return self.path / "timings.csv"
+        return self.path / "timings.parquet"
 
     @property
     def manifest(self) -> Path:
@@ -136,17 +136,6 @@ class RunDirectory:
         """Write the manifest."""
         self.path.mkdir(parents=True, exist_ok=True)
         atomic_write(self.manifest, json.dumps(manifest.plain(), indent=2, ensure_ascii=False) + "\n")
-
-    def join_timings(self, pairs: Iterable[Pair]) -> None:
-        """Make ``timings.csv`` from the times of finished pairs, which are kept."""
-        draft = self.timings.with_suffix(".csv.partial")
-        with open(draft, "wb") as joined:
-            joined.write(b"clip,configuration,frame,stage,ms\n")
-            for pair in pairs:
-                for suffix in ("scene.csv", "csv"):  # without the first, a scene of a finished run was attended again
-                    with suppress(FileNotFoundError), open(self.partial(pair, suffix), "rb") as source:
-                        shutil.copyfileobj(source, joined)
-        draft.replace(self.timings)
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""

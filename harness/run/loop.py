@@ -29,7 +29,8 @@ from harness.run.executors import GOES_ON, Progress
 from harness.run.frame_sink import ClipContext, PictureSinkFactory, SceneSinkFactory, SinkFactory
 from harness.run.scene_cache import SceneCache
 from harness.run.scene_identity import Identity, Keys, has_scene, identities, keys_of
-from harness.run.scenes import SceneTimes, SceneWriters
+from harness.run.scenes import SceneWriters
+from harness.run.timings import SceneTimes
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 

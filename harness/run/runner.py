@@ -19,6 +19,7 @@ from harness.run.jobs import Results, run_jobs, skip
 from harness.run.manifest import RunManifest, differences
 from harness.run.plan import Plan, describe, host, prepare, source_commit
 from harness.run.scenes import remove_unused
+from harness.run.timings import join_timings
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
@@ -136,7 +137,7 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: RunManifest, results: R
     if not finished:
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
-    directory.join_timings(finished)
+    join_timings(directory, finished)
     of_results = {
         "failed": failed,
         "cache": results.account.rows(),

@@ -10,7 +10,7 @@ import filecmp
 import json
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import fields
 from itertools import count
 from operator import attrgetter
@@ -24,8 +24,7 @@ import numpy as np
 from harness.pipeline.measures import FrameMeasures, Measurer, PersonMeasure, TargetMeasure
 from harness.pipeline.perception import Followed, SharedFrame
 from harness.pipeline.stage_runner import timed
-from harness.run.answers import time_rows
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import RunDirectory
 from harness.run.records import head_width_m
 from harness.run.scene_identity import Identity, Keys, key_of, keys_of
 from harness.run.table_files import Row, TableWriter, find_tables, write_again
@@ -102,46 +101,6 @@ class FolderWriter:
     def _placed(self, key: str) -> dict[str, Path]:
         """The files under their final names."""
         return (scene_tables if self._own == "scene" else directions_tables)(self._root, self._keys["clip"], key)
-
-
-class SceneTimes:
-    """Writes the time of each stage of a scene, for each configuration, in a ``with`` block: CSV files in ``partial/``.
-
-    They get their names at the end.
-    """
-
-    def __init__(self, directory: RunDirectory, pairs: Iterable[Pair]) -> None:
-        self._pairs = {pair: directory.partial(pair, "scene.csv") for pair in pairs}
-        self._files = ExitStack()
-
-    def __enter__(self) -> Self:
-        with ExitStack() as files:
-            self._open = {}
-            for pair, path in self._pairs.items():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                self._open[pair[1]] = pair, files.enter_context(open(_draft_of(path), "wb"))
-            self._files = files.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._files.close()
-        if kind is None:
-            for path in self._pairs.values():
-                _draft_of(path).replace(path)
-
-    def write(self, shared: SharedFrame) -> None:
-        """Write one frame."""
-        for name, (pair, file) in self._open.items():
-            followed = shared.by_configuration[name]
-            if not isinstance(followed, VfoaError):
-                file.write(time_rows(pair, shared.index, followed.timings))
-                file.flush()
-
-
-def _draft_of(path: Path) -> Path:
-    return path.with_name(f"{path.name}.partial")
 
 
 def _names(folder: Path) -> list[str]:

@@ -7,7 +7,7 @@ rows of a row group as plain values.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from itertools import chain, pairwise, product
 from pathlib import Path
 from types import TracebackType
@@ -48,7 +48,9 @@ class TableWriter:
         self._keys, self._frames = keys, 0
         self._rows: dict[str, list[Row]] = {table: [] for table in paths}
         with ExitStack() as files:
-            self._writers = {table: files.enter_context(_new(path, table, keys)) for table, path in paths.items()}
+            self._writers = {
+                table: files.enter_context(new_parquet(path, schema_of(table), keys)) for table, path in paths.items()
+            }
             self._files = files.pop_all()
 
     def add(self, rows: Mapping[str, Iterable[Row]]) -> None:
@@ -93,14 +95,14 @@ class TableWriter:
         self._frames = 0
 
 
-def _new(path: Path, table: str, keys: Mapping[str, str]) -> Any:
-    """A writer of a table's file, which is a context manager."""
+def new_parquet(path: Path, schema: pa.Schema, keys: Mapping[str, str] | None = None) -> Any:
+    """A writer of a file with these columns and, in its metadata, keys: a context manager."""
     from pyarrow.parquet import ParquetWriter
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    about = {f"vfoa.{name}": value for name, value in keys.items()}
-    schema = schema_of(table).with_metadata({"vfoa.format": FORMAT, **about})
-    return ParquetWriter(path, schema, compression="zstd", write_page_checksum=True)
+    about = {f"vfoa.{name}": value for name, value in (keys or {}).items()}
+    described = schema.with_metadata({"vfoa.format": FORMAT, **about})
+    return ParquetWriter(path, described, compression="zstd", write_page_checksum=True)
 
 
 def write_again(path: Path, table: str, keys: Mapping[str, str]) -> None:
@@ -108,7 +110,7 @@ def write_again(path: Path, table: str, keys: Mapping[str, str]) -> None:
     import pyarrow as pa
 
     draft = path.with_name(f"{path.name}.again")
-    with open_table(path, table) as file, _new(draft, table, keys) as writer:
+    with open_table(path, table) as file, new_parquet(draft, schema_of(table), keys) as writer:
         for group in range(file.num_row_groups):
             part = file.read_row_group(group, use_threads=False).replace_schema_metadata()
             for place, field in enumerate(schema_of(table)):
@@ -183,9 +185,14 @@ def answer_tables(directory: RunDirectory, pair: Pair) -> dict[str, Path]:
     }
 
 
+def open_table(path: Path, table: str) -> AbstractContextManager[ParquetFile]:
+    """Open the file of a table, as :func:`open_parquet` does."""
+    return open_parquet(path, schema_of(table))
+
+
 @contextmanager
-def open_table(path: Path, table: str) -> Iterator[ParquetFile]:
-    """Open the file of a table.
+def open_parquet(path: Path, schema: pa.Schema) -> Iterator[ParquetFile]:
+    """Open a file of :func:`new_parquet` with these columns.
 
     Raises
     ------
@@ -197,14 +204,14 @@ def open_table(path: Path, table: str) -> Iterator[ParquetFile]:
 
     try:
         with opened(path) as content, ParquetFile(content, page_checksum_verification=True) as file:
-            found, expected = file.schema_arrow, schema_of(table)
+            found = file.schema_arrow
             if (version := (found.metadata or {}).get(b"vfoa.format")) != FORMAT:
                 it = f"one of format {version.decode(errors='replace')}" if version else "another file"
                 raise VfoaError(
                     f"{path}: expected a table of format {FORMAT.decode()}, found {it}: run the experiment again"
                 )
-            if not found.equals(expected):
-                raise VfoaError(f"{path}: expected the columns {expected.names}, found {found.names} or other types")
+            if not found.equals(schema):
+                raise VfoaError(f"{path}: expected the columns {schema.names}, found {found.names} or other types")
             yield file
     except (ValueError, pa.ArrowException, OSError) as error:
         raise VfoaError(f"{path}: damaged: {' '.join(str(error).split())}") from None

@@ -64,7 +64,7 @@ def measure_hours(frames: int, root: Path) -> Hours:
         run=run,
         scored=scored,
         again=again,
-        results_bytes=_bytes(out, "**/*.parquet"),
+        results_bytes=_bytes(out, "*/**/*.parquet"),
         recordings_bytes=_bytes(out, "*.rrd"),
         thumbnails_bytes=_bytes(out, "thumbnails/**/*"),
         page_bytes=(out / "report.html").stat().st_size,

@@ -8,7 +8,6 @@ started before. ``--model 32`` runs 32 clips with one and with two workers inste
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import resource
 import tempfile
@@ -16,7 +15,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
 
 from harness.files.folders import find
@@ -28,6 +26,7 @@ from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import connect
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.timings import read_timings
 from scripts.measure.printing import print_tables
 from vfoa.errors import VfoaError
 
@@ -139,9 +138,7 @@ def _model_run(experiment: Experiment, out: Path, workers: int) -> tuple[float, 
 
 def _stage_shares(directory: RunDirectory) -> dict[str, float]:
     """The share of each part in the time of the stages."""
-    with directory.timings.open(encoding="utf-8") as timings:
-        rows = sorted((row["stage"], float(row["ms"])) for row in csv.DictReader(timings))
-    ms = {stage: sum(stage_ms for _, stage_ms in group) for stage, group in groupby(rows, key=lambda row: row[0])}
+    ms = read_timings(directory).to_pandas().groupby("stage")["ms"].sum()
     return {part: sum(ms.get(stage, 0.0) for stage in stages) / sum(ms.values()) for part, stages in PARTS.items()}
 
 
@@ -197,7 +194,7 @@ def _run(experiment: Experiment, out: Path, scheduler: str | None) -> Cost:
     return Cost(
         seconds=time.perf_counter() - started,
         cpu_seconds=used_cpu_seconds(scheduler) - cpu_before,
-        results=b"".join(path.read_bytes() for path in sorted(directory.path.rglob("*.parquet"))),
+        results=b"".join(path.read_bytes() for path in sorted(directory.path.glob("*/**/*.parquet"))),
     )
 
 

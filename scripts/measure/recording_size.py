@@ -7,7 +7,6 @@ rendered and stored before the first run. Compare ratios, not seconds, which dep
 from __future__ import annotations
 
 import argparse
-import csv
 import re
 import tempfile
 import time
@@ -24,6 +23,7 @@ from harness.report.sinks import recordings
 from harness.report.write import rescore
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.timings import read_timings
 from harness.studio.scenario import SCENARIOS
 from harness.studio.stage import Stage
 from scripts.measure.printing import print_tables
@@ -122,10 +122,8 @@ def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedR
     directory = run_plan(prepare(experiment, sinks=sinks), out, workers=1, progress=lambda clip: None)
     ran = time.perf_counter()
     rescore(directory)
-    with directory.timings.open(encoding="utf-8") as timings:
-        recording_ms = sum(
-            float(row["ms"]) for row in csv.DictReader(timings) if row["stage"] in ("recording", "answers")
-        )
+    times = read_timings(directory).to_pandas()
+    recording_ms = float(times.loc[times["stage"].isin(("recording", "answers")), "ms"].sum())
     return RecordedRun(
         kind=kind,
         frames=frames,

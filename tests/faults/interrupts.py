@@ -120,7 +120,7 @@ class Runs:
     def _written(self, out: Path) -> dict[str, object]:
         """The bytes of tables, and the values of recordings; partial files are not expected."""
         tables = {name: (out / name).read_bytes() for name in TABLES if (out / name).is_file()}
-        tables |= {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*.parquet")}
+        tables |= {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/**/*.parquet")}
         return {**tables, **{path.name: values_of(path) for path in out.glob("*.rrd")}} | dict.fromkeys(
             path.name for path in out.glob("*.rrd.*")
         )

@@ -70,6 +70,9 @@ def test_every_column_of_every_table_is_documented(run: harness.RunResults) -> N
     assert {"answers": run.answers, **run.scenes}.keys() == TABLES.keys() - {"clouds"}
     for name, table in {"answers": run.answers, **run.scenes}.items():
         assert list(table.columns) == list(TABLES[name])
+    frames = run.timings.groupby(["clip", "configuration"])["frame"].nunique()
+    assert frames.to_dict() == {("studio_table", "one"): 6, ("studio_table", "two"): 6}
+    assert (run.timings["ms"] >= 0).all()
 
 
 def test_the_frames_of_a_run_are_read_back_from_their_tables(run: harness.RunResults) -> None:

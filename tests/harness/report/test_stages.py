@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,12 @@ from harness.pipeline.measures import DisparityMeasure, FrameMeasures, PersonMea
 from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
 from harness.report.write import run_tables
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
+from harness.run.timings import join_timings, time_rows
 from harness.score.reference import Reference
 from harness.score.score import Scores
+from tests.disk import write_text
 from tests.record_tables import measured as with_measures
 from tests.records import answers, labels, run_manifest, score
 from vfoa.errors import VfoaError
@@ -72,42 +76,48 @@ def test_the_page_has_every_table_once(scores: Scores) -> None:
     assert sorted(set(titles)) == sorted(titles)
 
 
-HEADER = "clip,configuration,frame,stage,ms\n"
-
-
-def _written(tmp_path: Path, text: str) -> Path:
-    path = tmp_path / "timings.csv"
-    path.write_text(text, encoding="utf-8")
-    return path
+def _timed(folder: Path, rows: Iterable[tuple[str, str, int, str, float]]) -> RunDirectory:
+    """A run of which these are the times: clip, configuration, frame, stage and ms."""
+    directory, pairs = RunDirectory(folder), dict[Pair, str]()
+    for clip, configuration, frame, stage, ms in rows:
+        row = time_rows((clip, configuration), frame, {stage: ms / 1e3}).decode()
+        pairs[clip, configuration] = pairs.get((clip, configuration), "") + row
+    for pair, text in pairs.items():
+        write_text(directory.partial(pair, "csv"), text)
+    join_timings(directory, pairs)
+    return directory
 
 
 def test_a_stage_has_its_median_over_clips_and_frames(tmp_path: Path) -> None:
-    rows = [
+    times = [
         ("a", "one", 1, 9.0),
         ("a", "one", 2, 1.0),
         ("b", "one", 1, 2.0),
         ("a", "two", 1, 4.0),
         ("a", "two", 2, 5.0),
     ]
-    text = "".join(f"{clip},{name},{frame},head_pose,{ms}\n" for clip, name, frame, ms in rows)
-    table = stage_times(_written(tmp_path, f"{HEADER}{text}a,two,1,gaze,7\n")).table()
+    rows = [(clip, name, frame, "head_pose", ms) for clip, name, frame, ms in times]
+    table = stage_times(_timed(tmp_path, [*rows, ("a", "two", 1, "gaze", 7.0)])).table()
     assert table.columns == ("Stage", "one", "two")
     assert table.rows == (("head pose", "2.0", "4.5"), ("gaze", "–", "7.0"))
 
 
-def test_no_timings_no_rows(tmp_path: Path) -> None:
-    assert stage_times(tmp_path / "timings.csv").ms == stage_times(_written(tmp_path, HEADER)).ms == {}
+def test_no_times_no_rows(tmp_path: Path) -> None:
+    assert stage_times(RunDirectory(tmp_path)).ms == stage_times(_timed(tmp_path / "run", [])).ms == {}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a,b\n", "expected the columns clip,"),
-        (f"{HEADER}a,one,1,gaze,fast\n", "not the times of stages: .*'fast'"),
-        (f"{HEADER}a,one\n", r"times of stages: .*5 columns.* 2"),
-    ],
-)
-def test_other_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(VfoaError, match=message) as caught:
-        stage_times(_written(tmp_path, text))
+@pytest.mark.parametrize("content", [b"", b"clip,configuration,frame,stage,ms\n", b"PAR1"])
+def test_another_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    directory = RunDirectory(tmp_path)
+    directory.timings.write_bytes(content)
+    with pytest.raises(VfoaError, match=r"timings\.parquet: damaged: ") as caught:
+        stage_times(directory)
     assert "\n" not in str(caught.value)
+
+
+def test_times_without_a_number_are_refused(tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    write_text(directory.partial(("a", "one"), "csv"), "a,one,1,gaze,fast\n")
+    with pytest.raises(VfoaError, match=r"a__one\.csv: not the times of stages: .*fast"):
+        join_timings(directory, [("a", "one")])
+    assert not directory.timings.exists()

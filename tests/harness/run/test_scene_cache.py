@@ -20,6 +20,7 @@ from harness.run import loop, scenes
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
+from harness.run.timings import read_timings
 from harness.sources.sintel import SintelClip
 from harness.studio import StudioClip
 from tests.alley import write_experiment
@@ -88,7 +89,7 @@ def _files(directory: RunDirectory) -> dict[str, bytes]:
 
 
 def _stages(directory: RunDirectory) -> set[str]:
-    return {row.split(",")[3] for row in directory.timings.read_text().splitlines()[1:]}
+    return {*read_timings(directory).column("stage").to_pylist()}
 
 
 OTHER = ("attention.cones_cm=[10.0,25.0]", "attention.n_rays=64")
