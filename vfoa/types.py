@@ -73,10 +73,13 @@ def _set_unit(value: object, name: str, given: ArrayLike) -> None:
     A vector of length 1 is stored unchanged, so that a direction is the same after writing and reading.
     """
     vector = np.array(given, dtype=np.float64)
-    length = math.hypot(*vector.ravel().tolist())
-    if not math.isfinite(length) or length == 0.0:
-        raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
-    _set(value, name, vector if abs(length - 1) <= _UNIT_ROUNDING else vector / length, np.float64, 3)
+    length = math.hypot(*vector.tolist()) if vector.shape == (3,) else math.nan
+    if not 0 < length < math.inf:
+        raise ValueError(f"{type(value).__name__}.{name}: expected a direction (3,), found {vector}")
+    if abs(length - 1) > _UNIT_ROUNDING:
+        vector /= length
+    vector.flags.writeable = False
+    object.__setattr__(value, name, vector)
 
 
 def _finite(value: object, *names: str) -> None:

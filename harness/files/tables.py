@@ -29,6 +29,8 @@ _DIGITS = 19
 """Most digits of a whole number of 64 bits."""
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_NUMERALS = frozenset("0123456789+-.eE")
+"""The characters of numbers: what Python takes for a number of these alone is one of :data:`_NUMBER`, too."""
 
 
 LARGEST = 1e6
@@ -85,6 +87,8 @@ class TableColumns:
         cells = self.cells.get(column, ())
         if not any(cells):
             return np.broadcast_to(np.float64(np.nan), len(self.lines))
+        if (plain := _plain_numbers(cells)) is not None:
+            return plain
         values = [math.nan if is_missing(cell) else _finite_number(cell) for cell in cells]
         self._refuse_none(column, values, "a finite number")
         return np.array(values, dtype=np.float64)
@@ -254,6 +258,17 @@ def _whole_number_or_float(cell: str) -> int | None:
     if not isinstance(exponent, int) or exponent > 0 or not 0 <= exact.adjusted() < _DIGITS:
         return None
     return int(exact) if exact == exact.to_integral_value() and abs(exact) < 2**63 else None
+
+
+def _plain_numbers(cells: Sequence[str]) -> Float | None:
+    """The numbers (n,) of cells that hold finite numbers and blanks alone, checked all at once; else None."""
+    if not _NUMERALS.issuperset("".join(cells)):
+        return None
+    try:
+        numbers = np.array([float(cell) if cell else math.nan for cell in cells])
+    except ValueError:
+        return None
+    return None if np.isinf(numbers).any() else numbers
 
 
 def _finite_number(cell: str) -> float | None:

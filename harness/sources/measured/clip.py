@@ -75,12 +75,37 @@ class MeasuredSettings(Settings):
             return box_of(center_m, np.full(3, self.point_size_m) if size_m is None else size_m, left_from_box)
 
 
+class SeenPerson(Protocol):
+    """One person in one frame; None: not measured. Configurations do not see the ground truth, ``true_*``."""
+
+    @property
+    def name(self) -> str:
+        """The same in all frames."""
+
+    @property
+    def eyes_m(self) -> Float | None:
+        """The point between the eyes (3,)."""
+
+    @property
+    def head_pose(self) -> HeadPose | None:
+        """The direction of the head."""
+
+    @property
+    def gaze(self) -> Gaze | None:
+        """The direction of the gaze."""
+
+    @property
+    def true_gaze(self) -> Float | None:
+        """The true unit vector (3,) of the gaze."""
+
+    @property
+    def true_target(self) -> str | None:
+        """The name of what the person looks at."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredPerson:
-    """One person in one frame: the point between the eyes (3,), and the cues. None: not measured.
-
-    ``true_gaze`` (3,) and ``true_target`` are ground truth, which configurations do not see.
-    """
+    """A :class:`SeenPerson` with its values."""
 
     name: str
     eyes_m: Float | None
@@ -120,7 +145,7 @@ class MeasuredFrame:
     """All measurements at one time."""
 
     time_ns: int
-    people: tuple[MeasuredPerson, ...]
+    people: tuple[SeenPerson, ...]
     objects: tuple[PlacedObject, ...] = ()
 
 

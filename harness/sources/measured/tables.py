@@ -36,9 +36,9 @@ from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
-    MeasuredPerson,
     MeasuredSettings,
     PlacedObject,
+    SeenPerson,
 )
 from vfoa.errors import VfoaError, located
 from vfoa.measured import PERSON
@@ -128,15 +128,14 @@ def _table_in(folder: Path, name: str) -> Path | None:
 
 def _times_and_people(
     path: Path, settings: MeasuredTablesSettings
-) -> tuple[dict[int, int], dict[int, dict[str, MeasuredPerson]]]:
+) -> tuple[dict[int, int], dict[int, dict[str, SeenPerson]]]:
     """The time of each frame, ns, and its people by name, both by frame number."""
     table = read_columns(path, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
-    names, eyes = _names(table, "person"), _rows(table.vectors(POSITION))
-    heads, gazes = (_cues(table, cue) for cue in CUES)
+    rows = _PersonRows.read(table, is_gaze_truth=settings.gaze == "truth")
     times: dict[int, int] = {}
-    people: dict[int, dict[str, MeasuredPerson]] = {}
+    people: dict[int, dict[str, SeenPerson]] = {}
     for row, (frame, time_ns, name) in enumerate(
-        zip(table.integers("frame").tolist(), _times_ns(table), names, strict=True)
+        zip(table.integers("frame").tolist(), _times_ns(table), rows.names, strict=True)
     ):
         if times.setdefault(frame, time_ns) != time_ns:
             raise VfoaError(f"{table.where(row)}: frame {frame}: found two times; expected one for all of its rows")
@@ -144,7 +143,7 @@ def _times_and_people(
         if name in of_frame:
             raise VfoaError(f"{table.where(row)}: frame {frame}, person {name!r}: occurs twice")
         if name is not None:
-            of_frame[name] = _person(name, eyes[row], heads[row], gazes[row], settings)
+            of_frame[name] = _PersonOfRow(name, rows, row)
     return times, people
 
 
@@ -166,11 +165,6 @@ def _known(numbers: Float) -> list[float | None]:
     return [None if math.isnan(number) else number for number in numbers.tolist()]
 
 
-def _rows(vectors: Float) -> list[Float | None]:
-    """The rows of vectors (n, K), None in place of one of NaN."""
-    return [vector if known else None for vector, known in zip(vectors, ~np.isnan(vectors[:, 0]), strict=True)]
-
-
 def _names(table: TableColumns, column: str) -> list[str | None]:
     """The name in each row; None in a row that measures nothing.
 
@@ -189,12 +183,33 @@ def _names(table: TableColumns, column: str) -> list[str | None]:
     return names
 
 
-_Cue = tuple[Float, float | None] | None
-"""A unit vector (3,) and its claimed error, radians."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PersonRows:
+    """The people of a table by row, NaN where a value is unknown: eyes (n, 3), and of each cue unit vectors (n, 3).
+
+    ``sigmas_rad`` (n,) are the claimed errors of the cues.
+    """
+
+    names: Sequence[str | None]
+    eyes_m: Float
+    directions: Mapping[str, Float]
+    sigmas_rad: Mapping[str, Float]
+    is_gaze_truth: bool
+
+    @classmethod
+    def read(cls, table: TableColumns, *, is_gaze_truth: bool) -> _PersonRows:
+        """Read and check the rows."""
+        return cls(
+            names=_names(table, "person"),
+            eyes_m=table.vectors(POSITION),
+            directions={cue: _directions(table, cue) for cue in CUES},
+            sigmas_rad={cue: _sigmas_rad(table, cue) for cue in CUES},
+            is_gaze_truth=is_gaze_truth,
+        )
 
 
-def _cues(table: TableColumns, cue: str) -> list[_Cue]:
-    """The direction of each row that has one."""
+def _directions(table: TableColumns, cue: str) -> Float:
+    """The unit vector (n, 3) of each row, NaN where there is none."""
     columns = [f"{cue}_{axis}" for axis in "xyz"]
     directions = table.vectors(columns)
     lengths = np.linalg.norm(directions, axis=1)
@@ -202,12 +217,11 @@ def _cues(table: TableColumns, cue: str) -> list[_Cue]:
         np.abs(lengths - 1) > _UNIT_TOLERANCE,
         lambda row: f"{', '.join(columns)}: expected a unit vector, found one of length {lengths[row]:.4g}",
     )
-    pairs = zip(_rows(directions), _sigmas_rad(table, cue), strict=True)
-    return [None if direction is None else (direction, sigma_rad) for direction, sigma_rad in pairs]
+    return directions
 
 
-def _sigmas_rad(table: TableColumns, cue: str) -> list[float | None]:
-    """The claimed error of each row, radians."""
+def _sigmas_rad(table: TableColumns, cue: str) -> Float:
+    """The claimed error (n,) of each row, radians."""
     degrees, radians = table.numbers(f"{cue}_sigma_deg"), table.numbers(f"{cue}_sigma_rad")
     table.refuse_first(
         ~np.isnan(degrees) & ~np.isnan(radians),
@@ -217,20 +231,49 @@ def _sigmas_rad(table: TableColumns, cue: str) -> list[float | None]:
     table.refuse_first(
         sigmas < 0, lambda row: f"{cue}_sigma: expected an angle of at least 0, found {sigmas[row]:g} rad"
     )
-    return _known(sigmas)
+    return sigmas
 
 
-def _person(
-    name: str, eyes_m: Float | None, head: _Cue, gaze: _Cue, settings: MeasuredTablesSettings
-) -> MeasuredPerson:
-    is_truth = settings.gaze == "truth"
-    return MeasuredPerson(
-        name=name,
-        eyes_m=eyes_m,
-        head_pose=None if head is None else HeadPose(direction=head[0], sigma_rad=head[1]),
-        gaze=None if gaze is None or is_truth else Gaze(direction=gaze[0], sigma_rad=gaze[1]),
-        true_gaze=gaze[0] if gaze is not None and is_truth else None,
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _PersonOfRow:
+    """The person of a row, whose values are made when they are asked for, as those of :class:`_ObjectOfRow`."""
+
+    name: str
+    table: _PersonRows
+    row: int
+
+    @property
+    def eyes_m(self) -> Float | None:
+        return _vector(self.table.eyes_m[self.row])
+
+    @property
+    def head_pose(self) -> HeadPose | None:
+        direction = self._direction("head")
+        return None if direction is None else HeadPose(direction=direction, sigma_rad=self._sigma_rad("head"))
+
+    @property
+    def gaze(self) -> Gaze | None:
+        direction = None if self.table.is_gaze_truth else self._direction("gaze")
+        return None if direction is None else Gaze(direction=direction, sigma_rad=self._sigma_rad("gaze"))
+
+    @property
+    def true_gaze(self) -> Float | None:
+        return self._direction("gaze") if self.table.is_gaze_truth else None
+
+    @property
+    def true_target(self) -> str | None:
+        return None
+
+    def _direction(self, cue: str) -> Float | None:
+        return _vector(self.table.directions[cue][self.row])
+
+    def _sigma_rad(self, cue: str) -> float | None:
+        sigma_rad = float(self.table.sigmas_rad[cue][self.row])
+        return None if math.isnan(sigma_rad) else sigma_rad
+
+
+def _vector(vector: Float) -> Float | None:
+    return None if math.isnan(vector[0]) else vector
 
 
 def _objects(
