@@ -190,7 +190,7 @@ def attend_clip(
     configurations: Iterable[Configuration],
     keys: Mapping[str, Keys],
     sinks: Iterable[SinkFactory],
-    check: Callable[[], None],
+    check: Callable[[int], None],
 ) -> dict[str, VfoaError]:
     """Attend to the scenes of a clip under each configuration, and write the answers; return the errors by name.
 
@@ -201,12 +201,13 @@ def attend_clip(
     sinks
         Open the receivers of the answers.
     check
-        Called after each frame; an error of it ends all.
+        Called after each frame with the number of times that the clip is read; an error of it ends all.
     """
     named = {configuration.name: configuration for configuration in configurations}
     tables = {name: paths_of(context.directory, context.manifest.name, keys[name]) for name in named}
     errors: dict[str, VfoaError] = {}
-    for names in _read_together(tables, {name: each.attend for name, each in named.items()}):
+    groups = [*_read_together(tables, {name: each.attend for name, each in named.items()})]
+    for names in groups:
         group, paths = [named[name] for name in names], tables[names[0]]
         answering = [Answering(clip, context, of, keys[of.name], sinks) for of in group]
         with ExitStack() as opened:
@@ -216,7 +217,7 @@ def attend_clip(
                 for frame in read_scenes(paths, group[0].attend.attention.cloud_points):
                     for each in answering:
                         each.attend(frame)
-                    check()
+                    check(len(groups))
             except VfoaError as error:  # a table that is damaged
                 for each in answering:
                     each.fail(error)

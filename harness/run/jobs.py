@@ -70,8 +70,9 @@ def run_jobs(
 
     If there are enough clips to keep every worker busy, a job is a clip: it is perceived and attended to. Otherwise the
     workers share clips. First they perceive stretches of them through the cache, so that nothing is decoded or computed
-    twice, and this process follows them with what needs an order. Then each attends to some of the configurations.
-    Configurations that lack weights are attended to last, when they are fitted to all clips.
+    twice, and this process follows them with what needs an order; a clip without images is perceived by one of them.
+    Then each attends to some of the configurations. Configurations that lack weights are attended to last, when they
+    are fitted to all clips.
     """
     results = Results()
     ahead = PREFETCHED if executor.threads > 1 else 0
@@ -85,9 +86,11 @@ def run_jobs(
             skip(prepared, progress)
     units = [job for job, _ in jobs]
     few = executor.workers > 1 and len(units) < CLIPS_PER_WORKER * executor.workers
-    if cache and few:
-        units = _share(jobs, executor, results, progress)
-        progress = _silent
+    if few:
+        measured = [job for job, prepared in jobs if isinstance(prepared.clip, MeasuredClip)]
+        others = [(job, prepared) for job, prepared in jobs if not isinstance(prepared.clip, MeasuredClip)]
+        units = _share(others, executor, results, progress) if cache and others else [job for job, _ in others]
+        units += _share_measured(measured, executor, results) if measured else []
     for job, outcome in zip(units, executor.run(run_clip, units, progress, lost), strict=True):
         results.add(job, outcome)
     if plan.fit and plan.unfitted:
@@ -135,7 +138,7 @@ def _share(
         if not lacking[job.manifest.name].configurations:
             skip(prepared, progress)
             units += _dealt(job, executor.workers)
-        elif job.manifest.name not in warm_up.clips:  # its outputs are in the cache, or it has no images
+        elif job.manifest.name not in warm_up.clips:  # its outputs are in the cache
             units.append(job)
         else:
             try:
@@ -150,7 +153,15 @@ def _share(
         for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, lost), strict=True):
             results.add(part, outcome)
         units.append(results.left(job))  # at once: they share recordings
-    return [job for job in units if job.configurations]
+    return [replace(job, told_by=0) for job in units if job.configurations]
+
+
+def _share_measured(jobs: Sequence[ClipJob], executor: Executor, results: Results) -> list[ClipJob]:
+    """Perceive clips without images; return the jobs that remain for the workers."""
+    for job, outcome in zip(jobs, executor.run(perceive_clip, jobs, _silent, lost), strict=True):
+        results.add(job, outcome)
+    dealt = [_dealt(results.left(job), executor.workers) for job in jobs]
+    return [replace(job, told_by=len(of_clip)) for of_clip in dealt for job in of_clip]
 
 
 def _lacking(job: ClipJob, clip: Clip | MeasuredClip) -> tuple[Configuration, ...]:

@@ -44,7 +44,8 @@ class ClipJob:
     target's cloud. ``digest`` is that of the clip's content, of which every frame must be read (None: not checked), and
     ``known`` are digests by the stamp of their files. ``store`` keeps scenes for later runs, and ``cache`` has the
     outputs of stages in it; None: nothing is stored. ``ahead`` is the number of frames that one thread reads, and
-    another one perceives, in advance; 0 for no threads.
+    another one perceives, in advance; 0 for no threads. ``told_by`` is the number of jobs that report the progress of
+    the clip, each that of its share of the frames; 0: it is reported already.
     """
 
     manifest: ClipManifest
@@ -60,6 +61,7 @@ class ClipJob:
     store: Store | None = None
     cache: ClipCache | None = None
     ahead: int = 0
+    told_by: int = 1
 
     @property
     def pairs(self) -> list[Pair]:
@@ -172,16 +174,47 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipResult:
 
     Under configurations whose weights are still to be fitted it is only perceived.
 
-    ``progress`` is called with the name of the clip after each frame that is perceived.
+    ``progress`` is called with the name of the clip after each frame that is perceived; of a clip without images, which
+    takes no time to perceive, after each that is attended to.
     """
     clip, outcome = _perceived(job, progress, None)
     if clip is None:
         return outcome
     perceived = (each for each in job.configurations if each.name in outcome.keys)
     answering = [each for each in perceived if not each.attend.attention.is_unfitted]
-    context, check = job.context(clip), partial(progress, GOES_ON)
-    errors = attend_clip(clip, context, answering, outcome.keys, job.sinks, check)
+    told = _Attended(job, progress) if isinstance(clip, MeasuredClip) else None
+    check = told or partial(_goes_on, progress)
+    errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
+    if told:
+        told.finish()
     return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
+
+
+def _goes_on(progress: Progress, *_: object) -> None:
+    """Report no progress, but ask whether the run goes on."""
+    progress(GOES_ON)
+
+
+class _Attended:
+    """Reports the progress of a job that attends to a clip: its share of the frames, however often it reads them."""
+
+    def __init__(self, job: ClipJob, progress: Progress) -> None:
+        self._clip, self._progress = job.manifest.name, progress
+        self._told_by = job.told_by
+        self._left = len(job.frames) // job.told_by if job.told_by else 0
+        self._read = 0
+
+    def __call__(self, times: int) -> None:
+        """Count a frame of a clip that is read so many times."""
+        self._read += 1
+        is_told = self._left and self._read % (times * self._told_by) == 0
+        self._left -= bool(is_told)
+        self._progress(self._clip if is_told else GOES_ON)
+
+    def finish(self) -> None:
+        """Report what is left: frames of configurations that have failed, or that are not attended to."""
+        for _ in range(self._left):
+            self._progress(self._clip)
 
 
 def perceive_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipResult:
@@ -202,6 +235,8 @@ def _perceived(
         decided = job.identities(clip)
     except VfoaError as error:
         return None, ClipResult(failures=dict.fromkeys(job.pairs, error))
+    if isinstance(clip, MeasuredClip) or not job.told_by:
+        progress = partial(_goes_on, progress)
     context, tallies = job.context(clip), tuple[Tally, ...]()
     perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
     if lacking := job.lacking(decided, context):
