@@ -385,8 +385,10 @@ def _print_list(rows: list[ClipRow]) -> None:
         shortened="licence",
     )
     for row in rows:
-        if row.problem:
+        if row.problem and not row.unset:
             say(f"{row.name}: {row.problem}")
+    for unset in dict.fromkeys(row.unset for row in rows if row.unset):
+        say(f"{unset} is not set: {', '.join(row.name for row in rows if row.unset == unset)}")
 
 
 def _print_checks(checks: list[ClipCheck]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -238,7 +238,10 @@ def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipRow:
-    """One clip of the list. ``frames`` is None if it cannot be opened; ``problem`` says why."""
+    """One clip of the list. ``frames`` is None if it cannot be opened; ``problem`` says why.
+
+    ``unset`` is the environment variable that its root needs and that is not set.
+    """
 
     name: str
     adapter: str | None = None
@@ -248,6 +251,7 @@ class ClipRow:
     licence: str | None = None
     labels: int | None = None
     problem: str | None = None
+    unset: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,8 +277,15 @@ class ClipCheck:
 
 
 def list_clips() -> list[ClipRow]:
-    """Return every clip that can be found, by name."""
-    return [_row(name, path) for name, path in clip_files().items()]
+    """Return every clip that can be found: those of the working directory by name, then those of the package."""
+    paths = clip_files()
+    own = _own(paths)
+    return [_row(name, path) for name, path in {**own, **paths}.items()]
+
+
+def _own(paths: Mapping[str, Path]) -> dict[str, Path]:
+    """The clips of the working directory."""
+    return {name: path for name, path in paths.items() if path.parent == folders("datasets")[0]}
 
 
 def clips_at_hand() -> tuple[list[str], list[str]]:
@@ -284,12 +295,12 @@ def clips_at_hand() -> tuple[list[str], list[str]]:
     variables in their root are set. A manifest that cannot be read is one of them.
     """
     paths = clip_files()
-    own = {name: path for name, path in paths.items() if path.parent == folders("datasets")[0]}
+    own = _own(paths)
     here, without_data = list[str](), defaultdict[str, list[str]](list)
     for name, path in (own or paths).items():
         manifest, _ = _attempt(partial(load_manifest, path, name))
-        unset = unset_variables(manifest.root or "") if manifest else []
-        (without_data[unset[0]] if unset else here).append(name)
+        unset = _unset(manifest) if manifest else None
+        (without_data[unset] if unset else here).append(name)
     left_out = [f"{variable} is not set: {', '.join(absent)}" for variable, absent in without_data.items()]
     if own and (packaged := len(paths) - len(own)):
         left_out.append(f"{packaged} clips that came with vfoa; name one to check it")
@@ -406,7 +417,13 @@ def _row(name: str, path: Path) -> ClipRow:
         licence=manifest.licence,
         labels=_scored(labels, clip),
         problem=next(iter((*problems, *label_problems)), None),
+        unset=_unset(manifest),
     )
+
+
+def _unset(manifest: ClipManifest) -> str | None:
+    """The first variable that the root needs and that is not set."""
+    return next(iter(unset_variables(manifest.root or "")), None)
 
 
 def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[Labels | None, tuple[str, ...]]:

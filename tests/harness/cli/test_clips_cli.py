@@ -340,9 +340,14 @@ def test_the_list_has_one_line_a_clip_in_80_columns(tmp_path: Path, monkeypatch:
 
 def test_the_tables_name_every_clip(tmp_path: Path) -> None:
     _clip(tmp_path)
-    listed = CliRunner().invoke(app, ["list"])
-    assert "wall" in listed.stdout
-    assert "sintel_bandage_2: " in listed.stdout
+    write_text(tmp_path / "datasets" / "torn.toml", MANIFEST.replace("name", "nam"))
+    table, _, lines = CliRunner().invoke(app, ["list"]).stdout.partition(f"\n{' ' * 20}")
+    # those of the working directory are first
+    assert re.findall(r"^ (\w+)", table, re.MULTILINE)[1:4] == ["torn", "wall", "demo_1"]
+    torn, without_data = lines.strip().splitlines()
+    assert torn.startswith("torn: ")
+    assert without_data.startswith("VFOA_DATA is not set: idiap_vfoa, ")
+    assert without_data.endswith(", sintel_bandage_2")
     checked = CliRunner().invoke(app, ["check", "wall"])
     assert checked.exit_code == 0
     assert "192x144" in checked.stdout
