@@ -107,8 +107,8 @@ MUTATIONS = (
     Mutation(
         "the limit of the nearest in angle is chosen on the clip itself",
         "harness/score/judged_subjects.py",
-        "other.configuration == key[0] and other.clip != key[1]",
-        "other.configuration == key[0]",
+        "clip_at[order] != number",
+        "clip_at[order] != -1",
         "harness/score/test_score.py harness/score/test_baselines.py",
     ),
     Mutation(

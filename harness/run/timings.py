@@ -12,13 +12,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from harness.pipeline.perception import SharedFrame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.table_files import new_parquet, open_parquet
 from vfoa.errors import VfoaError, reported_as
 
 if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
+
+    from harness.pipeline.perception import SharedFrame
 
 
 def time_rows(pair: Pair, frame: int, timings: Mapping[str, float]) -> bytes:
