@@ -6,7 +6,7 @@ import { followFrames } from "./frame_box.js";
 import { drawForest } from "./forest.js";
 import { drawOracle } from "./oracle.js";
 import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
-import { drawErrors, drawSpeed } from "./stacked_bars.js";
+import { drawErrors } from "./stacked_bars.js";
 import { data } from "./packs.js";
 import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
 import { fillTables, tableOf } from "./tables.js";
@@ -50,7 +50,6 @@ async function start() {
   drawForest(place("forest"));
   if (data.oracle.length) drawOracle(place("oracle"));
   if (data.calibration.length) drawCalibration(place("calibration"));
-  if (data.speed) drawSpeed(place("speed"));
   await drawErrors(place("errors"));
   fillTables();
   if (!data.clips.some((each) => each.subjects.length)) {

@@ -59,7 +59,7 @@ def render_page(
     manifest
         The run's.
     times
-        Times of the stages; without any, the section is left out.
+        Times of the stages; without any, their table is left out.
     thumbnails
         Thumbnails of wrong frames.
     served
@@ -76,8 +76,11 @@ def render_page(
     groups, shown = _numbered(
         {
             **{group: [tables[name] for name in names] for group, names in _GROUPS.items()},
-            "speed": [times.table()],
-            "more": [*(tables[name] for name in _MORE), *(panel for panel in panels if isinstance(panel, Table))],
+            "more": [
+                *(tables[name] for name in _MORE),
+                *(panel for panel in panels if isinstance(panel, Table)),
+                *([times.table()] if times.ms else []),
+            ],
             "settings": [_clips(manifest.clips), differing],
         }
     )
@@ -99,15 +102,15 @@ def render_page(
         where=where,
         script=script("main"),
         packs=packs,
-        data={**data, **_figures(scores, tables, times)},
+        data={**data, **_figures(scores, tables)},
     )
 
 
-def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, Any]:
+def _figures(scores: Scores, tables: RunTables) -> dict[str, Any]:
     """Data of the small figures.
 
     ``oracle``: the rows of ``oracle_ablation.csv``. ``calibration``: ``{configuration, error, bins: [[confidence,
-    right, frames]]}``. ``speed``: ``{configurations, stages, ms}``, a row of ``ms`` per stage; null without times.
+    right, frames]]}``.
     """
     return {
         "oracle": tables["oracle_ablation.csv"].rows,
@@ -125,9 +128,6 @@ def _figures(scores: Scores, tables: RunTables, times: StageTimes) -> dict[str, 
             }
             for reliability in reliabilities(scores.judged_subjects)
         ],
-        "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
-        if times.ms
-        else None,
     }
 
 

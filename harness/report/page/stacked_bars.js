@@ -1,4 +1,4 @@
-// Stacked bars, one per row: error types of frames, and times of stages.
+// The error types of wrong frames: a stacked bar for each configuration.
 
 import { actionable, choice, drawn, element, percent, words } from "./dom.js";
 import { canvas, figure, fitted, gutter, path, text, ticks } from "./figure.js";
@@ -69,24 +69,5 @@ export async function drawErrors(place) {
     },
     csv: () => [["clip", "configuration", "n", "wrong", ...types], ...rows.map((each) =>
       [each.clip < 0 ? "(all)" : data.clips[each.clip].name, each.name, each.n, each.n - each.correct, ...each.errors])],
-  });
-}
-
-export function drawSpeed(place) {
-  const { configurations, stages, ms } = data.speed;
-  const oracles = new Set(data.configurations.filter((each) => each.oracle).map((each) => each.name));
-  const bars = configurations.flatMap((name, c) => {
-    if (oracles.has(name)) return [];
-    const total = ms.reduce((sum, of) => sum + (of[c] ?? 0), 0);
-    return [{
-      name, total, said: `${total.toFixed(0)} ms`,
-      parts: stages.map((stage, s) => ({ colour: `s${s % 10}`, value: ms[s][c] ?? 0, mark: "", label: `${name}: ${words(stage)} ${ms[s][c]} ms` })),
-    }];
-  });
-  figure(place, {
-    title: "Milliseconds a frame by stage", notes: ["medians on the machine of the run, with its other work; shared stages were computed once"],
-    legend: key(stages.map((stage, s) => [`s${s % 10}`, "", words(stage), ""])),
-    draw: (width) => stacked(bars, width, { label: "Stage times of each configuration", unit: "", most: Math.max(1, ...bars.map((each) => each.total)) }),
-    csv: () => [["stage", ...configurations], ...stages.map((stage, s) => [stage, ...ms[s].map((each) => each ?? "")])],
   });
 }
