@@ -36,6 +36,7 @@ from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
+    MeasuredObject,
     MeasuredSettings,
     PlacedObject,
     SeenPerson,
@@ -291,7 +292,10 @@ def _objects(
             raise VfoaError(f"{table.where(row)}: frame {frame}: not in the table of people")
         if (before := seen.setdefault((frame, name), row)) != row:
             raise VfoaError(f"{table.where(row)}: object {name!r}: occurs twice, first at {table.where(before)}")
-        (fixed if frame is None else moving.setdefault(frame, [])).append(_ObjectOfRow(rows, row))
+        if frame is None:  # the same box in every frame
+            fixed.append(MeasuredObject(name=name, category=rows.categories[row], box=rows.box(row)))
+        else:
+            moving.setdefault(frame, []).append(_ObjectOfRow(rows, row))
     return fixed, moving
 
 
