@@ -87,7 +87,7 @@ class Journal:
             except VfoaError as error:
                 raise VfoaError(f"{error}; move the journal away to continue") from None
             if not isinstance(entry, dict):
-                raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to continue")
+                raise VfoaError(f"{self.path}:{number}: not an entry; move the journal away to continue")
             entries.append(entry)
         return entries
 

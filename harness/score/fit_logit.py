@@ -112,7 +112,7 @@ def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = 
     people = [person.first(first_s) for person in run.people] if first_s is not None else run.people
     if not any(person.labelled for person in people):
         raise VfoaError(
-            f"fit: {run.experiment}: --first {first_s:g}s: no labelled frame is so short; expected more seconds"
+            f"fit: {run.experiment}: --first {first_s:g}s: shorter than each labelled frame; expected more seconds"
         )
     folds = folds_of(run, first_s) if scored else []
     weights = fitted_to(people)

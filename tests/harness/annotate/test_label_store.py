@@ -303,7 +303,7 @@ def _refuse(*_: object) -> None:
     ("line", "found"),
     [
         ("{", "not JSON"),
-        ("5", "no entry"),
+        ("5", "not an entry"),
         ('{"redo":true}', "IndexError"),
         ('{"seen":["bob",1]}', r"KeyError\('bob'\)"),
         ('{"seen":["ann",1000000000000]}', "ValueError"),
