@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from harness.files.ascending import natural_order
 from harness.report.figures.style import INK, LINE, PANEL, SOFT, canvas, colour, is_wide, shape
 from harness.report.page.data import ERROR_COLOURS, LETTERS
 from harness.run.fitted import FitRecord
@@ -138,7 +139,10 @@ _SQUARE = np.array([[-0.5, 0.5, 0.5, -0.5, -0.5], [-0.5, -0.5, 0.5, 0.5, -0.5]])
 
 
 def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
-    """The names of rows and columns: sorted, "none" and missing answers last, rare ones as :data:`_OTHER`."""
+    """The names of rows and columns: by their words and numbers, "none" and missing answers last, rare ones as one.
+
+    That one is :data:`_OTHER`.
+    """
     counts: Counter[str] = Counter()
     truths, answers = set[str](), set[str]()
     for of in pairs:
@@ -148,7 +152,7 @@ def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
             counts[truth] += count
     last = ("none", NO_HIT, NO_PREDICTION)
     common = {name for name, _ in counts.most_common(_MOST_NAMES)}
-    kept = [sorted(names & common - set(last)) for names in (truths, truths | answers)]
+    kept = [sorted(names & common - set(last), key=natural_order) for names in (truths, truths | answers)]
     rare = [_OTHER] if (truths | answers) - common - set(last) else []
     rows = [*kept[0], *([_OTHER] if truths - common - set(last) else []), *(name for name in last if name in truths)]
     return rows, [*kept[1], *rare, *(name for name in last if name in truths | answers)]

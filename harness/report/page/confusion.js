@@ -6,7 +6,7 @@ import { goToFirst } from "./selection.js";
 import { data } from "./packs.js";
 import { clipTracks, nameOf } from "./store.js";
 
-const LAST = ["(nothing hit)", "no prediction"];
+const LAST = ["none", "(nothing hit)", "no prediction"];
 
 // Scored frames by lane's name: a map from "truth answer" to their number.
 async function counted(clip) {
@@ -28,7 +28,7 @@ async function counted(clip) {
 
 function axes(counts) {
   const pairs = [...counts.values()].flatMap((of) => [...of.keys()].map((key) => key.split(" ").map(Number)));
-  const byName = (a, b) => LAST.indexOf(nameOf(a)) - LAST.indexOf(nameOf(b)) || (nameOf(a) < nameOf(b) ? -1 : 1);
+  const byName = (a, b) => LAST.indexOf(nameOf(a)) - LAST.indexOf(nameOf(b)) || nameOf(a).localeCompare(nameOf(b), "en", { numeric: true });
   const truths = [...new Set(pairs.map(([truth]) => truth))].sort(byName);
   const others = [...new Set(pairs.map(([, answer]) => answer))].filter((each) => !truths.includes(each)).sort(byName);
   return { truths, answers: [...truths, ...others] };

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -19,6 +18,7 @@ from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
+from harness.files.ascending import natural_order
 from harness.files.io import opened
 from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
 from harness.sources.recordings.messages import MessageType, codec_of, message_type, picture
@@ -195,7 +195,8 @@ def _content(message: Message, encoding: str) -> bytes:
 
 def files_in(folder: Path) -> tuple[Path, ...]:
     """The ``.mcap`` of a folder in natural order, without hidden ones (macOS leaves ``._a.mcap`` beside ``a.mcap``)."""
-    return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
+    found = (path for path in folder.glob("*.mcap") if not path.name.startswith("."))
+    return tuple(sorted(found, key=lambda path: natural_order(path.name)))
 
 
 def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:
@@ -235,7 +236,3 @@ def _is_video(path: Path, summary: Summary, channel: int, chunks: Sequence[Chunk
         return codec_of(picture(kind, _content(message, of.message_encoding), of.topic).form) is not None
     except Exception:  # there is none, or it is damaged, which its index reports
         return False
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -149,7 +149,7 @@ def test_the_learning_curve_has_every_point_and_both_levels() -> None:
 
 
 def test_a_confusion_of_many_names_keeps_the_frequent_ones() -> None:
-    names = [f"name_{number:02}" for number in range(30)]
+    names = [f"name {number}" for number in range(30)]
     truth = [name for number, name in enumerate(names) for _ in range(1 + number)]
     records = answers(truth)
     labelled = labels(*truth)

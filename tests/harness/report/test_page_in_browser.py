@@ -530,6 +530,13 @@ def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(report: Repo
     assert "clip 08" not in figure.text
 
 
+def test_a_confusion_has_names_by_their_numbers_and_nothing_last(report: ReportPage, tmp_path: Path) -> None:
+    truth = ["none", "mug 10", "mug 2", "a"]
+    report.open(_write(tmp_path, {"one": ("mug 2", "mug 10", "mug 1", "a")}, clip=truth))
+    labels = [each.get_attribute("textContent") for each in report.all("#draw-confusion .tick")]
+    assert labels == ["a", "mug 2", "mug 10", "none", "mug 1", "a", "mug 2", "mug 10", "none"]
+
+
 def test_the_oracle_ablation_is_a_waterfall(report: ReportPage, tmp_path: Path) -> None:
     said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
     report.open(_write(tmp_path, said, clip=["cup"] * 4))
