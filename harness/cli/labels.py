@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +16,7 @@ from harness.cli.terminal import say
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
     from harness.labels.labels import Labels
+    from harness.report.formats import Table
     from harness.sources import AnyClip
 
 app = typer.Typer(
@@ -170,6 +172,18 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         say(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
+_MOST_ROWS = 40
+"""Most rows of a table on the terminal."""
+
+
+def _on_terminal(table: Table) -> Table:
+    """The table, or its first rows and a note if it has many."""
+    if len(table.rows) <= _MOST_ROWS:
+        return table
+    note = f"The first {_MOST_ROWS} of {len(table.rows)} rows; --out DIR writes all."
+    return changed(table, rows=table.rows[:_MOST_ROWS], notes=(*table.notes, note))
+
+
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")
 def agreement(
     clip: Clip,
@@ -190,7 +204,7 @@ def agreement(
     labels = _labels_by_annotator(manifest, opened, annotators or [])
     comparison = compare_annotators(labels, opened.frames, opened.rate_hz)
     tables = agreement_tables(manifest.name, labels, comparison, opened.frames)
-    print_reports(tables.values())
+    print_reports(map(_on_terminal, tables.values()))
     if out:
         page = "\n".join(to_markdown(table, level=2) for table in tables.values())
         texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(table) for name, table in tables.items()}}

@@ -229,3 +229,19 @@ def test_annotators_are_compared(
     assert "Kappa" in out
     assert "bear,none" in (folder / "tables" / "differences.csv").read_text()
     assert (folder / "tables" / "agreement.md").read_text().count("## ") == 4
+
+
+def test_of_many_differences_the_first_are_on_the_terminal_and_all_in_the_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = folder / "annotations" / f"{CLIP}@ben.csv"
+    write_text(place, place.read_text().replace("anna,mug", "anna,none"))
+    words = ("labels", "agreement", CLIP, "--replace", "--out", "tables")
+    whole = vfoa(monkeypatch, capsys, *words)[1]
+    rows = (folder / "tables" / "differences.csv").read_text().splitlines()[1:]
+    assert len(rows) > 1
+    assert "--out DIR" not in whole
+    monkeypatch.setattr("harness.cli.labels._MOST_ROWS", 1)
+    first = vfoa(monkeypatch, capsys, *words)[1]
+    assert f"The first 1 of {len(rows)} rows; --out DIR writes all." in first
+    assert (folder / "tables" / "differences.csv").read_text().splitlines()[1:] == rows
