@@ -103,9 +103,15 @@ class ConesSettings(MethodSettings):
     @property
     def cones_rad(self) -> tuple[float, ...]:
         """Full apex angle of each cone, radians."""
-        if self.cones_deg is not None:
-            return tuple(float(np.deg2rad(angle)) for angle in self.cones_deg)
-        return tuple(fov_from_radius(radius / 100) for radius in self.cones_cm or ())
+        return _apex_angles_rad(self.cones_deg, self.cones_cm)
+
+
+@lru_cache(maxsize=64)
+def _apex_angles_rad(cones_deg: tuple[float, ...] | None, cones_cm: tuple[float, ...] | None) -> tuple[float, ...]:
+    """The apex angles of cones that are given in one of both ways; every person in every frame asks for them."""
+    if cones_deg is not None:
+        return tuple(float(np.deg2rad(angle)) for angle in cones_deg)
+    return tuple(fov_from_radius(radius / 100) for radius in cones_cm or ())
 
 
 class Cones:
@@ -144,11 +150,10 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Cones
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
     boxes = boxes_of_others(subject, targets)
 
-    fovs_rad = settings.cones_rad
     cones = tuple(
         Cone(cue=cue, apex_left=origin, axis=axis, fov_rad=fov_rad, n_rays=settings.n_rays)
         for cue, axis in axes.items()
-        for fov_rad in fovs_rad
+        for fov_rad in settings.cones_rad
     )
     of_boxes = tuple(boxes.values())
     rays = _cast(cones, tuple(axes.values()), of_boxes, settings)
