@@ -68,7 +68,7 @@ def _draft_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.partial")
 
 
-def timings_schema() -> pa.Schema:
+def _schema() -> pa.Schema:
     """The columns of ``timings.parquet``: milliseconds by clip, configuration, frame and stage."""
     import pyarrow as pa
 
@@ -79,7 +79,7 @@ def timings_schema() -> pa.Schema:
 
 def join_timings(directory: RunDirectory, pairs: Iterable[Pair]) -> None:
     """Make ``timings.parquet`` from the texts of finished pairs, which are kept: a row group for each text."""
-    draft, schema = directory.timings.with_name(f"{directory.timings.name}.partial"), timings_schema()
+    draft, schema = directory.timings.with_name(f"{directory.timings.name}.partial"), _schema()
     with new_parquet(draft, schema) as writer:
         for pair in pairs:
             for suffix in ("scene.csv", "csv"):  # without the first, a scene of a finished run was attended again
@@ -102,14 +102,14 @@ def _parsed(text: Path, schema: pa.Schema) -> pa.Table:
 
 
 def read_timings(directory: RunDirectory) -> pa.Table:
-    """Read the times of a finished run: configurations and stages as dictionaries of Arrow. Without a file, none.
+    """Read the times of a finished run; no rows if it has no file of them, as runs of earlier versions.
 
     Raises
     ------
     VfoaError
-        If the file is damaged, of another version, or no such file.
+        If the file is damaged, of another version, or another file.
     """
     if not directory.timings.is_file():
-        return timings_schema().empty_table()
-    with open_parquet(directory.timings, timings_schema()) as file:
+        return _schema().empty_table()
+    with open_parquet(directory.timings, _schema()) as file:
         return file.read(use_threads=False).replace_schema_metadata()
