@@ -55,6 +55,9 @@ def export(
     from harness.run.exported_answers import export_answers
     from vfoa.errors import VfoaError
 
+    if out is not None and out.suffix.lower() in (".csv", ".parquet") and not out.is_dir():
+        names = "frames.csv" if format is Format.frames else "CLIP.csv"
+        raise VfoaError(f"answers export: --out {out}: found the name of a file; expected a folder, for {names}")
     if format is Format.frames:
         if config is not None:
             raise VfoaError("answers export: --config does not go with --format frames, which has all of them")

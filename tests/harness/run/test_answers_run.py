@@ -395,6 +395,8 @@ def test_an_export_overwrites_nothing_unasked(talk: Path) -> None:
     assert written.read_text() == "mine"
     assert _vfoa(*given, "--replace").exit_code == 0
     assert written.read_text().startswith("frame,subject,target,instance_id\n1,anna,ben,\n")
+    assert "--out mine.csv: " in str(_vfoa(*given, "--out", "mine.csv").exception)
+    assert not Path("mine.csv").exists()
 
 
 def test_every_attention_value_is_written_as_one_table(talk: Path) -> None:
