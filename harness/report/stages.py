@@ -125,7 +125,7 @@ class StageTimes:
 
 def stage_times(directory: RunDirectory) -> StageTimes:
     """Read the time per stage of a run; none if it has no times. Raises the errors of :func:`read_timings`."""
-    table = read_timings(directory).combine_chunks()
+    table = read_timings(directory, ["configuration", "stage", "ms"])
     names, stages = (table.column(name).combine_chunks().dictionary_encode() for name in ("configuration", "stage"))
     configurations = tuple(names.dictionary.to_pylist())
     of_stages = stages.dictionary.to_pylist()

@@ -6,7 +6,7 @@ each (clip, configuration).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -101,8 +101,10 @@ def _parsed(text: Path, schema: pa.Schema) -> pa.Table:
     return table.cast(schema)
 
 
-def read_timings(directory: RunDirectory) -> pa.Table:
-    """Read the times of a finished run; no rows if it has no file of them, as runs of earlier versions.
+def read_timings(directory: RunDirectory, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read the times of a finished run, or some of their columns; no rows if it has no file of them.
+
+    Runs of earlier versions have none.
 
     Raises
     ------
@@ -110,6 +112,6 @@ def read_timings(directory: RunDirectory) -> pa.Table:
         If the file is damaged, of another version, or another file.
     """
     if not directory.timings.is_file():
-        return _schema().empty_table()
+        return _schema().empty_table().select(columns or _schema().names)
     with open_parquet(directory.timings, _schema()) as file:
-        return file.read(use_threads=False).replace_schema_metadata()
+        return file.read(columns, use_threads=False).replace_schema_metadata()

@@ -9,18 +9,20 @@ import { overall, rowsByClip, stateOf } from "./store.js";
 const ROW = 34;
 const filled = (colour) => `--part: var(--${colour})`;
 
-// `bars` are {name, total, said, parts: [{colour, value, mark, label, action}]}; a colour is a name of the style sheet's.
-function stacked(bars, width, { label, unit, most }) {
+// `bars` are {name, total, said, parts: [{colour, value, mark, label, action}]}; totals and values are %, and a colour is
+// a name of the style sheet's.
+function stacked(bars, width) {
   const narrow = width < 480;
   const left = narrow ? 6 : gutter(bars.map((each) => each.name), width, 0.34);
   const above = narrow ? 18 : 0;
   const right = width - (narrow ? 6 : 92);
   const bottom = bars.length * (ROW + above) + 4;
-  const svg = canvas(width, bottom + 22, label);
+  const svg = canvas(width, bottom + 22, "Error types of each configuration");
+  const most = Math.max(5, ...bars.map((each) => each.total));
   const x = (value) => left + (right - left) * value / most;
   for (const tick of ticks(0, most, narrow ? 4 : 8)) {
     svg.append(path(`M${x(tick)} 0V${bottom}`, { class: "grid" }),
-      text(x(tick), bottom + 14, `${tick}${tick ? unit : ""}`, { class: "tick", "text-anchor": x(tick) > right - 14 ? "end" : "middle" }));
+      text(x(tick), bottom + 14, `${tick}${tick ? " %" : ""}`, { class: "tick", "text-anchor": x(tick) > right - 14 ? "end" : "middle" }));
   }
   bars.forEach((bar, i) => {
     const y = i * (ROW + above) + above + 5;
@@ -32,7 +34,7 @@ function stacked(bars, width, { label, unit, most }) {
       const wide = x(start + part.value) - x(start);
       const group = drawn("g", { class: "part" }, drawn("rect", { x: x(start), y, width: Math.max(wide, 0.5), height: ROW - 10, style: filled(part.colour) }));
       if (wide > 9 * part.mark.length + 4) group.append(text(x(start) + wide / 2, y + 17, part.mark, { class: "mark", "text-anchor": "middle" }));
-      svg.append(part.action ? actionable(group, part.label, part.action) : (group.append(drawn("title", {}, part.label)), group));
+      svg.append(actionable(group, part.label, part.action));
       start += part.value;
     }
   });
@@ -62,11 +64,7 @@ export async function drawErrors(place) {
     title: "Why frames are wrong", notes: ["share of the scored frames, %; point at a part for its meaning, click to see its frames"],
     controls: clips.length > 1 ? [choice("Clip", clips.map((each) => [each, each < 0 ? "(all)" : data.clips[each].name]), clip, (value) => { clip = Number(value); again(); })] : [],
     legend: key(seen.map((type) => [`error-${type}`, data.letters[type], words(type), data.error_types[type]])),
-    draw: (width) => {
-      const bars = chosen().map(bar);
-      const most = Math.max(5, ...bars.map((each) => each.total));
-      return stacked(bars, width, { label: "Error types of each configuration", unit: " %", most });
-    },
+    draw: (width) => stacked(chosen().map(bar), width),
     csv: () => [["clip", "configuration", "n", "wrong", ...types], ...rows.map((each) =>
       [each.clip < 0 ? "(all)" : data.clips[each.clip].name, each.name, each.n, each.n - each.correct, ...each.errors])],
   });
