@@ -86,11 +86,7 @@ def did_you_mean(name: str, expected: Iterable[str]) -> str:
     return f"{hint}expected one of: {listed(names) or '(none)'}"
 
 
-_MOST_LISTED = 40
-"""Most names of a list in a message."""
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names for a message, with commas; of many the first ones, and the number of the others."""
-    more = len(names) - _MOST_LISTED
-    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_LISTED])} and {more} more"
+def listed(names: Sequence[str], most: int = 40) -> str:
+    """Names for a message, with commas; of more than ``most`` the first ones, and the number of the others."""
+    more = len(names) - most
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:most])} and {more} more"

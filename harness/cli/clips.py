@@ -376,6 +376,8 @@ def _convert_vr_objects(root: Path) -> None:
 
 
 def _print_list(rows: list[ClipRow]) -> None:
+    from harness.clips.check import unset_lines
+
     print_table(
         ["clip", "adapter", "frames", "people", "targets", "labels", "licence"],
         [
@@ -387,8 +389,8 @@ def _print_list(rows: list[ClipRow]) -> None:
     for row in rows:
         if row.problem and not row.unset:
             say(f"{row.name}: {row.problem}")
-    for unset in dict.fromkeys(row.unset for row in rows if row.unset):
-        say(f"{unset} is not set: {', '.join(row.name for row in rows if row.unset == unset)}")
+    for line in unset_lines({row.name: row.unset for row in rows}):
+        say(line)
 
 
 def _print_checks(checks: list[ClipCheck]) -> None:

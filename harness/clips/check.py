@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -288,6 +287,14 @@ def _own(paths: Mapping[str, Path]) -> dict[str, Path]:
     return {name: path for name, path in paths.items() if path.parent == folders("datasets")[0]}
 
 
+def unset_lines(unset: Mapping[str, str | None]) -> list[str]:
+    """A line for each environment variable that is not set: the clips that need it, from that of each clip, if any."""
+    return [
+        f"{variable} is not set: {', '.join(name for name, of_clip in unset.items() if of_clip == variable)}"
+        for variable in dict.fromkeys(filter(None, unset.values()))
+    ]
+
+
 def clips_at_hand() -> tuple[list[str], list[str]]:
     """Return the clips that ``vfoa clips check`` checks by default, and a line for each kind that it leaves out.
 
@@ -296,12 +303,9 @@ def clips_at_hand() -> tuple[list[str], list[str]]:
     """
     paths = clip_files()
     own = _own(paths)
-    here, without_data = list[str](), defaultdict[str, list[str]](list)
-    for name, path in (own or paths).items():
-        manifest, _ = _attempt(partial(load_manifest, path, name))
-        unset = _unset(manifest) if manifest else None
-        (without_data[unset] if unset else here).append(name)
-    left_out = [f"{variable} is not set: {', '.join(absent)}" for variable, absent in without_data.items()]
+    manifests = {name: _attempt(partial(load_manifest, path, name))[0] for name, path in (own or paths).items()}
+    unset = {name: _unset(manifest) if manifest else None for name, manifest in manifests.items()}
+    here, left_out = [name for name, variable in unset.items() if variable is None], unset_lines(unset)
     if own and (packaged := len(paths) - len(own)):
         left_out.append(f"{packaged} clips that came with vfoa; name one to check it")
     return here, left_out

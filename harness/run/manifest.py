@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, 
 
 from harness.files.parsing import differing_keys
 from harness.run.notes import NoteKind
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 from vfoa.settings import Settings
 
 MOST = 3
@@ -198,9 +198,7 @@ def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
 
     Keys that ``wanted`` does not have do not count.
     """
-    every = list(dict.fromkeys(_differing(actual, wanted)))
-    more = f" and {len(every) - MOST} more" if len(every) > MOST else ""
-    return f"{', '.join(every[:MOST])}{more}"
+    return listed(list(dict.fromkeys(_differing(actual, wanted))), MOST)
 
 
 def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:

@@ -21,6 +21,7 @@ from harness.run.manifest import ClipOfRun, RunManifest
 from harness.score.calibration import reliabilities
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
+from vfoa.errors import listed
 
 _FOLDER = Path(__file__).parent
 RunTables = Mapping[str, Table]
@@ -175,7 +176,7 @@ def _compared(scores: Scores, differing: Table) -> str:
     names = without_oracles(scores.scored_configurations)
     if not names:
         return ""
-    shown = ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:8])} and {len(names) - 8} more"
+    shown = listed(names, 8)
     chosen = [place for place, name in enumerate(differing.columns) if name in names]
     keys = [row[0] for row in differing.rows if len({row[place] for place in chosen}) > 1]
     places = keys if len(keys) <= 4 else list(dict.fromkeys(key.partition(".")[0] for key in keys))
