@@ -1,6 +1,6 @@
 // The page of `vfoa compare`: rates ranked, differences, and tables.
 
-import { element, percent } from "./dom.js";
+import { element, percent, sayDrawn } from "./dom.js";
 import { figure } from "./figure.js";
 import { drawIntervals } from "./intervals.js";
 import { data } from "./packs.js";
@@ -39,4 +39,4 @@ for (const [name, draw] of [["ranking", drawRanking], ["differences", drawDiffer
   else place.append(element("p", {}, "Nothing to compare."));
 }
 fillTables();
-document.documentElement.dataset.ready = "yes";
+sayDrawn();

@@ -51,3 +51,8 @@ const live = document.getElementById("said");
 export function say(text) {
   live.textContent = text;
 }
+
+// Say on the page that it is drawn, once it is: figures draw when their width is known, which a first frame tells them.
+export function sayDrawn() {
+  requestAnimationFrame(() => requestAnimationFrame(() => { document.documentElement.dataset.ready = "yes"; }));
+}

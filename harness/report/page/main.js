@@ -2,6 +2,7 @@
 
 import { drawCalibration } from "./calibration.js";
 import { drawConfusion } from "./confusion.js";
+import { sayDrawn } from "./dom.js";
 import { followFrames } from "./frame_box.js";
 import { drawForest } from "./forest.js";
 import { drawOracle } from "./oracle.js";
@@ -69,8 +70,7 @@ async function start() {
     }
   }
   await drawConfusion(place("confusion"));
-  performance.mark("drawn");
-  document.documentElement.dataset.ready = "yes";
+  sayDrawn();
 }
 
 start();

@@ -537,6 +537,18 @@ def test_a_confusion_has_names_by_their_numbers_and_nothing_last(report: ReportP
     assert labels == ["a", "mug 2", "mug 10", "none", "mug 1", "a", "mug 2", "mug 10", "none"]
 
 
+def test_a_page_says_that_it_is_drawn_once_every_figure_is(report: ReportPage, small: Path) -> None:
+    empty = "[...document.querySelectorAll('.drawing')].filter((each) => each.checkVisibility() && !each.firstChild)"
+    observer = f"new MutationObserver(() => {{ window.empty = {empty}.length; }})"
+    script = f"{observer}.observe(document, {{subtree: true, attributes: true, attributeFilter: ['data-ready']}})"
+    added = report.browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": script})
+    try:
+        report.open(small)
+        assert report.js("return window.empty") == 0
+    finally:
+        report.browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+
+
 def test_the_oracle_ablation_is_a_waterfall(report: ReportPage, tmp_path: Path) -> None:
     said = {"one": ("cup", "dragon", "dragon", "cup"), "one+gaze": ("cup", "dragon", "cup", "cup")}
     report.open(_write(tmp_path, said, clip=["cup"] * 4))
