@@ -129,8 +129,8 @@ MUTATIONS = (
     Mutation(
         "a ray through the middle of a box counts less",
         "vfoa/cones.py",
-        "(1.5 * d_max[box] - np.maximum(distance, d_min[box]))",
-        "(1.4 * d_max[box] - np.maximum(distance, d_min[box]))",
+        "(1.5 * d_max - np.maximum(distance, d_min))",
+        "(1.4 * d_max - np.maximum(distance, d_min))",
         "vfoa/test_cones.py",
     ),
     Mutation(

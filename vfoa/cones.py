@@ -18,25 +18,23 @@ them, so they are applied here once, in (3).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 
-from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop, stacked
+from vfoa.geometry import Boxes, entry_distances, fov_from_radius, left_from_crop, of_people, stacked
 from vfoa.methods import MethodSettings, boxes_of_others
 from vfoa.types import (
     CUES,
     Attention,
-    Box3D,
-    Cone,
+    Cast,
     Cue,
     Float,
     NoAttention,
-    Rays,
     Scene,
     Subject,
     Target,
@@ -50,6 +48,9 @@ SINGLE_CONE_CM = (10.0,)
 
 AGREEMENT_DEG = 30.0
 """Gaze and head pose count as agreeing if the angle between them is at most this."""
+
+AT_ONCE = 4096
+"""Pairs of a ray and a box that are computed together: as many as stay in the processor's cache."""
 
 _COS_AGREEMENT = float(np.cos(np.deg2rad(AGREEMENT_DEG)))
 
@@ -131,7 +132,7 @@ class Cones:
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[None, ...]
     ) -> tuple[tuple[Attention, ...], tuple[None, ...]]:
         """Compute every subject's attention in one frame, each alone."""
-        return tuple(pay_attention(subject, scene.targets, self._settings) for subject in subjects), states
+        return tuple(attend_people([(subject, scene.targets) for subject in subjects], self._settings)), states
 
 
 def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: ConesSettings) -> Attention:
@@ -141,31 +142,90 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Cones
     eyes has the focus. Without an eye origin or a usable direction, the result gives the reason in ``missing`` and has
     no values.
     """
+    (attention,) = attend_people([(subject, targets)], settings)
+    return attention
+
+
+def attend_people(people: Iterable[tuple[Subject, tuple[Target, ...]]], settings: ConesSettings) -> list[Attention]:
+    """As :func:`pay_attention` for many subjects, each with the targets of its frame: the same values, sooner."""
+    answers: dict[int, Attention] = {}
+    alike: dict[tuple[object, ...], dict[int, _Looking]] = {}
+    for place, (subject, targets) in enumerate(people):
+        looking = _looking(subject, targets, settings.weighting)
+        if isinstance(looking, NoAttention):
+            answers[place] = Attention(subject=subject, missing=looking)
+        else:
+            alike.setdefault((*looking.axes, len(looking.ids)), {})[place] = looking
+    for group in alike.values():
+        parts = _in_parts([*group.values()], settings)
+        answers.update(zip(group, (each for part in parts for each in _attend_alike(part, settings)), strict=True))
+    return [answers[place] for place in range(len(answers))]
+
+
+class _Looking(NamedTuple):
+    """A subject with eyes and a direction: the axis and the weight of each cue, and the boxes of the others."""
+
+    subject: Subject
+    origin_left: Float
+    axes: Mapping[Cue, Float]
+    weights: Mapping[Cue, float]
+    ids: tuple[int, ...]
+    boxes: Boxes
+
+
+def _looking(subject: Subject, targets: tuple[Target, ...], weighting: Weighting) -> _Looking | NoAttention:
     origin = subject.person.eye_origin_left
     if origin is None:
-        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
+        return NoAttention.NO_EYES_3D
     axes = {cue: axis for cue in CUES if (axis := subject.direction(cue)) is not None}
-    weights = cue_weights(axes, settings.weighting)
+    weights = cue_weights(axes, weighting)
     if not weights:
-        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
+        return NoAttention.NO_DIRECTION
     boxes = boxes_of_others(subject, targets)
-
-    cones = tuple(
-        Cone(cue=cue, apex_left=origin, axis=axis, fov_rad=fov_rad, n_rays=settings.n_rays)
-        for cue, axis in axes.items()
-        for fov_rad in settings.cones_rad
-    )
-    of_boxes = tuple(boxes.values())
-    rays = _cast(cones, tuple(axes.values()), of_boxes, settings)
-    scores = score_rays(rays, of_boxes)
-    of_cue = len(scores) // len(axes)
-    shares = scores.reshape(len(axes), of_cue, len(boxes)).sum(axis=1) / of_cue
-    values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
-    focus, tied = _focus(values, rays)
-    return Attention(subject=subject, values=values, focus=focus, tied=tied, cones=cones, rays=rays)
+    return _Looking(subject, origin, axes, weights, tuple(boxes), stacked(tuple(boxes.values())))
 
 
-def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, float]:
+def _in_parts(alike: Sequence[_Looking], settings: ConesSettings) -> Iterator[Sequence[_Looking]]:
+    """People with the same cues and the same number of boxes, as many at a time as are computed together."""
+    first = alike[0]
+    rays = len(first.axes) * len(settings.cones_rad) * (settings.n_rays + settings.axis_ray)
+    people = max(1, AT_ONCE // (rays * max(1, len(first.ids))))
+    for start in range(0, len(alike), people):
+        yield alike[start : start + people]
+
+
+def _attend_alike(people: Sequence[_Looking], settings: ConesSettings) -> Iterator[Attention]:
+    """Attend for P people with the same C cues and the same number T of boxes."""
+    cues, boxes = tuple(people[0].axes), of_people([each.boxes for each in people])
+    origins = np.array([each.origin_left for each in people])
+    axes = np.array([[*each.axes.values()] for each in people])
+    directions = _directions(axes, settings)
+    entry_m = entry_distances(origins, directions, boxes)
+    scores = score_rays(origins, directions, entry_m, boxes)
+    of_cue = scores.shape[1] // len(cues)
+    shares = scores.reshape(len(people), len(cues), of_cue, -1).sum(axis=2) / of_cue
+    for number, (each, values) in enumerate(zip(people, _weigh(people, shares), strict=True)):
+        focus, tied = _focus(values, entry_m[number])
+        cast = Cast(
+            origin_left=each.origin_left,
+            cues=cues,
+            axes=axes[number],
+            fovs_rad=settings.cones_rad,
+            n_rays=settings.n_rays,
+            directions=directions[number],
+            entry_m=entry_m[number],
+        )
+        yield Attention(subject=each.subject, values=values, focus=focus, tied=tied, cast=cast)
+
+
+def _directions(axes: Float, settings: ConesSettings) -> Float:
+    """Directions (P, R, 3) of the rays about the axes (P, C, 3) of P people, one cone after another."""
+    bundle = pencil(settings.cones_rad, settings.n_rays, settings.axis_ray)
+    left_from_cone = np.ascontiguousarray(left_from_crop(axes))  # in one order: products are the same to the last bit
+    return np.asarray((bundle @ left_from_cone[:, :, None].swapaxes(-1, -2)).reshape(len(axes), -1, 3))
+
+
+def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> Mapping[Cue, float]:
     """Weights of the measured cues, with sum 1: a cue that was not measured gives its weight to the other.
 
     ``axes`` are the unit directions of the measured cues. Empty where no measured cue has any weight.
@@ -173,9 +233,14 @@ def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, fl
     kind: str = weighting
     if weighting == "adaptive":
         kind = "agree" if len(axes) == 2 and np.vdot(*axes.values()) >= _COS_AGREEMENT else "differ"
-    weights = {cue: weight for cue, weight in zip(CUES, WEIGHTS[kind], strict=True) if cue in axes}
+    return _weights(kind, tuple(axes))
+
+
+@lru_cache(maxsize=64)
+def _weights(kind: str, cues: tuple[Cue, ...]) -> Mapping[Cue, float]:
+    weights = {cue: weight for cue, weight in zip(CUES, WEIGHTS[kind], strict=True) if cue in cues}
     total = sum(weights.values())
-    return {cue: weight / total for cue, weight in weights.items()} if total > 0 else {}
+    return MappingProxyType({cue: weight / total for cue, weight in weights.items()} if total > 0 else {})
 
 
 @lru_cache(maxsize=64)
@@ -189,64 +254,41 @@ def pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
     return np.concatenate([surface, axis], axis=1)
 
 
-@lru_cache(maxsize=64)
-def _cone_index(cones: int, n_rays: int) -> NDArray[np.intp]:
-    """The cone of each ray, of cones with so many rays each."""
-    return np.repeat(np.arange(cones), n_rays)
+def score_rays(origins_left: Float, directions: Float, entry_m: Float, boxes: Boxes) -> Float:
+    """Scores (P, R, T) of rays for boxes: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2); 0 for a miss.
 
-
-def _cast(cones: tuple[Cone, ...], axes: Sequence[Float], boxes: tuple[Box3D, ...], settings: ConesSettings) -> Rays:
-    """Cast the rays of the cones about each axis, one cone after another, and find where they enter the boxes."""
-    origin = cones[0].apex_left
-    bundle = pencil(settings.cones_rad, settings.n_rays, settings.axis_ray)
-    left_from_cone = np.array([left_from_crop(axis) for axis in axes])
-    directions = (bundle @ left_from_cone[:, None].swapaxes(-1, -2)).reshape(-1, 3)
-    return Rays(
-        origin_left=origin,
-        directions=directions,
-        cone_index=_cone_index(len(cones), bundle.shape[1]),
-        entry_m=entry_distance(origin, directions, boxes),
-    )
-
-
-def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
-    """Return the scores (R, T) of rays for targets: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2).
-
-    The sum of a target's scores is N s. |P - C| is at least d_min, except for eyes inside the box, where P is the eye
-    origin; there d_min is used.
+    The sum of a box's scores is N s. |P - C| is at least d_min, except for eyes inside the box, where P is the eye
+    origin; there d_min is used. The arguments are those of :func:`vfoa.geometry.entry_distances`, and its result.
     """
-    scores = np.zeros(rays.entry_m.shape)
-    if not boxes:
-        return scores
-    known = stacked(boxes)
-    d_max, d_min = known.d_max, known.d_min
-
+    scores = np.zeros(entry_m.shape)
     # most rays miss most boxes: compute P for the hits only
-    ray, box = np.nonzero(np.isfinite(rays.entry_m))
-    entry_point = rays.origin_left + rays.entry_m[ray, box, None] * rays.directions[ray]
-    distance = np.sqrt(((entry_point - known.center[box]) ** 2).sum(axis=1))
-    scores[ray, box] = (1.5 * d_max[box] - np.maximum(distance, d_min[box])) / (1.5 * d_max - d_min)[box]
+    hits = np.nonzero(np.isfinite(entry_m))
+    person, ray, box = hits
+    entry_point = origins_left[person] + entry_m[hits][:, None] * directions[person, ray]
+    distance = np.sqrt(((entry_point - boxes.center[person, box]) ** 2).sum(axis=1))
+    d_max, d_min = boxes.d_max[person, box], boxes.d_min[person, box]
+    scores[hits] = (1.5 * d_max - np.maximum(distance, d_min)) / (1.5 * d_max - d_min)
     return scores
 
 
-def _weigh(
-    ids: tuple[int, ...], shares: Mapping[Cue, Float], weights: Mapping[Cue, float]
-) -> tuple[TargetAttention, ...]:
-    """Equation (3): split each target's total into the parts of the cues, from the shares s (T,) of each cue."""
-    parts = {cue: share * weights[cue] for cue, share in shares.items()}
-    unknown = [float("nan")] * len(ids)
-    gaze, head = (parts[cue].tolist() if cue in parts else unknown for cue in CUES)
-    total = sum(parts.values(), start=np.zeros(len(ids))).tolist()
-    rows = zip(ids, gaze, head, total, strict=True)
-    return tuple(TargetAttention(instance_id=i, gaze=g, head=h, total=t) for i, g, h, t in rows)
+def _weigh(people: Sequence[_Looking], shares: Float) -> Iterator[tuple[TargetAttention, ...]]:
+    """Equation (3): split each target's total into the parts of the cues, from the shares s (P, C, T) of each cue."""
+    cues = tuple(people[0].axes)
+    parts = shares * np.array([[each.weights[cue] for cue in cues] for each in people])[:, :, None]
+    totals = parts.sum(axis=1).tolist()
+    unknown = np.full_like(parts[:, 0], np.nan)
+    gaze, head = ((parts[:, cues.index(cue)] if cue in cues else unknown).tolist() for cue in CUES)
+    for each, *columns in zip(people, gaze, head, totals, strict=True):
+        yield tuple(map(TargetAttention, each.ids, *columns))
 
 
-def _focus(values: tuple[TargetAttention, ...], rays: Rays) -> tuple[int | None, tuple[int, ...]]:
+def _focus(values: tuple[TargetAttention, ...], entry_m: Float) -> tuple[int | None, tuple[int, ...]]:
     """Return the target with the most attention and those that tie with it: nearest entry first, then by id."""
     most = max((value.total for value in values), default=0.0)
     if most == 0:
         return None, ()
     best = [column for column, value in enumerate(values) if value.total == most]
-    best.sort(key=lambda column: (np.fmin.reduce(rays.entry_m[:, column]), values[column].instance_id))
+    if len(best) > 1:
+        best.sort(key=lambda column: (np.fmin.reduce(entry_m[:, column]), values[column].instance_id))
     first, *tied = (values[column].instance_id for column in best)
     return first, tuple(tied)

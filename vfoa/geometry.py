@@ -307,8 +307,9 @@ class Boxes(NamedTuple):
     d_min: Float
 
     def in_cubes(self, point_left: Float) -> Float:
-        """A point (3,) in the cube of each box (T, 3)."""
-        return np.asarray(np.einsum("tji,tj->ti", self.left_from_box, point_left - self.center) / self.half_size)
+        """A point (..., 3) in the cube of each box (..., T, 3)."""
+        offset = point_left[..., None, :] - self.center
+        return np.asarray(np.einsum("...ji,...j->...i", self.left_from_box, offset) / self.half_size)
 
 
 _STACKED: Recent[Boxes] = Recent(32)
@@ -362,23 +363,32 @@ def box_corners(boxes: Sequence[Box3D]) -> Float:
     return stacked(boxes).corners
 
 
+def of_people(boxes: Sequence[Boxes]) -> Boxes:
+    """The boxes of P people, T each, as arrays (P, T, ...)."""
+    return Boxes(*map(np.array, zip(*boxes, strict=True)))
+
+
 def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:
     """Distance (R, T) along each of R unit directions (R, 3) to the entry into each of T boxes; NaN for a miss.
 
-    The slab method (Kay and Kajiya 1986). A direction component of zero is handled by a branch, since the branch-free
-    form gives NaN for an origin on the plane of a face. Only entries ahead count (t >= 0); an origin inside a box
-    enters it at distance 0.
-
-    In the box's own axes and in units of its half sizes, a box is the cube from -1 to 1. The axes come first in the
-    arrays, (3, R, T), so that the extremes over the three slabs are taken between whole planes. This is several times
-    faster than taking them within each ray's own three numbers.
+    Only entries ahead count (t >= 0); an origin inside a box enters it at distance 0.
     """
     origin, directions = np.asarray(origin_left, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-    if not boxes:
-        return np.empty((len(directions), 0))
-    known = stacked(boxes)
-    along = directions @ known.cube_from_left.transpose(2, 1, 0)
-    entry, leave = _slabs(known.in_cubes(origin).T[:, None, :], along)
+    return entry_distances(origin[None], directions[None], of_people([stacked(boxes)]))[0]
+
+
+def entry_distances(origins_left: Float, directions: Float, boxes: Boxes) -> Float:
+    """As :func:`entry_distance` for P people: (P, R, T) of origins (P, 3), directions (P, R, 3) and boxes (P, T, ...).
+
+    The slab method (Kay and Kajiya 1986). A direction component of zero is handled by a branch, since the branch-free
+    form gives NaN for an origin on the plane of a face.
+
+    In the box's own axes and in units of its half sizes, a box is the cube from -1 to 1. The axes come first in the
+    arrays, (3, P, R, T), so that the extremes over the three slabs are taken between whole planes. This is several
+    times faster than taking them within each ray's own three numbers.
+    """
+    along = directions @ boxes.cube_from_left.transpose(3, 0, 2, 1)
+    entry, leave = _slabs(boxes.in_cubes(origins_left).transpose(2, 0, 1)[:, :, None, :], along)
     return np.where(leave >= entry, entry, np.nan)
 
 

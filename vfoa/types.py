@@ -20,7 +20,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -485,7 +485,44 @@ class Rays:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TargetAttention:
+class Cast:
+    """The rays of one subject as they were computed, of which :attr:`cones` and :attr:`rays` are made when asked for.
+
+    ``axes`` (C, 3) are the directions of the ``cues``, each with a cone of each angle ``fovs_rad`` about it. A cone has
+    ``n_rays`` rays on its surface, and perhaps one along its axis. ``directions`` (R, 3) are those of the rays, one
+    cone after another, ``entry_m`` (R, T) as of :class:`Rays`.
+    """
+
+    origin_left: Float
+    cues: tuple[Cue, ...]
+    axes: Float
+    fovs_rad: tuple[float, ...]
+    n_rays: int
+    directions: Float
+    entry_m: Float
+
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """The cones, cue by cue."""
+        return tuple(
+            Cone(cue=cue, apex_left=self.origin_left, axis=axis, fov_rad=fov_rad, n_rays=self.n_rays)
+            for cue, axis in zip(self.cues, self.axes, strict=True)
+            for fov_rad in self.fovs_rad
+        )
+
+    @property
+    def rays(self) -> Rays:
+        """All rays."""
+        cones = len(self.cues) * len(self.fovs_rad)
+        return Rays(
+            origin_left=self.origin_left,
+            directions=self.directions,
+            cone_index=np.repeat(np.arange(cones), len(self.directions) // cones),
+            entry_m=self.entry_m,
+        )
+
+
+class TargetAttention(NamedTuple):
     """One target's attention in [0, 1]: each cue's weighted part (NaN: the cue was not measured), and their sum."""
 
     instance_id: int
@@ -529,7 +566,7 @@ class Attention:
     ``tied`` are the ids of the other targets with exactly the same value (the nearest won).
     ``missing`` says why nothing could be computed; then ``values`` is empty and ``focus`` is None.
     ``fit`` and ``belief`` are there where the attention is a posterior: ``belief`` is a
-    :class:`vfoa.posterior.belief.Belief`, which smoothing needs.
+    :class:`vfoa.posterior.belief.Belief`, which smoothing needs. ``cast`` is there where rays were cast.
     """
 
     subject: Subject
@@ -537,10 +574,19 @@ class Attention:
     focus: int | None = None
     tied: tuple[int, ...] = ()
     missing: NoAttention | None = None
-    cones: tuple[Cone, ...] = ()
-    rays: Rays | None = None
     fit: DirectionFit | None = None
     belief: Any = field(default=None, repr=False, compare=False)
+    cast: Cast | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def cones(self) -> tuple[Cone, ...]:
+        """The cones of rays about the subject's cues; none where the method casts no rays."""
+        return self.cast.cones if self.cast else ()
+
+    @property
+    def rays(self) -> Rays | None:
+        """The rays about the subject's cues; None where the method casts none."""
+        return self.cast.rays if self.cast else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

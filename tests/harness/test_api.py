@@ -190,7 +190,7 @@ def test_what_fails_is_warned_of_by_name(two_people: Path, monkeypatch: pytest.M
     def fails(*inputs: object) -> Attention:
         raise VfoaError("no room")
 
-    monkeypatch.setattr("vfoa.cones.pay_attention", fails)
+    monkeypatch.setattr("vfoa.cones.attend_people", fails)
     with pytest.warns(harness.IncompleteRunWarning) as warned:
         run = harness.run_experiment(two_people, out="run", cache=False)
     (warning,) = (each.message for each in warned if isinstance(each.message, harness.IncompleteRunWarning))

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.bench.plain import plain_attention
 from tests.scenes import make_box, make_subject, make_target, random_room
-from vfoa.cones import ConesSettings, pay_attention
+from vfoa.cones import ConesSettings, attend_people, pay_attention
 from vfoa.types import Attention, Box3D, NoAttention, Subject, Target
 
 AHEAD = (0.0, 0.0, 1.0)
@@ -203,6 +203,37 @@ def test_it_equals_the_plain_loop_over_rays_and_boxes(seed):
     expected = plain_attention(subject, targets, TWO_CONES)
     assert list(found) == list(expected)
     np.testing.assert_allclose(list(found.values()), list(expected.values()), atol=1e-12)
+
+
+@given(seeds, st.lists(st.integers(0, 5), min_size=1, max_size=30), st.sampled_from(["adaptive", "gaze"]))
+def test_people_attended_to_together_get_the_same_answers_as_alone(seed, kinds, weighting):
+    settings = ConesSettings(cones_cm=(10, 25), weighting=weighting)
+    people = [_of_kind(kind, seed + place) for place, kind in enumerate(kinds)]
+    for (subject, targets), together in zip(people, attend_people(people, settings), strict=True):
+        alone = pay_attention(subject, targets, settings)
+        assert together.subject is subject
+        assert str(together.values) == str(alone.values)  # NaN is equal to itself in words
+        assert (together.focus, together.tied, together.missing) == (alone.focus, alone.tied, alone.missing)
+        np.testing.assert_equal(_rays(together), _rays(alone))
+
+
+def _of_kind(kind: int, seed: int) -> tuple[Subject, tuple[Target, ...]]:
+    """A person in a room of its own, with another number of targets, without a cue or eyes, or one of the targets."""
+    subject, targets = random_room(seed)
+    own = replace(subject.person, instance_id=targets[0].instance.id)
+    kinds = {
+        1: (subject, targets[1:]),
+        2: (replace(subject, gaze=None), targets),
+        3: (replace(subject, gaze=None, head_pose=None), targets),
+        4: (replace(subject, person=replace(subject.person, eye_origin_left=None)), targets),
+        5: (replace(subject, person=own), targets),
+    }
+    return kinds.get(kind, (subject, targets))
+
+
+def _rays(attention: Attention) -> list[np.ndarray]:
+    rays = attention.rays
+    return [] if rays is None else [rays.origin_left, rays.directions, rays.cone_index, rays.entry_m]
 
 
 @given(seeds)
