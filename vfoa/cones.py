@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import islice
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -132,7 +133,14 @@ class Cones:
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[None, ...]
     ) -> tuple[tuple[Attention, ...], tuple[None, ...]]:
         """Compute every subject's attention in one frame, each alone."""
-        return tuple(attend_people([(subject, scene.targets) for subject in subjects], self._settings)), states
+        (attentions,) = self.attend_frames([(subjects, scene)])
+        return attentions, states
+
+    def attend_frames(self, frames: Sequence[tuple[tuple[Subject, ...], Scene]]) -> list[tuple[Attention, ...]]:
+        """Compute that of the subjects of many frames."""
+        people = [(subject, scene.targets) for subjects, scene in frames for subject in subjects]
+        answers = iter(attend_people(people, self._settings))
+        return [tuple(islice(answers, len(subjects))) for subjects, _ in frames]
 
 
 def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: ConesSettings) -> Attention:

@@ -72,6 +72,14 @@ class AttentionMethod(Protocol[State]):
         ...
 
 
+class FramesMethod(AttentionMethod[None], Protocol):
+    """A method without states that answers many frames at once sooner than one after the other."""
+
+    def attend_frames(self, frames: Sequence[tuple[tuple[Subject, ...], Scene]]) -> list[tuple[Attention, ...]]:
+        """Return what :meth:`attend` returns for the subjects of each scene, without the states."""
+        ...
+
+
 class RevisingMethod(AttentionMethod[State], Protocol[State]):
     """A method that can revise its answers when it knows later frames."""
 

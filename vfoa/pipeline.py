@@ -14,7 +14,7 @@ temporal gaze model needs the neighbouring frames: perceive keeps its crops, and
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, wait
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -28,14 +28,35 @@ from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
-from vfoa.methods import FRAME_S, AttentionMethod, MethodSettings, RevisingMethod, look_ahead_s, open_method
+from vfoa.methods import (
+    FRAME_S,
+    AttentionMethod,
+    FramesMethod,
+    MethodSettings,
+    RevisingMethod,
+    look_ahead_s,
+    open_method,
+)
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
 from vfoa.stereo import RegionMatcher, StereoMatcher
 from vfoa.stereo.region import needed_region
 from vfoa.tracking import Tracked, TrackingSettings
-from vfoa.types import Disparity, FrameResult, Gaze, Head, HeadView, Instances, NoGaze, Percepts, Scene, StereoFrame
+from vfoa.types import (
+    Attention,
+    Disparity,
+    FrameResult,
+    Gaze,
+    Head,
+    HeadView,
+    Instances,
+    NoGaze,
+    Percepts,
+    Scene,
+    StereoFrame,
+    Subject,
+)
 
 __all__ = ["AttendSettings", "Attending", "Stages", "perceive", "reconstruct"]
 
@@ -157,6 +178,33 @@ class Attending:
         self._states: dict[int, Any] = {}
         self._waiting: list[FrameResult] = []
 
+    @property
+    def takes_many(self) -> bool:
+        """Whether :meth:`steps` answers its frames at once."""
+        return hasattr(self._method, "attend_frames")
+
+    def steps(self, frames: Sequence[tuple[Scene, Tracked, Mapping[int, str] | None]]) -> list[FrameResult]:
+        """Attend to the next frames, as :meth:`step` does to each; at once if the method can. Raises what it raises.
+
+        After an error of a method that answers them at once, none of the frames has been attended to.
+        """
+        if not self.takes_many:
+            return [result for frame in frames for result in self.step(*frame)]
+        asked, gaze_filter = [], self._gaze_filter
+        for scene, tracked, names in frames:
+            subjects, gaze_filter = self._subjects(scene, tracked, names, gaze_filter)
+            asked.append((subjects, scene))
+        answers = cast("FramesMethod", self._method).attend_frames(asked)
+        if len(answers) != len(asked):
+            raise ValueError(f"answers to {len(answers)} frames; expected {len(asked)}, in order")
+        for (subjects, _), attentions in zip(asked, answers, strict=True):
+            _check_answers(subjects, attentions)
+        self._gaze_filter = gaze_filter
+        return [
+            FrameResult(scene=scene, attentions=attentions)
+            for (_, scene), attentions in zip(asked, answers, strict=True)
+        ]
+
     def step(self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None = None) -> list[FrameResult]:
         """Attend to the next frame; return the frames whose results are ready, which may be none.
 
@@ -167,24 +215,28 @@ class Attending:
         ValueError
             If the method does not answer for each subject in order, or does not revise each frame.
         """
-        people = tracked.people(scene.people)
-        subjects, gaze_filter = filter_cues(people, self._gaze_filter, self._settings.gaze_filter)
-        if names:
-            subjects = tuple(replace(subject, name=names.get(subject.track_id)) for subject in subjects)
+        subjects, gaze_filter = self._subjects(scene, tracked, names, self._gaze_filter)
         ids = [subject.track_id for subject in subjects]
         before = tuple(self._states[track] if track in self._states else self._method.start() for track in ids)
         attentions, after = self._method.attend(subjects, scene, before)
-        if [attention.subject.track_id for attention in attentions] != ids or len(after) != len(ids):
-            raise ValueError(
-                f"{len(attentions)} answers and {len(after)} states for {len(ids)} subjects; expected one of each, in "
-                "their order"
-            )
+        _check_answers(subjects, attentions)
+        if len(after) != len(ids):
+            raise ValueError(f"{len(after)} states for {len(ids)} subjects; expected one of each, in their order")
         states = {**self._states, **dict(zip(ids, after, strict=True))}
         self._states = {track: state for track, state in states.items() if track in tracked.open}
         self._gaze_filter = gaze_filter
         self._waiting.append(FrameResult(scene=scene, attentions=tuple(attentions)))
         awaited = self._awaited() if self._look_ahead_s else 0
         return self._release(len(self._waiting) - awaited) if len(self._waiting) > 2 * awaited else []
+
+    def _subjects(
+        self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None, gaze_filter: GazeFilterState
+    ) -> tuple[tuple[Subject, ...], GazeFilterState]:
+        """The subjects of a frame with filtered cues and names, and the filters after it."""
+        subjects, gaze_filter = filter_cues(tracked.people(scene.people), gaze_filter, self._settings.gaze_filter)
+        if names:
+            subjects = tuple(replace(subject, name=names.get(subject.track_id)) for subject in subjects)
+        return subjects, gaze_filter
 
     def finish(self) -> list[FrameResult]:
         """Return the results that still wait, at the end of the sequence."""
@@ -206,3 +258,11 @@ class Attending:
             ready = revised
         del self._waiting[:count]
         return ready
+
+
+def _check_answers(subjects: tuple[Subject, ...], attentions: Sequence[Attention]) -> None:
+    """Refuse answers that are not one for each subject in order."""
+    ids = [subject.track_id for subject in subjects]
+    found = [attention.subject.track_id for attention in attentions]
+    if found != ids:
+        raise ValueError(f"answers for the subjects {found}; expected one for each of {ids}, in their order")

@@ -7,9 +7,10 @@ attends to a clip when it is perceived (:mod:`harness.run.loop`), and a script t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeVar
@@ -30,6 +31,8 @@ from vfoa.methods import MethodSettings
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.types import FrameResult
 
+_Name = TypeVar("_Name")
+
 CHANGEABLE = ("attention", "gaze_filter")
 """Tables of a configuration that decide neither scenes nor directions."""
 
@@ -49,12 +52,18 @@ class Attender:
         self._attending = attending
         self._waiting: deque[tuple[SceneFrame, Timings]] = deque()
 
-    def step(self, frame: SceneFrame) -> list[Attended]:
-        """Attend to the next frame; return the frames that are finished now. Raises the errors of the method."""
-        timings: Timings = {}
-        with timed(timings, "attention"):
-            ready = guarded("attention", self._attending.step, frame.scene, frame.tracked, frame.names)
-        self._waiting.append((frame, timings))
+    @property
+    def takes_many(self) -> bool:
+        """Whether :meth:`steps` answers its frames at once."""
+        return self._attending.takes_many
+
+    def steps(self, frames: Sequence[SceneFrame]) -> list[Attended]:
+        """Attend to the next frames; return the frames that are finished now. Raises the errors of the method."""
+        together: Timings = {}
+        asked = [(frame.scene, frame.tracked, frame.names) for frame in frames]
+        with timed(together, "attention"):
+            ready = guarded("attention", self._attending.steps, asked)
+        self._waiting.extend((frame, {stage: ms / len(frames) for stage, ms in together.items()}) for frame in frames)
         return self._finished(ready)
 
     def finish(self) -> list[Attended]:
@@ -81,11 +90,31 @@ def attend_scenes(
     clouds = {each.attention.cloud_points for each in settings.values()}
     if len(clouds) > 1:
         raise ValueError(f"found settings with {sorted(clouds)} points of a cloud; expected the same number")
-    for frame in read_scenes(paths, *clouds):
-        for name, each in attenders.items():
-            yield from ((name, attended.frame, attended.result) for attended in each.step(frame))
+    for block in _blocks(read_scenes(paths, *clouds)):
+        for name, frames in _in_turn(block, {name: each.takes_many for name, each in attenders.items()}):
+            yield from ((name, attended.frame, attended.result) for attended in attenders[name].steps(frames))
     for name, each in attenders.items():
         yield from ((name, attended.frame, attended.result) for attended in each.finish())
+
+
+FRAMES_AT_ONCE = 8
+"""Frames that are read before they are attended to."""
+
+
+def _blocks(frames: Iterator[SceneFrame]) -> Iterator[Sequence[SceneFrame]]:
+    while block := tuple(islice(frames, FRAMES_AT_ONCE)):
+        yield block
+
+
+def _in_turn(
+    block: Sequence[SceneFrame], takes_many: Mapping[_Name, bool]
+) -> Iterator[tuple[_Name, Sequence[SceneFrame]]]:
+    """Who attends to which frames of a block next: to all at once, or everyone to a frame before any to the next.
+
+    So methods that ask the same of a frame, such as what of its targets is visible, share the answer.
+    """
+    yield from ((name, block) for name, many in takes_many.items() if many)
+    yield from ((name, (frame,)) for frame in block for name, many in takes_many.items() if not many)
 
 
 class Answering:
@@ -148,16 +177,30 @@ class Answering:
             self._open_sinks.__exit__(type(error), error, error.__traceback__)
             self._open_sinks = ExitStack()
 
-    def attend(self, frame: SceneFrame) -> None:
-        """Attend to one frame, and hand the frames that are finished now to the sinks: more than one when smoothed."""
+    @property
+    def takes_many(self) -> bool:
+        """Whether :meth:`attend` answers many frames at once."""
+        return self.error is None and self._attender.takes_many
+
+    def attend(self, frames: Sequence[SceneFrame]) -> None:
+        """Attend to the next frames, and hand those that are finished now to the sinks: others, too, when smoothed."""
         if self.error is not None:
             return
         try:
-            self._hand_over(self._attender.step(frame))
+            self._hand_over(self._attended(frames))
         except VfoaError as error:
-            if isinstance(error, StageError):
-                error.frame = frame.scene.index
             self.fail(error)
+
+    def _attended(self, frames: Sequence[SceneFrame]) -> list[Attended]:
+        """The frames that are finished now. A method that fails at many frames is asked again: the error names one."""
+        try:
+            return self._attender.steps(frames)
+        except VfoaError as error:
+            if len(frames) == 1:
+                if isinstance(error, StageError):
+                    error.frame = frames[0].scene.index
+                raise
+        return [each for frame in frames for each in self._attended((frame,))]
 
     def _hand_over(self, attended: Iterable[Attended]) -> None:
         """Hand frames to every sink, with their records. The time of the sinks, but the last one, counts as writing."""
@@ -168,9 +211,6 @@ class Answering:
             for sink in self._sinks:
                 with timed(timings, "answers"):
                     sink.write(finished)
-
-
-_Name = TypeVar("_Name")
 
 
 def _read_together(
@@ -214,10 +254,11 @@ def attend_clip(
             for each in answering:
                 opened.enter_context(each)
             try:
-                for frame in read_scenes(paths, group[0].attend.attention.cloud_points):
-                    for each in answering:
-                        each.attend(frame)
-                    check(len(groups))
+                for block in _blocks(read_scenes(paths, group[0].attend.attention.cloud_points)):
+                    for number, frames in _in_turn(block, {n: each.takes_many for n, each in enumerate(answering)}):
+                        answering[number].attend(frames)
+                    for _ in block:
+                        check(len(groups))
             except VfoaError as error:  # a table that is damaged
                 for each in answering:
                     each.fail(error)

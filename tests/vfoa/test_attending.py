@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tests.scenes import make_box, make_person, make_target
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.cones import ConesSettings
+from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.logit import LogitSettings, weigh_again
 from vfoa.methods import MethodSettings, look_ahead_s, open_method
 from vfoa.nearest import NearestSettings
@@ -197,6 +198,31 @@ def test_the_states_do_not_grow_with_the_people_who_have_left(monkeypatch: pytes
     assert len(attending._states) == TrackingSettings().ttl + 1
 
 
+@given(st.lists(st.lists(st.floats(-0.6, 0.6), max_size=3), min_size=1, max_size=12), st.data())
+def test_frames_attended_to_at_once_get_the_same_answers(gazes: list[list[float]], data: st.DataObject) -> None:
+    chosen = AttendSettings(gaze_filter=GazeFilterSettings(cues="both"), attention=ConesSettings())
+    tracker, frames = Tracker(TrackingSettings()), []
+    for index, of_people in enumerate(gazes):
+        people = tuple(make_person((90 * k, 0, 90 * k + 50, 50), gaze=(x, 0, 1)) for k, x in enumerate(of_people))
+        scene = Scene(index=index, time_ns=0, targets=TARGETS, people=people)
+        frames.append((scene, tracker.step(people), {1: "ann"}))
+    one_by_one, at_once = Attending(chosen), Attending(chosen)
+    expected = [result for frame in frames for result in one_by_one.step(*frame)]
+    cut = data.draw(st.integers(0, len(frames)))
+    found = at_once.steps(frames[:cut]) + at_once.steps(frames[cut:])
+    assert at_once.takes_many
+    assert content(found) == content(expected)
+    assert [result.scene for result in found] == [scene for scene, *_ in frames]
+
+
+def test_a_method_that_takes_one_frame_at_a_time_gets_them_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    attending, tracker = counting(monkeypatch, Counting()), Tracker(TrackingSettings())
+    people = (make_person((0, 0, 50, 50)),)
+    frames = [(Scene(index=k, time_ns=0, targets=(), people=people), tracker.step(people), None) for k in range(3)]
+    assert focuses(attending.steps(frames)) == [1, 2, 3]
+    assert not attending.takes_many
+
+
 def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Wrong(Counting):
         def attend(self, subjects, scene, states):
@@ -208,6 +234,16 @@ def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monke
         counting(monkeypatch, Wrong()).step(scene, Tracked(ids=(1, 2), open=frozenset({1, 2})))
     alone = replace(scene, people=scene.people[:1])
     assert counting(monkeypatch, Wrong()).step(alone, Tracked(ids=(1,), open=frozenset({1})))
+
+
+def test_a_method_that_answers_fewer_frames_than_asked_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Short(Counting):
+        def attend_frames(self, frames):
+            return [() for _ in frames][1:]
+
+    frames = [(scene, Tracked(ids=(1,), open=frozenset({1})), None) for scene in scenes([0, 0])]
+    with pytest.raises(ValueError, match="answers to 1 frames; expected 2"):
+        counting(monkeypatch, Short()).steps(frames)
 
 
 def test_a_method_that_revises_away_a_frame_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,17 +92,16 @@ def test_after_a_method_failed_a_retry_only_attends(
     whole = tmp_path / "whole"
     whole.mkdir()
     expected = _run(whole, ["studio_table"], recorded=recorded)
-    attend = Cones.attend
+    attend_frames, methods = Cones.attend_frames, list[Cones]()
 
-    def fails_once(self: Cones, subjects: Any, scene: Scene, states: Any) -> Any:
-        calls.append(scene.index)
-        if len(calls) == 2:
+    def fails_first(self: Cones, frames: Sequence[tuple[Any, Scene]]) -> Any:
+        methods.append(self)
+        if self is methods[0] and any(scene.index == 2 for _, scene in frames):
             raise ValueError("not today")
-        return attend(self, subjects, scene, states)
+        return attend_frames(self, frames)
 
-    calls: list[int] = []
     with monkeypatch.context() as patch:
-        patch.setattr(Cones, "attend", fails_once)
+        patch.setattr(Cones, "attend_frames", fails_first)
         (failure,) = _run(tmp_path, ["studio_table"], recorded=recorded).read_manifest().failed
     expected_error = "frame 2: attention: ValueError: not today"
     assert (failure.configuration, failure.error) == ("bm", expected_error)
