@@ -16,6 +16,7 @@ from harness.pipeline.configuration import Configuration
 from harness.pipeline.drawn_stage import DrawnClip
 from harness.pipeline.perception import Perception, SharedFrame, pose_frames
 from harness.report.formats import Table
+from harness.run.attend import FRAMES_AT_ONCE
 from harness.sources import MeasuredClip
 from vfoa.bayes import BayesSettings
 from vfoa.cones import ConesSettings, pay_attention
@@ -136,13 +137,13 @@ def time_methods(material: Mapping[str, Scenes], *, rounds: int = 5) -> dict[str
 
 
 def _ms_per_person(settings: MethodSettings, scenes: Scenes, rounds: int) -> float:
-    """Attend to all scenes, which are new in every round: nothing is known of them from the round before."""
+    """Attend to all scenes as a run does. They are new in every round: nothing is known of them from the one before."""
     spent = []
     for _ in range(rounds):
         attending, again = Attending(AttendSettings(attention=settings)), copy.deepcopy(scenes)
         begun = time.process_time()
-        for scene, tracked in again:
-            attending.step(scene, tracked)
+        for first in range(0, len(again), FRAMES_AT_ONCE):
+            attending.steps([(scene, tracked, None) for scene, tracked in again[first : first + FRAMES_AT_ONCE]])
         attending.finish()
         spent.append(time.process_time() - begun)
     return 1e3 * min(spent) / max(1, sum(len(tracked.people(scene.people)) for scene, tracked in scenes))
