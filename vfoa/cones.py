@@ -287,7 +287,8 @@ def _weigh(people: Sequence[_Looking], shares: Float) -> Iterator[tuple[TargetAt
     unknown = np.full_like(parts[:, 0], np.nan)
     gaze, head = ((parts[:, cues.index(cue)] if cue in cues else unknown).tolist() for cue in CUES)
     for each, *columns in zip(people, gaze, head, totals, strict=True):
-        yield tuple(map(TargetAttention, each.ids, *columns))
+        rows = zip(each.ids, *columns, strict=True)
+        yield tuple(TargetAttention(instance_id=i, gaze=g, head=h, total=t) for i, g, h, t in rows)
 
 
 def _focus(values: tuple[TargetAttention, ...], entry_m: Float) -> tuple[int | None, tuple[int, ...]]:

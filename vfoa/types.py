@@ -20,7 +20,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -522,7 +522,8 @@ class Cast:
         )
 
 
-class TargetAttention(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetAttention:
     """One target's attention in [0, 1]: each cue's weighted part (NaN: the cue was not measured), and their sum."""
 
     instance_id: int
