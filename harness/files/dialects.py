@@ -12,7 +12,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from harness.files.io import read_bytes
@@ -72,7 +72,7 @@ def table_rows(path: Path) -> list[Row]:
     if stated := _SEPARATOR_LINE.match(text):
         text, above, separator = text[stated.end() :], 1, stated[1]
     else:
-        above, separator = 0, _separator(text)
+        above, separator = 0, separator_of(text, _SEPARATORS, " ")
     rows = _split(text, separator, path, above)
     if rows:
         (line, header), *below = rows
@@ -107,11 +107,11 @@ def table_text(path: Path) -> str:
         ) from None
 
 
-def _separator(text: str) -> str:
-    """The sign that separates the cells of the header; blanks only if there is no other."""
+def separator_of(text: str, known: Sequence[str], otherwise: str) -> str:
+    """The sign that separates the cells of a text's first line: the most frequent of the ``known`` ones."""
     header = text.lstrip("\r\n").partition("\n")[0]
-    most = max(_SEPARATORS, key=header.count)
-    return most if most in header else " "
+    most = max(known, key=header.count)
+    return most if most in header else otherwise
 
 
 def _split(text: str, separator: str, path: Path, above: int) -> list[Row]:

@@ -1,7 +1,7 @@
 """CSV tables with a header. A blank cell is an unknown value.
 
-Tables with a version are read strictly; others in any dialect of :mod:`harness.files.dialects`, their columns in
-capitals or not.
+Tables with a version are read strictly, also as a spreadsheet program saves them; others in any dialect of
+:mod:`harness.files.dialects`, their columns in capitals or not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.files.dialects import Row, are_booleans, is_missing, number_hint, table_rows
+from harness.files.dialects import Row, are_booleans, is_missing, number_hint, separator_of, table_rows
 from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
@@ -282,6 +282,9 @@ def _finite_number(cell: str) -> float | None:
 def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every line that is not blank, the header first, below the line of the format's version.
 
+    A file with a version may have been saved by a spreadsheet program: with semicolons or tabs between its cells, and
+    blank cells at the ends of its lines.
+
     Raises
     ------
     VfoaError
@@ -291,15 +294,32 @@ def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list
     if version is not None:
         first, _, text = text.partition("\n")
         above = 1
-        if first.rstrip("\r") != version:
+        if not re.fullmatch(rf'("?){re.escape(version)}\1[,;\t]*', first.rstrip("\r")):
             raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}")
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    rows = _split(path, text, above, "," if version is None else separator_of(text, ",;\t", ","))
+    yield from rows if version is None else _without_blank_ends(rows)
+
+
+def _split(path: Path, text: str, above: int, separator: str) -> Iterator[Row]:
+    """Line and cells of every line of a text that is not blank; ``above`` lines precede it."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         for cells in reader:
             if cells:
                 yield reader.line_num + above, cells
     except csv.Error as error:
         raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
+
+
+def _without_blank_ends(rows: Iterator[Row]) -> Iterator[Row]:
+    """The rows that have any content, without blank cells beyond those of the header."""
+    width = 0
+    for line, cells in rows:
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        width = width or len(cells)
+        if any(cells):
+            yield line, cells
 
 
 def _checked_header(header: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:

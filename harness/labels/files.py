@@ -53,7 +53,8 @@ def read_annotations(
     Parameters
     ----------
     path
-        The file. A byte-order mark and CRLF line ends are accepted; blank lines are skipped.
+        The file. What spreadsheet programs make of it is accepted (:func:`harness.files.tables.csv_rows`), a byte-order
+        mark and CRLF line ends; blank lines are skipped.
     timeline
         The clip's frames and times; None if the clip cannot be opened: then frame numbers are not checked, and a
         file whose ranges are times cannot be read.
@@ -86,7 +87,7 @@ def read_annotations(
 def target_names(path: Path) -> tuple[str, ...]:
     """Every name in the column of targets, whether or not the manifest has it; none for a damaged file."""
     try:
-        _, header, *rows = [cells for _, cells in csv_rows(path)]
+        header, *rows = [cells for _, cells in csv_rows(path, VERSION_LINE)]
         place = header.index("target")
         return tuple(dict.fromkeys(cells[place] for cells in rows))
     except (VfoaError, ValueError, IndexError):

@@ -160,6 +160,26 @@ def test_a_run_of_equal_labels_is_a_range() -> None:
     ]
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_file_that_a_spreadsheet_program_saved_has_the_same_labels(tmp_path: Path, separator: str, end: str) -> None:
+    rows = [
+        ["# vfoa annotations 1", "", "", "", "", ""],
+        ["first_frame", "last_frame", "subject", "target", "note", ""],
+        ["3", "4", "girl", "bird", '"far, small; here"', ""],
+        ["", "", "", "", "", ""],
+        ["5", "5", "girl", "none", "", ""],
+    ]
+    text = "".join(separator.join(row) + end for row in rows)
+    labels = _read(write_bytes(tmp_path / "a.csv", text.encode("utf-8-sig")))
+    assert [(each.first_frame, each.last_frame, each.label) for each in labels.ranges] == [
+        (3, 4, Label(target="bird", note="far, small; here")),
+        (5, 5, Label(target="none")),
+    ]
+    with pytest.raises(VfoaError, match=r"a\.csv:6: unknown target 'brid'"):
+        _read(write_text(tmp_path / "a.csv", text + separator.join(["6", "7", "girl", "brid", "", ""])))
+
+
 @pytest.mark.parametrize(
     ("rows", "line", "message"),
     [
@@ -194,7 +214,9 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, rows: str, line: int, 
         (b"", r"a\.csv:1: found ''.*'# vfoa annotations"),
         (b"# vfoa annotations 2\n", r"a\.csv:1: found '# vfoa annotations 2'"),
         (b"# vfoa annotations 1\n", r"a\.csv:2: no header"),
-        (b"# vfoa annotations 1\nfirst_frame;last_frame\n", r"a\.csv:2: header 'first_frame;last_frame'"),
+        (b"# vfoa annotations 1\nfirst_frame;last_frame\n", r"a\.csv:2: header 'first_frame,last_frame'"),
+        (b"# vfoa annotations 10,,\n", r"a\.csv:1: found '# vfoa annotations 10,,'"),
+        (b"# vfoa annotations 1;x\n", r"a\.csv:1: found '# vfoa annotations 1;x'"),
         (HEAD.encode() + b"1,2,girl,bird,caf\xe9\n", r"a\.csv:3: not UTF-8 .*0xe9"),
         (POINT_HEAD.encode() + b"1,2,girl,bird,,5,\n", r"a\.csv:3: u_px,v_px: found '5,'"),
         (POINT_HEAD.encode() + b"1,2,girl,bird,,5,nan\n", r"a\.csv:3: u_px,v_px"),
