@@ -13,6 +13,16 @@ from vfoa.removed import removed
 Model = TypeVar("Model", bound=BaseModel)
 Owners = Callable[[str], Iterable[str]]
 
+EXPECTED = {
+    **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
+    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("float_parsing", "float_type"), "a number"),
+    "string_type": "text",
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    **dict.fromkeys(("dict_type", "model_type"), "a table"),
+}
+"""What pydantic expects, by the type of its error, in the words of a TOML file."""
+
 
 def parse(
     model: type[Model],
@@ -71,7 +81,7 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
     if kind == "value_error":  # our own validators raise it, and say what was found
         return f"{prefix}{mistake['ctx']['error']}"
     message = mistake["msg"].removeprefix("Input should be ")
-    expected = f"expected {message}" if message != mistake["msg"] else message
+    expected = f"expected {EXPECTED.get(kind, message)}" if message != mistake["msg"] else message
     return f"{prefix}{expected}, found {_short(mistake['input'])}"
 
 

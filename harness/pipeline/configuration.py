@@ -337,6 +337,15 @@ def takes(tables: Tables, dotted: str) -> bool:
     return table in STEPS and key in STEPS[table].model_fields
 
 
+def is_setting(table: str, key: str) -> bool:
+    """Whether any stage or step can have the setting ``table.key``."""
+    if slot := STAGES.get(table):
+        return any(slot.takes(name, key) for name in slot.names())
+    if table == "attention":
+        return key == "method" or bool(METHODS.choices_with("attention.method", key))
+    return table in STEPS and key in STEPS[table].model_fields
+
+
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
     """Reject a default that no configuration has ``used``, as (table, key): it is probably misspelt.
 

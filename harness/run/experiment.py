@@ -41,6 +41,7 @@ from harness.pipeline.configuration import (
     Configuration,
     check_all_used,
     inherited,
+    is_setting,
     make_configuration,
     merged,
     takes,
@@ -259,7 +260,8 @@ def _configurations(
     file: _File, changes: Sequence[_Change], preset: str | None, where: str
 ) -> tuple[tuple[Configuration, ...], list[Note]]:
     """Return every configuration of the file with the changes that it has, and notes on changes that some lack."""
-    layers = [_Layers.of(variant, file, preset, where) for variant in variants(file.grid, file.configuration, where)]
+    found = variants(file.grid, file.configuration, where, is_setting)
+    layers = [_Layers.of(variant, file, preset, where) for variant in found]
     changed = {each.variant.name: each.tables(changes) for each in layers}
     lacking = {key: [name for name, tables in changed.items() if not takes(tables, key)] for key, _ in changes}
     partly = {key: names for key, names in lacking.items() if 0 < len(names) < len(layers)}  # all: an error

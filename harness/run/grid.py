@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
@@ -31,8 +31,15 @@ class Variant:
     preset: str | None
 
 
-def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
+def variants(
+    grid: Mapping[str, Any],
+    configurations: Sequence[Mapping[str, Any]],
+    where: str,
+    is_setting: Callable[[str, str], bool],
+) -> Iterator[Variant]:
     """Yield every combination of a grid, or every named configuration.
+
+    ``is_setting`` says whether a table can have a setting.
 
     Raises
     ------
@@ -44,7 +51,7 @@ def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]
     if configurations:
         yield from _named(configurations, where)
         return
-    axes = [_alternatives(key, values, where) for key, values in grid.items()]
+    axes = [_alternatives(key, values, where) for key, values in _dotted(grid, where, is_setting)]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
         factors = {key: label for label, key, _ in combination}
@@ -72,13 +79,41 @@ def _variant(name: str, where: str, factors: Mapping[str, str], differences: Ite
     return Variant(name=name, factors=factors, differences=tuple(others.items()), preset=preset)
 
 
+def _dotted(grid: Mapping[str, Any], where: str, is_setting: Callable[[str, str], bool]) -> Iterator[tuple[str, Any]]:
+    """Key and values of each axis: without quotes, TOML reads ``attention.cones_cm`` as a table in a table."""
+    for key, values in grid.items():
+        inner = values if "." not in key and isinstance(values, dict) else {}
+        settings = [name for name, value in inner.items() if not _is_named_table(key, name, value, is_setting)]
+        if not settings:
+            yield key, values
+        elif len(settings) == len(inner):
+            yield from ((f"{key}.{name}", value) for name, value in inner.items())
+        else:
+            raise VfoaError(
+                f"{where}: grid.{key}: expected settings with their values, or named tables of settings; found both, "
+                f"such as {settings[0]!r} and {next(name for name in inner if name not in settings)!r}"
+            )
+
+
+def _is_named_table(table: str, name: str, value: Any, is_setting: Callable[[str, str], bool]) -> bool:
+    """Whether a value has a name and is some settings of a table; else the name is that of a setting."""
+    if not isinstance(value, dict):
+        return False
+    return any(is_setting(table, key) for key in value) or not is_setting(table, name)
+
+
 def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:
     """(label, dotted key, value) for each alternative of one axis of the grid."""
     if isinstance(values, list) and values:
-        return [(str(value), key, value) for value in values]
+        return [(_label(value), key, value) for value in values]
     if isinstance(values, dict) and values:
         return [(label, key, value) for label, value in values.items()]
     raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
+
+
+def _label(value: Any) -> str:
+    """The name of a value that has none: those of a list are joined, so that ``[10, 25]`` is ``10_25``."""
+    return "_".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[Configuration]:

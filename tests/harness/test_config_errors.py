@@ -42,7 +42,7 @@ class _Outer(Settings):
         ({"inner": {"depth_m": float("nan")}}, "f: inner.depth_m: expected a finite number, found nan"),
         (
             {"inner": 3, "several": 4},
-            "f: inner: expected a valid dictionary or instance of _Inner, found 3 (and 1 more)",
+            "f: inner: expected a table, found 3 (and 1 more)",
         ),
     ],
 )

@@ -121,6 +121,8 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + "[grid]\n'attention.n_ray' = [4]\n", "'attention.n_ray'; did you mean 'n_rays'"),
         (HEAD + "[grid]\n'attention.n_rays' = ['many']\n", r"attention.n_rays: .*'many'"),
         (HEAD + "[grid]\n'attention.n_rays' = 4\n", r"grid\.attention\.n_rays: expected a list"),
+        (HEAD + "[grid]\nattention.n_rays = 4\n", r"grid\.attention\.n_rays: expected a list"),
+        (HEAD + "[grid.attention]\nn_rays = [4]\none = { n_rays = 4 }\n", "attention: .*both, .*'n_rays' and 'one'"),
         (HEAD.replace("min_depth_m", "min_depth"), r"defaults\.stereo\.min_depth: "),
         (HEAD.replace('clips = ["one", "two"]', ""), r"clips: .*found none"),
         (HEAD.replace("clips", "clip"), r"'clip'.*'clips'"),
@@ -292,6 +294,25 @@ def test_an_experiment_says_the_kind_of_its_recordings(tmp_path: Path) -> None:
         assert load_experiment(str(path)).recording == kind
     path.write_text('clips = ["a"]\npreset = "measured"\n')
     assert load_experiment(str(path)).recording == "light"
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        '"attention.cones_cm" = [[10], [10, 25]]\n"stereo.matcher" = ["bm", "sgbm"]\n',
+        'attention.cones_cm = [[10], [10, 25]]\nstereo.matcher = ["bm", "sgbm"]\n',
+        'attention.cones_cm = { 10 = [10], 10_25 = [10, 25] }\nstereo.matcher = { bm = "bm", sgbm = "sgbm" }\n',
+    ],
+)
+def test_a_grid_needs_no_quotes_and_no_names(tmp_path: Path, axes: str) -> None:
+    found = load_experiment(_write(tmp_path, HEAD + "[grid]\n" + axes)).configurations
+    assert [(each.name, each.attend.attention.model_dump()["cones_cm"]) for each in found] == [
+        ("10-bm", (10,)),
+        ("10-sgbm", (10,)),
+        ("10_25-bm", (10, 25)),
+        ("10_25-sgbm", (10, 25)),
+    ]
+    assert found[3].factors == {"attention.cones_cm": "10_25", "stereo.matcher": "sgbm"}
 
 
 def test_a_label_of_a_grid_can_stand_for_several_settings(tmp_path: Path) -> None:
