@@ -77,7 +77,7 @@ def test_a_line_that_passes_the_camera_is_left_out(shown: list[Shown]) -> None:
     person = replace(near.subject.person, eye_origin_left=np.array([0.0, 0.0, 0.25]))
     towards = replace(person.view.head_pose, direction=np.array([0.0, 0.0, -1.0]))
     subject = replace(near.subject, person=person, head_pose=towards)
-    result = replace(shown[0].result, attentions=(replace(near, subject=subject, cones=()),))
+    result = replace(shown[0].result, attentions=(replace(near, subject=subject, cast=None),))
     (ann,) = thumbnail(shown[0].frame.rig, result, shown[0].record).subjects
     assert [cue for cue, _ in ann.lines] == ["gaze"]
 
