@@ -140,7 +140,9 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     for line in further:
         console.print(line, markup=False)
     say(f"Report (all tables: frr.md): {run / 'report.html'}")
-    if scores.wrong_frames:
+    if not scores.is_recorded:
+        say("Not recorded: to scrub, run with --recording light.")
+    elif scores.wrong_frames:
         say(f"Scrub a failure: vfoa view {run} --failures")
     else:
         say(f"Scrub: vfoa view {run}")

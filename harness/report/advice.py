@@ -181,6 +181,12 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
 """Advice for each error type: phrases in the imperative, without a full stop."""
 
 
-def advice(error_type: str, configurations: Iterable[Plain]) -> list[str]:
-    """What to try next for an error type, in a run with these configurations, the first step first."""
-    return list(NEXT_STEPS[error_type](_Run(tuple(configurations))))
+def advice(error_type: str, configurations: Iterable[Plain], *, recorded: bool = True) -> list[str]:
+    """What to try next for an error type, in a run with these configurations, the first step first.
+
+    ``recorded``: the run has recordings; without them, steps that look at one begin with a run that makes them.
+    """
+    steps = NEXT_STEPS[error_type](_Run(tuple(configurations)))
+    return [
+        step if recorded else step.replace("(vfoa view", "(run with --recording light, vfoa view") for step in steps
+    ]

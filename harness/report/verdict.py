@@ -221,7 +221,7 @@ def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     counts = _error_types(scores, configurations)
     return [
         f"{count} of {counts.total()} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
-        f"{'; '.join(advice(name, scores.settings.values()))}."
+        f"{'; '.join(advice(name, scores.settings.values(), recorded=scores.is_recorded))}."
         for name, count in counts.most_common(_MOST_STEPS)
     ]
 
@@ -232,7 +232,7 @@ def _next_lines(scores: Scores, room: int) -> list[str]:
     if not counts:
         return []
     ((name, count),) = counts.most_common(1)
-    steps = advice(name, scores.settings.values())
+    steps = advice(name, scores.settings.values(), recorded=scores.is_recorded)
     if room == 1:
         share = f"{100 * count / counts.total():.0f} % of errors: {name}"
         return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]

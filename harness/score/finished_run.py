@@ -181,6 +181,7 @@ class FinishedRun:
             factors=run.factors,
             settings=run.configurations,
             phases={name: manifests[name].phase_of_things() for name in read if manifests[name].phases},
+            is_recorded=run.recording is not None,
         )
 
     def note_labels(self, annotator: str | None = None) -> None:

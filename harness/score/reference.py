@@ -23,7 +23,8 @@ class Reference:
     ``names_now`` are the present names of renamed targets by clip and name in the results.
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
     ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
-    each clip that has some, by the number of things beside people in a frame.
+    each clip that has some, by the number of things beside people in a frame. ``is_recorded`` says whether the run has
+    recordings, for advice.
     """
 
     labels: Mapping[str, Labels]
@@ -36,6 +37,7 @@ class Reference:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     phases: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    is_recorded: bool = True
 
     def wanted_frames(self, clip: str) -> list[int]:
         """The frames of a clip that are scored if they have a label, in order."""

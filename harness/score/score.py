@@ -110,9 +110,9 @@ class Scores:
     Clips and configurations are in the order of the results; subjects by clip, configuration, subject. ``notes``
     are shown with every table. ``published`` are published figures. ``measures`` compare the stages with the ground
     truth, ``directions`` the measured directions with the posterior. ``judged_subjects`` are the input of the rows.
-    ``unknown_names``, ``factors`` and ``settings`` are as in :class:`Reference`. ``phases`` are the scores of each
-    phase of the clips that have some, on these clips together; without notes and measures. ``has_answers_of_file``
-    says whether another system gave the answers of a configuration.
+    ``unknown_names``, ``factors``, ``settings`` and ``is_recorded`` are as in :class:`Reference`. ``phases`` are the
+    scores of each phase of the clips that have some, on these clips together; without notes and measures.
+    ``has_answers_of_file`` says whether another system gave the answers of a configuration.
     """
 
     clips: tuple[str, ...]
@@ -128,6 +128,7 @@ class Scores:
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     phases: Mapping[str, Scores] = field(default_factory=dict)
     has_answers_of_file: bool = False
+    is_recorded: bool = True
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -217,6 +218,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         judged_subjects=tuple(subjects),
         unknown_names=reference.unknown_names,
         settings=reference.settings,
+        is_recorded=reference.is_recorded,
         has_answers_of_file=any(traits.from_file for traits in reference.traits.values()),
         phases={phase: _phase_scores(judged_subjects(judged, reference, phase), metrics) for phase in phases},
     )

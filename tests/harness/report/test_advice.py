@@ -87,6 +87,12 @@ def test_every_option_that_is_advised_is_taken(tmp_path: Path) -> None:
     assert len(advised) >= 7
 
 
+def test_a_run_without_recordings_is_not_viewed_before_there_are_some() -> None:
+    recorded, not_recorded = (advice("outscored", [], recorded=each) for each in (True, False))
+    assert recorded[0] == "see what won instead (vfoa view RUN --failures)"
+    assert not_recorded[0] == "see what won instead (run with --recording light, vfoa view RUN --failures)"
+
+
 @pytest.mark.parametrize("name", MEASURED)
 def test_nothing_of_images_is_advised_for_measurements(name: str) -> None:
     configurations = _plain(_load(name), name)
