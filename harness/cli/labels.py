@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,7 +15,6 @@ from harness.cli.terminal import say
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
     from harness.labels.labels import Labels
-    from harness.report.formats import Table
     from harness.sources import AnyClip
 
 app = typer.Typer(
@@ -172,18 +170,6 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         say(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
-_MOST_ROWS = 40
-"""Most rows of a table on the terminal."""
-
-
-def _on_terminal(table: Table) -> Table:
-    """The table, or its first rows and a note if it has many."""
-    if len(table.rows) <= _MOST_ROWS:
-        return table
-    note = f"The first {_MOST_ROWS} of {len(table.rows)} rows; --out DIR writes all."
-    return changed(table, rows=table.rows[:_MOST_ROWS], notes=(*table.notes, note))
-
-
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")
 def agreement(
     clip: Clip,
@@ -192,7 +178,7 @@ def agreement(
     replace: Replace = False,
 ) -> None:
     """Compare annotators: kappa with its interval, agreement per target, confusion, and a list of differences."""
-    from harness.cli.terminal import print_reports
+    from harness.cli.terminal import first_rows, print_reports
     from harness.clips.manifest import load_manifest
     from harness.files.io import check_new, write_together
     from harness.report.agreement import agreement_tables
@@ -204,7 +190,7 @@ def agreement(
     labels = _labels_by_annotator(manifest, opened, annotators or [])
     comparison = compare_annotators(labels, opened.frames, opened.rate_hz)
     tables = agreement_tables(manifest.name, labels, comparison, opened.frames)
-    print_reports(map(_on_terminal, tables.values()))
+    print_reports(first_rows(table, "rows; --out DIR writes all") for table in tables.values())
     if out:
         page = "\n".join(to_markdown(table, level=2) for table in tables.values())
         texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(table) for name, table in tables.items()}}

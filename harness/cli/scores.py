@@ -8,15 +8,16 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from urllib.parse import quote, urlencode
 
 import typer
 
 from harness.cli.options import Json, NoOpen, Port, Run, Verbose, Where, run_folder
-from harness.cli.terminal import print_json, print_reports, say
+from harness.cli.terminal import MOST_ROWS, first_rows, print_json, print_reports, say
 
 if TYPE_CHECKING:
+    from harness.report.comparisons import PlannedPair
     from harness.run.directory import RunDirectory
     from harness.score.compared_runs import ComparedRuns
     from harness.score.comparison import Comparison
@@ -200,7 +201,14 @@ def compare(
         print_json(_as_json(compared))
     else:
         say("\n".join(compared_lines(compared)))
-        print_reports([ranking_table(compared), terminal_comparisons(compared.comparisons)])
+        comparisons = terminal_comparisons(_best_first(compared.comparisons, [row.name for row in compared.ranked()]))
+        all_of_them = "--json prints all, and --page FILE shows them"
+        print_reports(
+            [
+                first_rows(ranking_table(compared), f"configurations; {all_of_them}"),
+                first_rows(comparisons, f"pairs, the best configurations first; {all_of_them}"),
+            ]
+        )
         if page is not None:
             atomic_write(page, render_comparison(compared, report_link(page), where=" and ".join(where or ())))
             say(f"Page: {page}")
@@ -333,6 +341,20 @@ def plan(
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    planned = plan_pairs(read_scores(RunDirectory(run_folder(run))), points / 100)
+    scores = read_scores(RunDirectory(run_folder(run)))
+    planned = plan_pairs(scores, points / 100)
     say(plan_sentence(planned, points / 100))
-    print_reports([plan_table(planned, points / 100)])
+    ranked = sorted(scores.overall(), key=lambda row: -row.frr)
+    table = plan_table(_best_first(planned, [row.configuration for row in ranked]), points / 100)
+    print_reports([first_rows(table, "pairs, the best configurations first")])
+
+
+_Pair = TypeVar("_Pair", "Comparison", "PlannedPair")
+
+
+def _best_first(pairs: Sequence[_Pair], ranked: Sequence[str]) -> Sequence[_Pair]:
+    """Pairs of configurations, those of the best ones first if they are more than are printed."""
+    if len(pairs) <= MOST_ROWS:
+        return pairs
+    rank = {name: place for place, name in enumerate(ranked)}
+    return sorted(pairs, key=lambda pair: sorted(rank[name] for name in pair.names))

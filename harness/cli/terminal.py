@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +70,18 @@ def print_report(table: Table, *, bold: int | None = None) -> None:
         if bold is not None:
             printed.rows[bold].style = "bold"
         console.print(printed)
+
+
+MOST_ROWS = 40
+"""Most rows of a table of which the whole is elsewhere."""
+
+
+def first_rows(table: Table, others: str) -> Table:
+    """The table, or its first rows and a note if it has many; ``others`` says where the others are."""
+    if len(table.rows) <= MOST_ROWS:
+        return table
+    note = f"The first {MOST_ROWS} of {len(table.rows)} {others}."
+    return replace(table, rows=table.rows[:MOST_ROWS], notes=(*table.notes, note))
 
 
 def print_reports(tables: Iterable[Table]) -> None:

@@ -185,6 +185,10 @@ def ablation_csv(scores: Scores) -> Table:
     )
 
 
+MOST_IDENTICAL = 3
+"""Most pairs of configurations without a difference that the notes of a plan name."""
+
+
 class PlannedPair(NamedTuple):
     """Two configurations on a run, and the clips that it takes to tell them apart: as they are, and twice as long.
 
@@ -244,6 +248,7 @@ def plan_sentence(planned: Sequence[PlannedPair], difference: float) -> str:
 
 def plan_table(planned: Sequence[PlannedPair], difference: float) -> Table:
     """For every two configurations, the number of clips needed, and the figures that it follows from, where known."""
+    identical = [each for each in planned if each.pairs.is_identical]
     return Table.of(
         f"Clips needed to see a difference of {100 * difference:g} points",
         "Configuration | Against | Clips | Range | Twice the looks | Points now | Detectable now | Spread of clips | "
@@ -252,10 +257,10 @@ def plan_table(planned: Sequence[PlannedPair], difference: float) -> Table:
         words=2,
         notes=(
             *(
-                f"{configuration} vs {reference}: {identical_on(pairs.n)}, so that their spread is not known."
-                for (reference, configuration), pairs, *_ in planned
-                if pairs.is_identical
+                f"{each.names[1]} vs {each.names[0]}: {identical_on(each.pairs.n)}, so that their spread is not known."
+                for each in identical[:MOST_IDENTICAL]
             ),
+            *([f"So are {more} more pairs."] if (more := len(identical) - MOST_IDENTICAL) > 0 else []),
             f"Clips: the fewest that find the difference with a probability of {100 * POWER:.0f} %, averaged over the "
             f"spreads that the clips of this run leave possible; at least {LEAST_CLIPS}, the fewest that a test by "
             "clip takes. Range: the fewest for the same probability if the spread is at the ends of its "

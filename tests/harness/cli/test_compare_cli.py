@@ -226,3 +226,20 @@ def test_what_cannot_be_compared_is_said(tmp_path: Path, arguments: list[str], s
     error = CliRunner().invoke(app, ["compare", *places]).exception
     assert isinstance(error, VfoaError)
     assert said in str(error)
+
+
+def test_many_configurations_are_compared_and_planned_in_few_rows_the_best_first(tmp_path: Path) -> None:
+    names = [f"c{number}" for number in range(12)]
+    records = []
+    for right, name in enumerate(names):  # the last one is the best
+        said = [_target(k // LOOK) if k % LOOK < 2 * right else "none" for k in range(FRAMES)]
+        records += answers(said, clip="tabletop", configuration=name)
+    entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [*range(1, FRAMES + 1)]}
+    write_run(tmp_path / "many", records, notes=[], clips=[entry], configurations={name: {} for name in names})
+    for command in ("compare", "plan"):
+        said = CliRunner().invoke(app, [command, "many"], env={"COLUMNS": "200"}).stdout
+        rows = re.findall(r"^ (c\d+) +(c\d+) ", said, re.MULTILINE)
+        assert len(rows) == 40
+        assert all("c11" in row for row in rows[:11])
+        assert "40 of 66 pairs" in said
+    assert len(json.loads(CliRunner().invoke(app, ["compare", "many", "--json"]).stdout)["comparisons"]) == 66

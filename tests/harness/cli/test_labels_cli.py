@@ -241,7 +241,7 @@ def test_of_many_differences_the_first_are_on_the_terminal_and_all_in_the_file(
     rows = (folder / "tables" / "differences.csv").read_text().splitlines()[1:]
     assert len(rows) > 1
     assert "--out DIR" not in whole
-    monkeypatch.setattr("harness.cli.labels._MOST_ROWS", 1)
+    monkeypatch.setattr("harness.cli.terminal.MOST_ROWS", 1)
     first = vfoa(monkeypatch, capsys, *words)[1]
     assert f"The first 1 of {len(rows)} rows; --out DIR writes all." in first
     assert (folder / "tables" / "differences.csv").read_text().splitlines()[1:] == rows
