@@ -87,10 +87,11 @@ def _blocks(run: LabelledRun) -> list[Fold]:
     """Leave out one block of time after another."""
     times = [person.sequence.times_s[k] for person in run.people for k in person.labelled]
     begin, end = min(times), max(times)
-    count = min(int((end - begin) / BLOCK_S), _MOST_BLOCKS)
+    labelled_s = end - begin + max(max(person.sequence.gaps_s[:1], default=0.0) for person in run.people)
+    count = min(int(labelled_s / BLOCK_S + 1e-6), _MOST_BLOCKS)
     if count < 2:
         raise VfoaError(
-            f"fit: {run.experiment}: {end - begin:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
+            f"fit: {run.experiment}: {labelled_s:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
             f"one part and score on the other {_UNSCORED}"
         )
     folds = []

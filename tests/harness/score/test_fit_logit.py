@@ -211,6 +211,20 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     assert not set(first.train[0].labelled) & set(first.test[0].labelled)
 
 
+@pytest.mark.parametrize(("frames", "blocks"), [(50, 2), (49, 0)])
+def test_twenty_labelled_seconds_are_enough_the_last_frame_included(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, frames: int, blocks: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), frames, 2 * STEP_NS)  # each frame lasts 0.4 s
+    labelled = read_labelled(_plain_run(tmp_path))
+    if blocks:
+        assert len(folds_of(labelled, None)) == blocks
+    else:
+        with pytest.raises(VfoaError, match=r"19\.6 s are labelled; expected at least 20 s"):
+            folds_of(labelled, None)
+
+
 def _plain_run(folder: Path) -> RunDirectory:
     """A run of the experiment, which several fits can read."""
     return run_plainly(load_experiment("talk.toml"), folder / "run", cache=None)
