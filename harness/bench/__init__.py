@@ -94,3 +94,5 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "gpu": _gpu,
     "attention": _attention,
 }
+OF_IMAGES = ("stereo", "realtime", "gpu")
+"""The sections that need a clip with images."""

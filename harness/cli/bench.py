@@ -31,13 +31,14 @@ def bench(
     overwrite: Replace = False,
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
-    from harness.bench import SECTIONS, Bench
-    from harness.cli.terminal import print_report
+    from harness.bench import OF_IMAGES, SECTIONS, Bench
+    from harness.cli.terminal import print_report, say
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.report.formats import to_markdown
     from harness.run.experiment import load_experiment
     from harness.run.plan import host, versions
+    from harness.sources import MeasuredClip
     from vfoa.errors import VfoaError, check_known
     from vfoa.onnx import check_provider
     from vfoa.removed import removed
@@ -55,7 +56,16 @@ def bench(
     manifest = load_manifest(chosen.clips[0])
     if out:
         check_new(out, replace=overwrite, hint=", or another --out", inputs=manifest.files)
-    frames = tuple(manifest.open().frames[:limit])
+    opened = manifest.open()
+    frames = tuple(opened.frames[:limit])
+    sections = only or list(SECTIONS)
+    if isinstance(opened, MeasuredClip):
+        if wrong := [name for name in only or () if name in OF_IMAGES]:
+            raise VfoaError(
+                f"bench: --only: {wrong[0]}: {manifest.name} holds measurements; expected a clip with images"
+            )
+        sections = [name for name in sections if name not in OF_IMAGES]
+        say(f"{manifest.name} holds measurements: without {', '.join(OF_IMAGES)}, which are of images.")
     given = Bench(
         name=experiment,
         experiment=chosen,
@@ -65,7 +75,7 @@ def bench(
         overrides=changes,
     )
     tables = []
-    for name in only or SECTIONS:
+    for name in sections:
         for table in SECTIONS[name](given):
             print_report(table)
             tables.append(table)

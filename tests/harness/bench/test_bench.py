@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from harness.bench import SECTIONS
+from harness.bench import SECTIONS, Bench
 from harness.bench.attention import scenes_of, seeded_scenes, time_methods
 from harness.bench.gpu import measure_gpu
 from harness.bench.realtime import ROWS, configuration_of, measure_speed, rows_at_hand
 from harness.bench.stages import measure_stages
 from harness.cli import main
+from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
+from harness.report.formats import Table
 from harness.run.experiment import load_experiment
 from tests import graphs
+from tests.command import vfoa
+from tests.disk import write_text
+from tests.measured import EXPERIMENT, measured_tables
 from vfoa.bayes import BayesSettings
 
 CLIP = "studio_table"
@@ -113,6 +119,25 @@ def test_people_of_seeded_scenes_move_among_things_at_rest() -> None:
     assert all(scene.targets is scenes[0].targets for scene in scenes)
     eyes = {tuple(person.eye_origin_left.tolist()) for scene in scenes for person in scene.people}
     assert len(eyes) == 20
+
+
+def test_a_clip_of_measurements_is_timed_without_the_sections_of_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    add_clip(measured_tables(tmp_path / "talk"), name="talk")
+    write_text(tmp_path / "talk.toml", EXPERIMENT)
+    monkeypatch.setattr("harness.bench.SECTIONS", {name: _titled(name) for name in SECTIONS})
+    assert vfoa(monkeypatch, capsys, "bench", "talk.toml", "--out", "b.md")[0] == 0
+    heads = [line for line in Path("b.md").read_text().splitlines() if line.startswith("## ")]
+    assert heads == ["## stages", "## attention"]
+    code, _, said = vfoa(monkeypatch, capsys, "bench", "talk.toml", "--only", "gpu")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "gpu: talk holds measurements" in said
+
+
+def _titled(name: str) -> Callable[[Bench], list[Table]]:
+    return lambda bench: [Table(title=name, columns=("clip",), rows=((bench.manifest.name,),), words=1)]
 
 
 def test_a_section_that_is_not_there_is_one_line(
