@@ -18,7 +18,8 @@ from vfoa.errors import VfoaError, check_known, listed
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
-    from harness.clips.check import ClipCheck, ClipRow
+    from harness.clips.check import ClipCheck
+    from harness.clips.listing import ClipRow
     from harness.pipeline.stage_files.other_programs import Part, Program
     from harness.sources import Clip, MeasuredClip
 
@@ -264,7 +265,7 @@ def _print_rig(added: Added) -> None:
 @app.command(name="list", short_help="List every clip.")
 def list_clips(as_json: Json = False) -> None:
     """List every clip: those of the working directory, then those of the package."""
-    from harness.clips.check import list_clips as find_clips
+    from harness.clips.listing import list_clips as find_clips
 
     rows = find_clips()
     if as_json:
@@ -289,7 +290,8 @@ def check_clips(
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
-    from harness.clips.check import check_clip, clips_at_hand, clips_named
+    from harness.clips.check import check_clip
+    from harness.clips.listing import clips_at_hand, clips_named
 
     names, left_out = clips_named(clips) if clips else clips_at_hand()
     checks = [check_clip(clip, every_frame=every_frame) for clip in names]
@@ -376,7 +378,7 @@ def _convert_vr_objects(root: Path) -> None:
 
 
 def _print_list(rows: list[ClipRow]) -> None:
-    from harness.clips.check import unset_lines
+    from harness.clips.listing import unset_lines
 
     print_table(
         ["clip", "adapter", "frames", "people", "targets", "labels", "licence"],

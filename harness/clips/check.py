@@ -1,29 +1,22 @@
-"""List clips and check whether each can be used: files, calibration, rectification, depth, labels."""
+"""Check whether a clip can be used: files, calibration, rectification, depth, labels."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
-from harness.clips.axes import other_axes
-from harness.clips.families import clip_files
-from harness.clips.manifest import ClipManifest, clips_here, load_manifest, manifest_notes
+from harness.clips.listing import attempt, labels_of, scored_labels
+from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
-from harness.files.folders import folders
-from harness.files.remote import unset_variables
-from harness.labels.labels import IGNORED, RESERVED, Label, Labels, timeline_of
+from harness.clips.measured_check import axis_notes, measurement_problems
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
-from vfoa.errors import VfoaError, did_you_mean, listed
+from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, StereoFrame
-
-Value = TypeVar("Value")
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
@@ -126,7 +119,7 @@ def _rectified_notes(manifest: ClipManifest, error_px: float) -> Iterator[str]:
     if error_px < DOUBTED_ROWS_PX:
         return
     as_they_are = manifest.model_copy(update={"source": {**manifest.source, "rectified": True}})
-    frames, _ = _attempt(lambda: _sample(as_they_are.open_images()))  # None of a source without such a setting
+    frames, _ = attempt(lambda: _sample(as_they_are.open_images()))  # None of a source without such a setting
     offsets = _offsets_px(frames or ())
     if len(offsets) >= MIN_MATCHES and (own_px := _rows_apart_px(offsets)) < error_px / 2:
         yield (
@@ -172,87 +165,6 @@ def _known_depths_m(frames: Sequence[StereoFrame]) -> Float:
     return np.concatenate([np.zeros(0), *depths])
 
 
-MAX_DISTANCE_M = 100.0
-"""A position further from the origin than this is probably in millimetres."""
-
-
-def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
-    """Names of the manifest that do not occur, and positions that cannot be in metres."""
-    ids = {**clip.people, **clip.objects}
-    kinds = {number: clip.categories[name] for name, number in ids.items()}
-    for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
-        for name, rule in rules.items():
-            if rule.category not in kinds.values():
-                yield f"{table}.{name}.category: {did_you_mean(rule.category, kinds.values())}"
-            elif rule.instance is not None and kinds.get(rule.instance) != rule.category:
-                yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
-            elif rule.instance is None and not rule.is_shared:
-                yield f"{table}.{name}: without images, expected instance, or the category alone"
-    farthest_m = max((distance for number in clip.frames for distance in _distances_m(clip, number)), default=0.0)
-    if farthest_m > MAX_DISTANCE_M:
-        yield f"a person or object is {farthest_m:g} m away; expected metres (millimetres?)"
-
-
-MOST_AIMS = 400
-"""Most labelled frames of a clip in which directions are compared with the labels."""
-
-
-def axis_notes(manifest: ClipManifest, clip: MeasuredClip, labels: Labels | None) -> Iterator[str]:
-    """A note if the directions seem to be in another program's axes: gazes, or heads where no gaze was measured."""
-    looks = [look for look in labels.labelled(clip.frames) if look[2].target not in RESERVED] if labels else []
-    aims = [aim for look in looks[:: -(-len(looks) // MOST_AIMS) or 1] if (aim := _aim(manifest, clip, *look))]
-    directions, to_targets = np.array(aims, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
-    if (found := other_axes(directions, to_targets)) is not None:
-        yield str(found)
-
-
-def _aim(
-    manifest: ClipManifest, clip: MeasuredClip, number: int, subject: str, label: Label
-) -> tuple[Float, Float] | None:
-    """A person's direction in a frame, and the vector from the eyes to the labelled target; None if not known."""
-    scene = clip.scene(number)
-    own, aimed_at = _ids(manifest, clip, subject), _ids(manifest, clip, label.target)
-    person = next((person for person in scene.people if person.instance_id in own), None)
-    boxes = (target.box for target in scene.targets if target.instance.id in aimed_at)
-    box = next((box for box in boxes if box is not None), None)
-    if person is None or box is None or person.eye_origin_left is None:
-        return None
-    measured = person.view.gaze or person.view.head_pose
-    return None if measured is None else (measured.direction, box.center_m - person.eye_origin_left)
-
-
-def _ids(manifest: ClipManifest, clip: MeasuredClip, name: str) -> set[int]:
-    """The instances that a name of the manifest may be."""
-    rule = {**manifest.subjects, **manifest.targets}[name]
-    ids = {**clip.people, **clip.objects}
-    of_kind = {ids[own] for own, category in clip.categories.items() if category == rule.category}
-    return of_kind if rule.instance is None else {rule.instance}
-
-
-def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:
-    scene = clip.scene(number)
-    yield from (float(np.linalg.norm(target.box.center_m)) for target in scene.targets if target.box is not None)
-    yield from (float(np.linalg.norm(p.eye_origin_left)) for p in scene.people if p.eye_origin_left is not None)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClipRow:
-    """One clip of the list. ``frames`` is None if it cannot be opened; ``problem`` says why.
-
-    ``unset`` is the environment variable that its root needs and that is not set.
-    """
-
-    name: str
-    adapter: str | None = None
-    frames: int | None = None
-    subjects: tuple[str, ...] = ()
-    targets: tuple[str, ...] = ()
-    licence: str | None = None
-    labels: int | None = None
-    problem: str | None = None
-    unset: str | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipCheck:
     """The result of checking one clip; it can be used if there are no ``problems``.
@@ -275,52 +187,6 @@ class ClipCheck:
     problems: tuple[str, ...] = ()
 
 
-def list_clips() -> list[ClipRow]:
-    """Return every clip that can be found: those of the working directory by name, then those of the package."""
-    paths = clip_files()
-    own = _own(paths)
-    return [_row(name, path) for name, path in {**own, **paths}.items()]
-
-
-def _own(paths: Mapping[str, Path]) -> dict[str, Path]:
-    """The clips of the working directory."""
-    return {name: path for name, path in paths.items() if path.parent == folders("datasets")[0]}
-
-
-def unset_lines(unset: Mapping[str, str | None]) -> list[str]:
-    """A line for each environment variable that is not set: the clips that need it, from that of each clip, if any."""
-    return [
-        f"{variable} is not set: {', '.join(name for name, of_clip in unset.items() if of_clip == variable)}"
-        for variable in dict.fromkeys(filter(None, unset.values()))
-    ]
-
-
-def clips_at_hand() -> tuple[list[str], list[str]]:
-    """Return the clips that ``vfoa clips check`` checks by default, and a line for each kind that it leaves out.
-
-    They are those of the working directory, or of the package if there are none, whose data can be here: the
-    variables in their root are set. A manifest that cannot be read is one of them.
-    """
-    paths = clip_files()
-    own = _own(paths)
-    manifests = {name: _attempt(partial(load_manifest, path, name))[0] for name, path in (own or paths).items()}
-    unset = {name: _unset(manifest) if manifest else None for name, manifest in manifests.items()}
-    here, left_out = [name for name, variable in unset.items() if variable is None], unset_lines(unset)
-    if own and (packaged := len(paths) - len(own)):
-        left_out.append(f"{packaged} clips that came with vfoa; name one to check it")
-    return here, left_out
-
-
-def clips_named(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the clips that are asked for, each once, and a line for those that are left out.
-
-    A family, by its name or file, stands for those of its clips that are here. Raises the errors of
-    :func:`~harness.clips.manifest.clips_here`.
-    """
-    here, absent = clips_here(names)
-    return [*dict.fromkeys(here)], [f"no files here: {listed(absent)}"] if absent else []
-
-
 def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels.
 
@@ -337,12 +203,12 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
     except VfoaError as error:
         return ClipCheck(name=name, problems=unreadable or (str(error),))
-    labels, label_problems = _labels(manifest, clip)
+    labels, label_problems = labels_of(manifest, clip)
     if isinstance(clip, MeasuredClip):
         return ClipCheck(
             name=manifest.name,
             frames=len(clip.frames),
-            labels=_scored(labels, clip),
+            labels=scored_labels(labels, clip),
             notes=(*clip.notes, *axis_notes(manifest, clip, labels)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
@@ -352,7 +218,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0
     error_px = _rows_apart_px(offsets) if is_matched else 0.0
     few = f"{len(offsets)} points were matched between left and right; rectification is checked from {MIN_MATCHES} on"
-    _, drawn_problems = _attempt(lambda: manifest.drawn(clip.frames))
+    _, drawn_problems = attempt(lambda: manifest.drawn(clip.frames))
     return ClipCheck(
         name=manifest.name,
         frames=len(clip.frames),
@@ -361,7 +227,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         baseline_m=rig.baseline_m if has_right else None,
         vertical_error_px=error_px if is_matched else None,
         matches=len(offsets) if has_right else None,
-        labels=_scored(labels, clip),
+        labels=scored_labels(labels, clip),
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
@@ -383,14 +249,6 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     )
 
 
-def _attempt(read: Callable[[], Value]) -> tuple[Value | None, tuple[str, ...]]:
-    """What ``read`` returns, or None and its error."""
-    try:
-        return read(), ()
-    except VfoaError as error:
-        return None, (str(error),)
-
-
 def _unreadable(clip: Clip) -> tuple[str, ...]:
     """The frames that cannot be read: their number, each number, and the first error."""
     errors: dict[int, str] = {}
@@ -403,46 +261,6 @@ def _unreadable(clip: Clip) -> tuple[str, ...]:
         return ()
     first = next(iter(errors.values()))
     return (f"{len(errors)} of {len(clip.frames)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
-
-
-def _row(name: str, path: Path) -> ClipRow:
-    try:
-        manifest = load_manifest(path, name)
-    except VfoaError as error:
-        return ClipRow(name=name, problem=str(error))
-    clip, problems = _attempt(manifest.open)
-    labels, label_problems = _labels(manifest, clip)
-    return ClipRow(
-        name=manifest.name,
-        adapter=manifest.adapter,
-        frames=None if clip is None else len(clip.frames),
-        subjects=tuple(manifest.subjects),
-        targets=tuple(manifest.targets),
-        licence=manifest.licence,
-        labels=_scored(labels, clip),
-        problem=next(iter((*problems, *label_problems)), None),
-        unset=_unset(manifest),
-    )
-
-
-def _unset(manifest: ClipManifest) -> str | None:
-    """The first variable that the root needs and that is not set."""
-    return next(iter(unset_variables(manifest.root or "")), None)
-
-
-def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[Labels | None, tuple[str, ...]]:
-    """A clip's labels, without its times if it cannot be opened, and their problems."""
-    return _attempt(lambda: manifest.labels(None if clip is None else timeline_of(clip)))
-
-
-def _scored(labels: Labels | None, clip: Clip | MeasuredClip | None) -> int | None:
-    """Number of (frame, subject) pairs with a label that is scored; the rows' own lengths count without the clip."""
-    if labels is None:
-        return None
-    if clip is None:
-        scored = [label_range for label_range in labels.ranges if label_range.label.target != IGNORED]
-        return sum(label_range.last_frame - label_range.first_frame + 1 for label_range in scored)
-    return sum(1 for _, _, label in labels.labelled(clip.frames) if label.target != IGNORED)
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import clips_at_hand, clips_named
 from harness.clips.families import clip_files
+from harness.clips.listing import clips_at_hand, clips_named
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import labels_text, write_bytes, write_image, write_text
 
