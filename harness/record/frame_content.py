@@ -60,9 +60,10 @@ def log_attention(
         path = entities.subject_3d(configuration, names[attention.subject.track_id])
         reach = reach_m(attention, result.scene)
         _log_eyes(log, path, attention)
-        _log_cones(log, path, attention, reach)
-        if attention.rays is not None:
-            _log_rays(log, path, attention.cones, attention.rays, reach)
+        cones, rays = attention.cones, attention.rays
+        _log_cones(log, path, cones, reach)
+        if rays is not None:
+            _log_rays(log, path, cones, rays, reach)
     _log_curves(log, configuration, record, names, colours, known)
     _log_heads(log, configuration, record, names)
     _log_targets_2d(log, configuration, record, colours)
@@ -80,10 +81,10 @@ def _log_eyes(log: FrameLog, path: str, attention: Attention) -> None:
             log.row(arrow, rr.Arrows3D, style=style, origins=eyes[None], vectors=ARROW_M * direction[None])
 
 
-def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> None:
-    wires = cone_wires(attention.cones, reach).astype(np.float32)
+def _log_cones(log: FrameLog, path: str, cones: Sequence[Cone], reach: float) -> None:
+    wires = cone_wires(cones, reach).astype(np.float32)
     for cue in CUES:
-        ours = [cone.cue == cue for cone in attention.cones]
+        ours = [cone.cue == cue for cone in cones]
         if any(ours):
             style = _style(0.75, _dim(CUE_COLOURS[cue], 0.7))
             log.row(f"{path}/{cue}/cones", rr.LineStrips3D, style=style, strips=wires[ours])

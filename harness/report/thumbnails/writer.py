@@ -131,8 +131,9 @@ def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumb
 
 def _lines(attention: Attention, scene: Scene, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
     """The cones and directions of a subject as seen in the picture."""
-    wires = cone_wires(attention.cones, reach_m(attention, scene), rim=RIM)
-    lines = _projected([cone.cue for cone in attention.cones], wires, rig, scale)
+    cones = attention.cones
+    wires = cone_wires(cones, reach_m(attention, scene), rim=RIM)
+    lines = _projected([cone.cue for cone in cones], wires, rig, scale)
     eyes, subject = attention.subject.person.eye_origin_left, attention.subject
     seen = {cue: direction for cue in CUES if (direction := subject.direction(cue)) is not None}
     if eyes is not None and seen:
