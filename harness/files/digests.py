@@ -51,6 +51,8 @@ def settled_stamp(parts: Sequence[tuple[str, str]]) -> str | None:
 
 KNOWN: dict[str, str] = {}
 """Digests by the stamp of their files: those of this process, and those that an earlier one has noted."""
+IMPORTED: dict[tuple[str, str], tuple[str, ...]] = {}
+"""What code imports, by its module and the digest of its source: found by this process, or told by another one."""
 
 
 _used: dict[str, str] | None = None
@@ -177,22 +179,22 @@ def _spec(module: str) -> ModuleSpec | None:
     return namespace
 
 
-@cache
 def _imports(module: str, path: Path, digest: str) -> tuple[str, ...]:
-    """Every name that a module imports, anywhere in its code; a name imported from a package may be a module.
+    """Every name that a module imports, anywhere in its code; a name imported from a package may be a module."""
+    if (module, digest) not in IMPORTED:
+        package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+        IMPORTED[module, digest] = tuple(_imported(_statements(ast.parse(path.read_bytes())), package))
+    return IMPORTED[module, digest]
 
-    Kept while the file has this digest: most code imports the same modules.
-    """
-    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    names: list[str] = []
-    for node in _statements(ast.parse(path.read_bytes())):
+
+def _imported(statements: Iterable[ast.AST], package: str) -> Iterator[str]:
+    for node in statements:
         if isinstance(node, ast.Import):
-            names += (alias.name for alias in node.names)
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             start = "." * node.level + (node.module or "")
             name = resolve_name(start, package) if node.level else start
-            names += (name, *(f"{name}.{alias.name}" for alias in node.names))
-    return tuple(names)
+            yield from (name, *(f"{name}.{alias.name}" for alias in node.names))
 
 
 def _statements(module: ast.Module) -> Iterator[ast.AST]:

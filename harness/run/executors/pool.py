@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Self
 
+from harness.files.digests import IMPORTED
 from harness.processes import keep_working_directory_out
 from harness.run.executors import (
     ATTEMPTS,
@@ -141,9 +142,8 @@ class Pool:
         self._listener.progress = progress
         if self._processes is None:
             self._started = wanted
-            self._processes = ProcessPoolExecutor(
-                wanted, mp_context=self._context, initializer=_begin, initargs=(self._listener.told, self._ending)
-            )
+            given = self._listener.told, self._ending, IMPORTED
+            self._processes = ProcessPoolExecutor(wanted, mp_context=self._context, initializer=_begin, initargs=given)
         return self._processes, self._listener
 
     def _stop(self) -> None:
@@ -213,9 +213,11 @@ class _Listener:
         self.told.close()
 
 
-def _begin(pipe: Connection, stop: c_bool) -> None:
+def _begin(pipe: Connection, stop: c_bool, imported: Mapping[tuple[str, str], tuple[str, ...]]) -> None:
+    """Begin a worker. ``imported`` is what the parent's :data:`IMPORTED` has: code is parsed once for all workers."""
     global _told, _stop
     _told, _stop = pipe, stop
+    IMPORTED.update(imported)
     for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends them to all processes; the parent decides
         signal.signal(number, signal.SIG_IGN)
     compute_with(1)
