@@ -1,7 +1,8 @@
 """Attend: the scenes and directions of a run become answers, without images and stages.
 
-Scenes are read once for all configurations that share them, and attended to frame by frame in their order. A run
-attends to a clip when it is perceived (:mod:`harness.run.loop`), and a script to a finished run under other settings.
+Scenes are read once for all configurations that share them, and attended to in their order, a few frames at a time. A
+run attends to a clip when it is perceived (:mod:`harness.run.loop`), and a script to a finished run under other
+settings.
 """
 
 from __future__ import annotations
