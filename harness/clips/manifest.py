@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -34,6 +35,9 @@ class PhaseRule(Settings):
     things: int = Field(ge=0)
 
 
+_CLIP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*")
+
+
 class ClipManifest(Settings):
     """One clip: the source of its frames, the people and objects in it, and its licence.
 
@@ -42,8 +46,7 @@ class ClipManifest(Settings):
     ``phases`` are parts of the recording in which people do something else: tables have their rates apart, too.
     """
 
-    # two underscores separate clip and configuration in the names of a run's files
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*$")
+    name: str
     adapter: str
     root: str | None = None
     labels_file: str | None = None
@@ -56,6 +59,16 @@ class ClipManifest(Settings):
     phases: dict[str, PhaseRule] = Field(default_factory=dict)
 
     _path: Path = PrivateAttr()
+
+    @field_validator("name")
+    @classmethod
+    def _name_of_files(cls, name: str) -> str:
+        """Two underscores separate clip and configuration in the names of a run's files."""
+        if not _CLIP_NAME.fullmatch(name):
+            raise ValueError(
+                f"found {name!r}; expected letters (A to Z), digits, '.' and '-', also in words joined by one '_' each"
+            )
+        return name
 
     @field_validator("subjects", "targets")
     @classmethod
@@ -228,8 +241,9 @@ def _check_times(clip: Clip | MeasuredClip) -> None:
 
 
 def as_clip_name(text: str, *, default: str) -> str:
-    """Make a clip's name from any text; the default if nothing of it is left."""
-    return re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("._-") or default
+    """Make a clip's name from any text, letters without their accents; the default if nothing of it is left."""
+    plain = "".join(sign for sign in unicodedata.normalize("NFKD", text) if not unicodedata.combining(sign))
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", plain).strip("._-") or default
 
 
 def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None) -> ClipManifest:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.clips.families import clip_files
-from harness.clips.manifest import clips_here, load_manifest
+from harness.clips.manifest import as_clip_name, clips_here, load_manifest, make_manifest
 from harness.files.remote import expand
 from harness.labels.labels import timeline_of
 from harness.run.experiment import load_experiment
@@ -97,7 +97,7 @@ def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.Mon
         ("[targets.bird]", "[phases.a]\nthing = 2\n[targets.bird]", r"unknown key 'phases\.a\.thing'.*things"),
         ('name = "clip"', 'name = "other"', r"name: found 'other'; expected 'clip'"),
         ('name = "clip"', 'name = "../clip"', r"name: "),
-        ('name = "clip"', 'name = "clip__two"', r"name: "),
+        ('name = "clip"', 'name = "clip__two"', r"name: found .clip__two.; expected letters"),
         ('name = "clip"', "name = ", r"not TOML: .*line 2"),
     ],
 )
@@ -291,3 +291,18 @@ def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: p
     write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
     with pytest.raises(VfoaError, match=r"clips: talks: .*2 clips.*talk_1"):
         load_experiment("conversation", clips=("talks",))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("Übung 1 (Café)", "Ubung_1_Cafe"),
+        ("2024-05-01 14.30", "2024-05-01_14.30"),
+        ("a__b", "a_b"),
+        ("..hidden", "hidden"),
+        ("会話", "clip"),
+    ],
+)
+def test_any_text_becomes_a_name_that_a_manifest_takes(text: str, name: str) -> None:
+    assert as_clip_name(text, default="clip") == name
+    assert make_manifest({"name": name, "adapter": "measured"}, Path(f"{name}.toml")).name == name
