@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+from harness.labels.labels import IGNORED
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors import Executor, Progress
 from harness.run.experiment import Experiment, RecordingKind
-from harness.run.plan import Fit, Plan
+from harness.run.plan import Fit, Plan, PreparedClip
 from harness.run.runner import prepare, run_plan
 from vfoa.methods import MethodSettings
 
@@ -56,6 +57,10 @@ def run_whole(
     kind = recording or experiment.recording
     sinks = composed_sinks(experiment.configurations, recorded=kind != "none", jpeg=kind == "jpeg")
     plan = prepare(experiment, limit=limit, sinks=sinks, fit=_LEFT_OUT)
+    if plan.unfitted:
+        from harness.score.fit_logit import check_left_out
+
+        check_left_out(experiment.name, [each.manifest.name for each in plan.clips if _has_labels(each)])
     with bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,
@@ -70,6 +75,11 @@ def run_whole(
             retry_failed=retry_failed,
         )
     return plan, directory
+
+
+def _has_labels(clip: PreparedClip) -> bool:
+    """Whether a frame that is run has a label that counts."""
+    return clip.labels is not None and any(label.target != IGNORED for _, _, label in clip.labels.labelled(clip.frames))
 
 
 def _fitted(plan: Plan, tables: Mapping[Pair, Mapping[str, Path]], executor: Executor) -> Mapping[str, MethodSettings]:

@@ -256,6 +256,15 @@ def _constant(person: LabelledPerson, share: float) -> Float:
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
+def check_left_out(experiment: str, clips: Sequence[str]) -> None:
+    """Refuse to fit weights for each labelled clip on the others if there are none."""
+    if len(clips) < 2:
+        raise VfoaError(
+            f'{experiment}: attention.weights = "left-out": found labels of {", ".join(clips) or "no clip"} alone; '
+            "expected two labelled clips or more"
+        )
+
+
 def left_out_weights(
     experiment: Experiment,
     tables: Mapping[Pair, Mapping[str, Path]],
@@ -329,11 +338,7 @@ def _left_out_weights(
 ) -> dict[str, Any]:
     """The settings with weights fitted to all people, and for each clip to the people of the others."""
     clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
-    if len(clips) < 2:
-        raise VfoaError(
-            f'{experiment}: attention.weights = "left-out": labels of {", ".join(clips)} alone; expected two labelled '
-            "clips or more"
-        )
+    check_left_out(experiment, clips)
     others = {clip: [person for person in people if person.sequence.group != clip] for clip in clips}
     by_clip = {clip: fitted_to(of_others, smoothings) for clip, of_others in others.items()}
     return {"weights": fitted_to(people, smoothings), "by_clip": by_clip}

@@ -398,8 +398,9 @@ def test_weights_are_not_left_out_of_one_clip_and_not_fitted_by_a_plain_run(left
         run_plan(prepare(load_experiment("talk.toml")), tmp_path / "plain", workers=1, progress=lambda clip: None)
     assert not (tmp_path / "plain").exists()
     (tmp_path / "annotations" / "two.csv").unlink()
-    with pytest.raises(VfoaError, match=r'attention\.weights = "left-out": '):
+    with pytest.raises(VfoaError, match=r'attention\.weights = "left-out": found labels of one alone'):
         _run(tmp_path / "alone")
+    assert not (tmp_path / "alone").exists()  # nothing was perceived
 
 
 def a_course(clouds: Mapping[int, Map] | None = None, *, heads: bool = False) -> list[SceneFrame]:
