@@ -21,9 +21,15 @@ WIDE_CM, NARROW_CM = 40, 20
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """The configurations of a run."""
+    """The configurations of a run, and whether it has recordings."""
 
     configurations: tuple[Plain, ...]
+    is_recorded: bool
+
+    @property
+    def view(self) -> str:
+        """The command that shows the run; without recordings, after a run that makes them."""
+        return "vfoa view RUN" if self.is_recorded else "run with --recording light, vfoa view RUN"
 
     def values(self, table: str, key: str) -> list[Any]:
         """The value of a setting in every configuration that has it."""
@@ -61,7 +67,7 @@ class _Run:
 def _no_subject(run: _Run) -> Iterator[str]:
     yield "check the subject's rule in the manifest ([subjects.NAME])"
     if run.has_images:
-        yield "see which heads were found (vfoa view RUN --failures)"
+        yield f"see which heads were found ({run.view} --failures)"
         yield from _faces(run)
 
 
@@ -86,13 +92,13 @@ def _face_turned_away(run: _Run) -> Iterator[str]:
     if "gaze" in run.values("attention", "weighting"):
         yield "let the head count where the gaze has no answer (--set attention.weighting=adaptive)"
     else:
-        yield "the head counts where the gaze has no answer: see its pose (vfoa view RUN --failures)"
+        yield f"the head counts where the gaze has no answer: see its pose ({run.view} --failures)"
 
 
 def _no_direction(run: _Run) -> Iterator[str]:
     if run.has_images:
         yield from _faces(run)
-        yield "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures)"
+        yield f"gaze and head models gave nothing: look at the head boxes ({run.view} --failures)"
     else:
         yield "neither gaze nor head was measured in these frames"
     yield "coverage says how many frames have an answer"
@@ -104,7 +110,7 @@ def _no_answer(run: _Run) -> Iterator[str]:
 
 
 def _no_object(run: _Run) -> Iterator[str]:
-    yield "see where the point lies (vfoa view RUN --failures)"
+    yield f"see where the point lies ({run.view} --failures)"
     if run.has_images:
         yield "give more objects a mask, or draw them (vfoa annotate CLIP, key p)"
 
@@ -121,7 +127,7 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
 
 
 def _false_attention(run: _Run) -> Iterator[str]:
-    yield "see what was met although nothing is looked at (vfoa view RUN --failures)"
+    yield f"see what was met although nothing is looked at ({run.view} --failures)"
     if option := run.cones(NARROW_DEG, NARROW_CM):
         yield f"try narrower cones{option}"
     if "nearest" in run.values("attention", "method"):
@@ -133,17 +139,17 @@ def _no_hit(run: _Run) -> Iterator[str]:
     if option := run.cones(WIDE_DEG, WIDE_CM):
         yield f"try wider cones{option}"
     yield from _other_methods(run, "which always has an answer")
-    yield "see where the rays go (vfoa view RUN --failures)"
+    yield f"see where the rays go ({run.view} --failures)"
 
 
 def _missed(run: _Run) -> Iterator[str]:
-    yield "see by how much gaze and head are off (vfoa view RUN --failures)"
+    yield f"see by how much gaze and head are off ({run.view} --failures)"
     if option := run.cones(WIDE_DEG, WIDE_CM):
         yield f"wider cones{option} forgive more, and must be chosen on other clips"
 
 
 def _outscored(run: _Run) -> Iterator[str]:
-    yield "see what won instead (vfoa view RUN --failures)"
+    yield f"see what won instead ({run.view} --failures)"
     if run.has_images:
         yield "see which stage costs the frames (vfoa run CLIP --oracle, on a clip with ground truth)"
 
@@ -151,7 +157,7 @@ def _outscored(run: _Run) -> Iterator[str]:
 def _wrong_subject(run: _Run) -> Iterator[str]:
     rule = "at_px or box_px" if run.has_images else "instance"
     yield f"tell people apart by {rule} in the manifest ([subjects.NAME])"
-    yield "see the tracks (vfoa view RUN)"
+    yield f"see the tracks ({run.view})"
 
 
 def _other_methods(run: _Run, why: str) -> Iterator[str]:
@@ -186,7 +192,4 @@ def advice(error_type: str, configurations: Iterable[Plain], *, recorded: bool =
 
     ``recorded``: the run has recordings; without them, steps that look at one begin with a run that makes them.
     """
-    steps = NEXT_STEPS[error_type](_Run(tuple(configurations)))
-    return [
-        step if recorded else step.replace("(vfoa view", "(run with --recording light, vfoa view") for step in steps
-    ]
+    return list(NEXT_STEPS[error_type](_Run(tuple(configurations), recorded)))
