@@ -12,7 +12,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from harness.files.io import read_bytes
@@ -73,7 +73,8 @@ def table_rows(path: Path) -> list[Row]:
         text, above, separator = text[stated.end() :], 1, stated[1]
     else:
         above, separator = 0, separator_of(text, _SEPARATORS, " ")
-    rows = _split(text, separator, path, above)
+    lines = csv_lines(text, path, above, separator, skips_blanks=separator != " ")
+    rows = [(line, stripped) for line, cells in lines if any(stripped := [cell.strip() for cell in cells])]
     if rows:
         (line, header), *below = rows
         rows = [(line, _drop_columns(path, line, _names(header, below, separator), below)), *below]
@@ -114,19 +115,20 @@ def separator_of(text: str, known: Sequence[str], otherwise: str) -> str:
     return most if most in header else otherwise
 
 
-def _split(text: str, separator: str, path: Path, above: int) -> list[Row]:
-    """The rows of a text that have any content; ``above`` lines precede it."""
-    source = io.StringIO(text, newline="")
-    reader = csv.reader(source, delimiter=separator, skipinitialspace=separator != " ", strict=True)
-    rows: list[Row] = []
+def csv_lines(
+    text: str, path: Path, above: int, separator: str, *, skips_blanks: bool = False
+) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every line of a text that is not blank; ``above`` lines of the file precede it.
+
+    ``skips_blanks``: blanks after a separator belong to no cell. A :class:`VfoaError` says what is not CSV.
+    """
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=skips_blanks, strict=True)
     try:
         for cells in reader:
-            stripped = [cell.strip() for cell in cells]
-            if any(stripped):
-                rows.append((reader.line_num + above, stripped))
+            if cells:
+                yield reader.line_num + above, cells
     except csv.Error as error:
         raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
-    return rows
 
 
 def _names(header: list[str], rows: list[Row], separator: str) -> list[str]:

@@ -19,7 +19,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.files.dialects import Row, are_booleans, is_missing, number_hint, separator_of, table_rows
+from harness.files.dialects import Row, are_booleans, csv_lines, is_missing, number_hint, separator_of, table_rows
 from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
@@ -296,19 +296,8 @@ def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list
         above = 1
         if not re.fullmatch(rf'("?){re.escape(version)}\1[,;\t]*', first.rstrip("\r")):
             raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}")
-    rows = _split(path, text, above, "," if version is None else separator_of(text, ",;\t", ","))
+    rows = csv_lines(text, path, above, "," if version is None else separator_of(text, ",;\t", ","))
     yield from rows if version is None else _without_blank_ends(rows)
-
-
-def _split(path: Path, text: str, above: int, separator: str) -> Iterator[Row]:
-    """Line and cells of every line of a text that is not blank; ``above`` lines precede it."""
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    try:
-        for cells in reader:
-            if cells:
-                yield reader.line_num + above, cells
-    except csv.Error as error:
-        raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
 
 
 def _without_blank_ends(rows: Iterator[Row]) -> Iterator[Row]:
