@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from vfoa.geometry import back_project, disparity_from_depth, entry_distance
+from vfoa.geometry import back_project, disparity_from_depth, entry_distances, of_people, stacked
 from vfoa.types import (
     Box3D,
     Cues,
     Disparity,
+    Float,
     Gaze,
     Head,
     HeadPose,
@@ -182,3 +183,9 @@ def rendered_boxes(rig: StereoRig, boxes: Sequence[Box3D], *, wall_m: float = 4.
         instances=Instances(ids=ids.reshape(size), instances=instances),
         views=(),
     )
+
+
+def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:
+    """As :func:`vfoa.geometry.entry_distances` for one origin (3,): (R, T) of directions (R, 3) and T boxes."""
+    origin, rays = np.asarray(origin_left, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    return entry_distances(origin[None], rays[None], of_people([stacked(boxes)]))[0]

@@ -368,17 +368,11 @@ def of_people(boxes: Sequence[Boxes]) -> Boxes:
     return Boxes(*map(np.array, zip(*boxes, strict=True)))
 
 
-def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:
-    """Distance (R, T) along each of R unit directions (R, 3) to the entry into each of T boxes; NaN for a miss.
-
-    Only entries ahead count (t >= 0); an origin inside a box enters it at distance 0.
-    """
-    origin, directions = np.asarray(origin_left, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-    return entry_distances(origin[None], directions[None], of_people([stacked(boxes)]))[0]
-
-
 def entry_distances(origins_left: Float, directions: Float, boxes: Boxes) -> Float:
-    """As :func:`entry_distance` for P people: (P, R, T) of origins (P, 3), directions (P, R, 3) and boxes (P, T, ...).
+    """Distances (P, R, T) along each of R unit directions to the entry into each of T boxes, for P people; NaN: a miss.
+
+    Origins are (P, 3), directions (P, R, 3), boxes (P, T, ...) as :func:`of_people` gives them. Only entries ahead
+    count (t >= 0); an origin inside a box enters it at distance 0.
 
     The slab method (Kay and Kajiya 1986). A direction component of zero is handled by a branch, since the branch-free
     form gives NaN for an origin on the plane of a face.

@@ -197,13 +197,12 @@ class Attending:
         answers = cast("FramesMethod", self._method).attend_frames(asked)
         if len(answers) != len(asked):
             raise ValueError(f"answers to {len(answers)} frames; expected {len(asked)}, in order")
-        for (subjects, _), attentions in zip(asked, answers, strict=True):
+        results = []
+        for (subjects, scene), attentions in zip(asked, answers, strict=True):
             _check_answers(subjects, attentions)
+            results.append(FrameResult(scene=scene, attentions=attentions))
         self._gaze_filter = gaze_filter
-        return [
-            FrameResult(scene=scene, attentions=attentions)
-            for (_, scene), attentions in zip(asked, answers, strict=True)
-        ]
+        return results
 
     def step(self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None = None) -> list[FrameResult]:
         """Attend to the next frame; return the frames whose results are ready, which may be none.

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tests.scenes import make_box
-from vfoa.geometry import entry_distance
+from tests.scenes import entry_distance, make_box
 
 
 def exact_entry(origin: tuple[int, ...], direction: tuple[int, ...]) -> Fraction | None:

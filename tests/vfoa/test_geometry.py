@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tests.scenes import make_box, make_rig
+from tests.scenes import entry_distance, make_box, make_rig
 from vfoa.geometry import (
     angle_between,
     back_project,
@@ -21,7 +21,6 @@ from vfoa.geometry import (
     direction_from_crop,
     direction_to_crop,
     disparity_from_depth,
-    entry_distance,
     fov_from_radius,
     gaze_direction_crop,
     head_direction_crop,

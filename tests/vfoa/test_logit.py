@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.scenes import entry_distance
 from vfoa.bayes import BayesSettings, Held, infer_attentions
-from vfoa.geometry import entry_distance, perturb
+from vfoa.geometry import perturb
 from vfoa.logit import (
     LogitSettings,
     Remembered,

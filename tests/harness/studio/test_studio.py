@@ -22,8 +22,9 @@ from harness.studio.mesh import Mesh, box, ellipsoid, tube, turned
 from harness.studio.scenario import MEAN_FIXATION_S, SCENARIOS, ScenarioName
 from harness.studio.stage import RIG, Stage
 from tests.repository import REPOSITORY
+from tests.scenes import entry_distance
 from vfoa.errors import VfoaError
-from vfoa.geometry import angle_between, entry_distance, project
+from vfoa.geometry import angle_between, project
 from vfoa.pixels import ViewMaps, known_pixels, points_of
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher
 
