@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from harness.server.local_server import LocalServer
 
 if TYPE_CHECKING:
-    from starlette.applications import Starlette
+    from starlette.types import ASGIApp
 
 
 class Site:
@@ -87,7 +87,7 @@ def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
 
 
 @contextmanager
-def running(app: Starlette) -> Iterator[LocalServer]:
+def running(app: ASGIApp) -> Iterator[LocalServer]:
     """Run an application on 127.0.0.1 until the block ends."""
     server = LocalServer(app)
     thread = threading.Thread(target=server.run)

@@ -78,7 +78,8 @@ class LocalServer:
 
 def _listen(port: int) -> socket.socket:
     """Return a socket that listens on 127.0.0.1; port 0 is any free port."""
-    listener = socket.socket()
+    # named as TCP, or asyncio leaves Nagle's algorithm on: every body then waits 40 ms for the receipt of its header
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))

@@ -16,6 +16,7 @@ import httpx
 import psutil
 import pytest
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
 from harness.record.composed import Composed
@@ -220,3 +221,17 @@ def test_of_two_writers_one_is_told_of_the_other(server: Server) -> None:
     for writer in writers:
         writer.join()
     assert sorted(statuses) == [200, 409]
+
+
+def test_no_answer_waits_for_the_receipt_of_its_header() -> None:
+    nagle: list[int] = []
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        (connection,) = served._server.server_state.connections
+        accepted = connection.transport.get_extra_info("socket")
+        nagle.append(accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        await Response("seen")(scope, receive, send)
+
+    with running(app) as served:
+        assert httpx.get(served.address, follow_redirects=True).text == "seen"
+    assert nagle == [1]
