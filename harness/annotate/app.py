@@ -22,6 +22,7 @@ from harness.annotate.journal import OutsideClipError, StaleRevisionError
 from harness.annotate.last_address import Address, read_address, write_address
 from harness.annotate.session import Session
 from harness.clips.naming import NameRule
+from harness.files.modules import bundle
 from harness.files.parsing import parse_json
 from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
@@ -98,6 +99,7 @@ class PageServer(LocalServer):
 def create_app(session: Session) -> Starlette:
     """Return the application for one clip, to be served by a :class:`harness.server.local_server.LocalServer`."""
     page = Path(__file__).with_name("page")
+    script = bundle(page / "main.js")
 
     def about(request: Request) -> Response:
         return JSONResponse(session.about())
@@ -142,6 +144,7 @@ def create_app(session: Session) -> Starlette:
     return Starlette(
         routes=[
             Route("/", lambda request: FileResponse(page / "page.html")),
+            Route("/script.js", lambda request: Response(script, media_type="text/javascript")),
             Mount("/page", StaticFiles(directory=page)),
             Route("/api/clip", about),
             Route("/api/state", lambda request: JSONResponse(states())),

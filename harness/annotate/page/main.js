@@ -4,12 +4,16 @@ import { get } from "./api.js";
 import { bind } from "./keys.js";
 import { Page } from "./page.js";
 
-const early = [];
-const keep = (event) => early.push(event);
-addEventListener("keydown", keep);
-const page = new Page(await get("/api/clip"), await get("/api/state"));
-removeEventListener("keydown", keep);
-const press = bind(page, page.names);
-page.draw();
-page.go(page.start(), true);
-early.forEach(press);
+const start = async () => {
+    const early = [];
+    const keep = (event) => early.push(event);
+    addEventListener("keydown", keep);
+    const page = new Page(await get("/api/clip"), await get("/api/state"));
+    removeEventListener("keydown", keep);
+    const press = bind(page, page.names);
+    page.draw();
+    page.go(page.start(), true);
+    early.forEach(press);
+};
+
+start();

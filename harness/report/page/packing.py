@@ -1,7 +1,4 @@
-"""Packing of the page's data and script: packs of compact text, and JavaScript modules as one script.
-
-A pack is zlib data in base64. ``store.js`` decodes it when the page shows it. Modules are bundled, because a page that
-is opened from disk cannot load any.
+"""Packing of the page's data: packs of compact text, zlib data in base64. ``store.js`` decodes one when it is shown.
 
 The attention of every named subject over the frames is kept small: a byte for each value.
 """
@@ -10,11 +7,9 @@ from __future__ import annotations
 
 import base64
 import json
-import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +20,6 @@ from harness.run.columns import PairColumns
 from harness.run.directory import Pair
 from harness.score.verdict_columns import SubjectVerdicts
 from vfoa.types import Codes, Float
-
-_IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
-_EXPORT = re.compile(r"^export ((?:async )?(?:const|function) (\w+))", re.MULTILINE)
 
 
 def pack(content: bytes) -> str:
@@ -53,28 +45,6 @@ def runs(values: NDArray[np.integer]) -> list[int]:
 def steps(numbers: NDArray[np.integer]) -> list[int]:
     """Increasing numbers as the first one and the run-length code of the differences."""
     return [int(numbers[0]), *runs(np.diff(numbers))] if len(numbers) else []
-
-
-def bundle(entry: Path) -> str:
-    """Join a module and everything that it imports, each module once and before its importers.
-
-    A module imports names from ``./NAME.js`` and exports constants and functions. Each becomes a function of its own
-    that returns its exports, so that two modules may use one name for different things.
-    """
-    texts: dict[str, str] = {}
-    _add(entry.parent, entry.stem, texts, set())
-    return '"use strict";\n(() => {\n' + "\n".join(texts.values()) + "})();\n"
-
-
-def _add(folder: Path, name: str, texts: dict[str, str], begun: set[str]) -> None:
-    begun.add(name)
-    source = (folder / f"{name}.js").read_text(encoding="utf-8")
-    for _, needed in _IMPORT.findall(source):
-        if needed not in begun:
-            _add(folder, needed, texts, begun)
-    exports = ", ".join(name for _, name in _EXPORT.findall(source))
-    body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const \1 = module_\2;", source))
-    texts[name] = f"const module_{name} = (() => {{\n{body}return {{ {exports} }};\n}})();\n"
 
 
 Bytes = NDArray[np.uint8]

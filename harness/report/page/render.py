@@ -10,9 +10,10 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
+from harness.files.modules import bundle
 from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
-from harness.report.page.packing import RunAttention, bundle, pack_json
+from harness.report.page.packing import RunAttention, pack_json
 from harness.report.stages import StageTimes
 from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails

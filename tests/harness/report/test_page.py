@@ -7,16 +7,14 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.report.page import packing
 from harness.report.page.data import LETTERS, STATES, differing_settings
-from harness.report.page.packing import RunAttention, bundle, runs, steps
+from harness.report.page.packing import RunAttention, runs, steps
 from harness.report.page.render import RunTables, render_page
 from harness.report.write import run_tables
 from harness.run.manifest import ClipOfRun, RunManifest
@@ -205,21 +203,3 @@ def test_a_manifest_with_no_more_than_scores_need_has_a_page() -> None:
         if each["title"] == "Clips, licences"
     )
     assert table["rows"] == [["clip", "–", "–", "1", "–"]]
-
-
-def test_every_name_that_a_module_imports_is_exported_there() -> None:
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(packing.__file__).parent.glob("*.js")}
-    exported = {
-        name: set(re.findall(r"^export (?:async )?(?:const|function) (\w+)", text, re.MULTILINE))
-        for name, text in texts.items()
-    }
-    imported = [
-        (name, module, each.strip())
-        for name, text in texts.items()
-        for names, module in re.findall(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', text, re.MULTILINE)
-        for each in names.split(",")
-    ]
-    assert imported
-    assert [each for each in imported if each[2] not in exported[each[1]]] == []
-    for entry in ("main", "compare"):
-        assert not re.search(r"^(?:import|export) ", bundle(Path(packing.__file__).with_name(f"{entry}.js")), re.M)
