@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--renderer-process-limit=1", "--disable-site-isolation-trials"),
 )
+"""The last two: a page in the process of the page before, which is a quarter of its processor time."""
 NO_GPU = ("--disable-gpu",)
 WEBGL = (
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
