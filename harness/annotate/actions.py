@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
 from pydantic import Field
 
 from harness.annotate.drawing_store import Draw
-from harness.annotate.marks import Mark, Stretch, SubjectMarks, counts, stretch_at, stretches
+from harness.annotate.marks import Mark, Stretch, SubjectMarks, counts, joined, looked_at, stretch_at, stretches
 from harness.labels.rows import parse_tags
 from vfoa.settings import Settings
 
@@ -52,7 +52,7 @@ def edited(
         case "clear":
             return clear(track, at)
         case "nudge":
-            return move_change(track, at, stretch_at(track, at, same_target=True)[0] + action.by)
+            return move_change(track, at, stretch_at(track, at, looked_at)[0] + action.by)
         case "move":
             return move_change(track, at, action.last)
         case "accept":
@@ -76,17 +76,23 @@ def look(
     After the position the mark is carried on, except over frames that a person has labelled before. Frames keep their
     tags.
     """
-    _, last = stretch_at(track, at, same_target=True)
-    new = [
-        Mark(
-            target=target,
-            point_px=point_px,
-            tags=old.tags if old else (),
-            carried=position != at and not _is_given(old),
-        )
-        for position, old in enumerate(track[: last + 1])
-    ]
-    return list(stretches(new, at, last))
+    _, last = stretch_at(track, at, looked_at)
+    mark = Mark(target=target, point_px=point_px)
+
+    def carried_on(old: Mark | None) -> Mark:
+        return replace(mark, tags=old.tags if old else (), carried=not _is_given(old))
+
+    here = Stretch(first=at, last=at, mark=replace(carried_on(track[at]), carried=False))
+    return joined([here, *changed(track, at + 1, last, carried_on)])
+
+
+def changed(
+    track: Sequence[Mark | None], first: int, last: int, new: Callable[[Mark | None], Mark | None]
+) -> list[Stretch]:
+    """The stretches between two positions with a new mark for each; none if the first position comes after the last."""
+    if first > last:
+        return []
+    return joined(replace(part, mark=new(part.mark)) for part in stretches(track, first, last))
 
 
 def mark_range(track: Sequence[Mark | None], first: int, last: int, target: str | None) -> list[Stretch]:
@@ -97,13 +103,12 @@ def mark_range(track: Sequence[Mark | None], first: int, last: int, target: str 
     plain = None if target is None else Mark(target=target)
     if plain is None or not 0 <= first <= last < len(track):  # the store refuses such positions
         return [Stretch(first=first, last=last, mark=plain)]
-    new = [replace(plain, note=old.note, tags=old.tags) if old else plain for old in track]
-    return list(stretches(new, first, last))
+    return changed(track, first, last, lambda old: replace(plain, note=old.note, tags=old.tags) if old else plain)
 
 
 def clear(track: Sequence[Mark | None], at: int) -> list[Stretch]:
     """Remove the labels from a position until the target changes."""
-    return mark_range(track, at, stretch_at(track, at, same_target=True)[1], None)
+    return mark_range(track, at, stretch_at(track, at, looked_at)[1], None)
 
 
 def move_change(track: Sequence[Mark | None], at: int, to: int) -> list[Stretch]:
@@ -111,10 +116,10 @@ def move_change(track: Sequence[Mark | None], at: int, to: int) -> list[Stretch]
 
     Suggestions do not move.
     """
-    change, last = stretch_at(track, at, same_target=True)
+    change, last = stretch_at(track, at, looked_at)
     if change == 0 or any(mark is not None and mark.is_suggested for mark in (track[change - 1], track[change])):
         return []
-    first, _ = stretch_at(track, change - 1, same_target=True)
+    first, _ = stretch_at(track, change - 1, looked_at)
     to = min(max(to, first), last)
     if to == change:
         return []
@@ -137,20 +142,20 @@ def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: 
 
 def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
     """Confirm the suggestions at and around a position that have its target; they keep their notes."""
-    first, last = stretch_at(track, at, same_target=True)
+    first, last = stretch_at(track, at, looked_at)
     if (here := track[at]) is None or not here.is_suggested:
         return []
-    return list(stretches([mark and replace(mark, is_suggested=False) for mark in track], first, last))
+    return changed(track, first, last, lambda mark: mark and replace(mark, is_suggested=False))
 
 
 def annotate(track: Sequence[Mark | None], at: int, note: str, tags: tuple[str, ...] | None = None) -> list[Stretch]:
     """Put a note and tags on the label at a position: the frames around it with the same mark. None keeps the tags."""
     if track[at] is None:
         return []
-    shown = [mark and replace(mark, carried=False, point_px=None) for mark in track]
-    first, last = stretch_at(shown, at)
-    noted = [mark and replace(mark, note=note, tags=mark.tags if tags is None else tags) for mark in track]
-    return list(stretches(noted, first, last))
+    first, last = stretch_at(track, at, lambda mark: mark and replace(mark, carried=False, point_px=None))
+    return changed(
+        track, first, last, lambda mark: mark and replace(mark, note=note, tags=mark.tags if tags is None else tags)
+    )
 
 
 def _is_given(mark: Mark | None) -> bool:

@@ -5,9 +5,10 @@ Frames are counted by position here: 0 is the clip's first frame, whatever its n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from itertools import groupby, islice, pairwise
 from typing import Any
 
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, ranges_of
@@ -66,8 +67,18 @@ class Stretch:
 
 def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stretch, ...]:
     """The part of a track between two positions, both included, as maximal stretches."""
-    runs = (list(run) for _, run in groupby(range(first, last + 1), key=track.__getitem__))
-    return tuple(Stretch(first=run[0], last=run[-1], mark=track[run[0]]) for run in runs)
+    pairs = enumerate(pairwise(islice(track, first, last + 1)), start=first)
+    ends = [at for at, (one, next_one) in pairs if one is not next_one and one != next_one]  # mostly one object
+    starts = [first, *(end + 1 for end in ends)]
+    return tuple(
+        Stretch(first=low, last=high, mark=track[low]) for low, high in zip(starts, [*ends, last], strict=True)
+    )
+
+
+def joined(parts: Iterable[Stretch]) -> list[Stretch]:
+    """Stretches that follow each other without a gap as maximal ones."""
+    runs = (list(run) for _, run in groupby(parts, key=lambda part: part.mark))
+    return [replace(run[0], last=run[-1].last) for run in runs]
 
 
 def plain_stretches(parts: Iterable[Stretch]) -> list[list[Any]]:
@@ -75,19 +86,20 @@ def plain_stretches(parts: Iterable[Stretch]) -> list[list[Any]]:
     return [part.plain() for part in parts]
 
 
-def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:
-    """First and last position around ``at`` with the same mark or, if requested, with the same target."""
+def looked_at(mark: Mark | None) -> object:
+    """What a mark says of the target, without what is noted about it."""
+    return mark and (mark.target, mark.is_suggested)
 
-    def key(position: int) -> object:
-        mark = track[position]
-        if not same_target or mark is None:
-            return mark
-        return mark.target, mark.is_suggested
 
+def stretch_at(
+    track: Sequence[Mark | None], at: int, key: Callable[[Mark | None], object] = lambda mark: mark
+) -> tuple[int, int]:
+    """First and last position around ``at`` whose marks are the same or, with a ``key``, have the same key."""
+    here = key(track[at])
     first = last = at
-    while first > 0 and key(first - 1) == key(at):
+    while first > 0 and (track[first - 1] is track[first] or key(track[first - 1]) == here):
         first -= 1
-    while last + 1 < len(track) and key(last + 1) == key(at):
+    while last + 1 < len(track) and (track[last + 1] is track[last] or key(track[last + 1]) == here):
         last += 1
     return first, last
 
@@ -112,12 +124,22 @@ def to_labels(tracks: dict[str, SubjectMarks], seen: dict[str, int], frames: Seq
 
 
 def _rows(subject: str, track: SubjectMarks, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
-    counted = [mark if counts(mark, at, seen) else None for at, mark in enumerate(track)]
-    marked = [at for at, mark in enumerate(counted) if mark is not None]
+    parts = [each for part in stretches(track, 0, len(track) - 1) for each in _counted(part, seen)]
+    marked = [place for place, part in enumerate(parts) if part.mark is not None]
     if not marked:
         return iter(())
-    parts = stretches(counted, marked[0], marked[-1])
-    return ranges_of(subject, ((frames[at], _label(part.mark)) for part in parts for at in (part.first, part.last)))
+    between = parts[marked[0] : marked[-1] + 1]
+    return ranges_of(subject, ((frames[at], _label(part.mark)) for part in between for at in (part.first, part.last)))
+
+
+def _counted(part: Stretch, seen: int) -> Iterator[Stretch]:
+    """A stretch with the marks that are labels by now (:func:`counts`): two, if it was seen in part."""
+    if counts(part.mark, part.last, seen) or part.mark is None:
+        yield part
+        return
+    if part.first <= seen:
+        yield replace(part, last=seen)
+    yield Stretch(first=max(part.first, seen + 1), last=part.last, mark=None)
 
 
 def _label(mark: Mark | None) -> Label:
@@ -128,7 +150,8 @@ def _label(mark: Mark | None) -> Label:
 
 def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> SubjectMarks:
     """A subject's track from the file."""
-    return [_mark(labels.at(frame, subject)) for frame in frames]
+    mark_of = cache(_mark)  # one object for all frames of a label
+    return [mark_of(labels.at(frame, subject)) for frame in frames]
 
 
 def _mark(label: Label | None) -> Mark | None:
