@@ -78,11 +78,16 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
     if kind == "missing":
         return f"{prefix}missing; it is required"
-    if kind == "value_error":  # our own validators raise it, and say what was found
-        return f"{prefix}{mistake['ctx']['error']}"
+    return f"{prefix}{expected_and_found(mistake)}"
+
+
+def expected_and_found(mistake: Any) -> str:
+    """One pydantic error of a value in the words of a file: what was expected, and what was found."""
+    if mistake["type"] == "value_error":  # our own validators raise it, and say what was found
+        return str(mistake["ctx"]["error"])
     message = mistake["msg"].removeprefix("Input should be ")
-    expected = f"expected {EXPECTED.get(kind, message)}" if message != mistake["msg"] else message
-    return f"{prefix}{expected}, found {_short(mistake['input'])}"
+    expected = f"expected {EXPECTED.get(mistake['type'], message)}" if message != mistake["msg"] else message
+    return f"{expected}, found {_short(mistake['input'])}"
 
 
 def _short(value: object) -> str:

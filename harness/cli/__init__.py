@@ -14,6 +14,7 @@ from functools import cache
 from typing import Annotated, Any, NoReturn
 
 import typer
+from pydantic import ValidationError
 from typer.core import TyperArgument
 from typer.main import get_command
 
@@ -30,6 +31,7 @@ from harness.cli.view import catalog, export_failure, view
 from harness.files.safe_names import shown
 from harness.processes import keep_working_directory_out
 from vfoa.errors import StageError, VfoaError
+from vfoa.validation import expected_and_found
 
 app = typer.Typer(
     name="vfoa",
@@ -132,7 +134,7 @@ def one_line_errors() -> Iterator[None]:
         context = getattr(error, "ctx", None)
         named = context.command_path.removeprefix("vfoa").strip() if context else ""
         advice = f"vfoa {named} -h".replace("  ", " ")
-        _refuse(f"{named}{': ' if named else ''}{error.format_message().rstrip('.')}; see `{advice}`")
+        _refuse(f"{named}{': ' if named else ''}{_wrong(error)}; see `{advice}`")
     except typer.Abort:
         _refuse("nothing was changed")
     except BrokenPipeError:
@@ -151,6 +153,15 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"not enough memory to load a library: {error}")
     except MemoryError as error:
         _refuse(f"not enough memory: {str(error) or 'none left'}")
+
+
+def _wrong(error: Any) -> str:
+    """What is wrong on a command line, as it is said of a file: without pydantic's words."""
+    if isinstance(error.__cause__, ValidationError):
+        message = f"{error.param.opts[0]}: {expected_and_found(error.__cause__.errors()[0])}"
+    else:
+        message = error.format_message()
+    return message.rstrip(".")
 
 
 def _check_working_directory() -> None:

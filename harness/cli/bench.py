@@ -23,11 +23,13 @@ def bench(
     clip: Annotated[
         str | None, typer.Option(metavar="CLIP", help="Measure on this clip. Default: the experiment's first clip.")
     ] = None,
-    limit: Annotated[int, typer.Option(min=2, help="Number of frames to measure.")] = 20,
+    limit: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames to measure.")] = 20,
     provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",
     overrides: Overrides = None,
     only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
-    out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write the tables to this Markdown file.")
+    ] = None,
     overwrite: Replace = False,
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""

@@ -20,17 +20,29 @@ def calibrate(
         Path,
         typer.Argument(metavar="PICTURES", help="The folder of the pictures or videos."),
     ],
-    square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square, millimetres.")],
-    columns: Annotated[int, typer.Option(min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")],
-    rows: Annotated[int, typer.Option(min=2, help="Rows, counted in the same way.")],
-    marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker, millimetres.")] = None,
-    dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
-    left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,
-    right: Annotated[str | None, typer.Option(help="Right pictures. Default: sides by names, as in clips add.")] = None,
-    both: Annotated[str | None, typer.Option(help="Pictures, or a video, that hold both views.")] = None,
-    layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
-    every: Annotated[int, typer.Option(min=1, help="Use every Nth frame of a video.")] = 1,
-    out: Annotated[Path, typer.Option(help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
+    square_mm: Annotated[float, typer.Option(metavar="MM", min=0.001, help="Side of a square, millimetres.")],
+    columns: Annotated[
+        int, typer.Option(metavar="N", min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")
+    ],
+    rows: Annotated[int, typer.Option(metavar="N", min=2, help="Rows, counted in the same way.")],
+    marker_mm: Annotated[
+        float | None, typer.Option(metavar="MM", min=0.001, help="ChArUco: side of a marker, millimetres.")
+    ] = None,
+    dictionary: Annotated[
+        str, typer.Option(metavar="NAME", help="ChArUco: OpenCV's name of the marker dictionary.")
+    ] = "DICT_5X5_100",
+    left: Annotated[
+        str | None, typer.Option(metavar="FILES", help="Left pictures: a folder, a glob or a pattern; or a video.")
+    ] = None,
+    right: Annotated[
+        str | None, typer.Option(metavar="FILES", help="Right pictures. Default: sides by names, as in clips add.")
+    ] = None,
+    both: Annotated[
+        str | None, typer.Option(metavar="FILES", help="Pictures, or a video, that hold both views.")
+    ] = None,
+    layout: Annotated[str, typer.Option(metavar="LAYOUT", help=LAYOUT)] = "images",
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Use every Nth frame of a video.")] = 1,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing calibration.")] = False,
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).

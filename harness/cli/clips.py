@@ -43,19 +43,25 @@ def add_clip(
     calibration: Annotated[
         list[Path] | None, typer.Option(metavar="FILE", help="Calibration file; give it twice for one file per camera.")
     ] = None,
-    fx: Annotated[float | None, typer.Option(help="Of a rectified pair instead: focal length, pixels.")] = None,
-    cx: Annotated[float | None, typer.Option(help="Column of the principal point, pixels.")] = None,
-    cy: Annotated[float | None, typer.Option(help="Row of the principal point, pixels.")] = None,
+    fx: Annotated[
+        float | None, typer.Option(metavar="PX", help="Of a rectified pair instead: focal length, pixels.")
+    ] = None,
+    cx: Annotated[float | None, typer.Option(metavar="PX", help="Column of the principal point, pixels.")] = None,
+    cy: Annotated[float | None, typer.Option(metavar="PX", help="Row of the principal point, pixels.")] = None,
     fov: Annotated[
         float | None,
         typer.Option(
             "--fov-deg",
+            metavar="DEGREES",
             help="Instead of these three: horizontal field of view of one image, degrees (data sheet of the camera).",
         ),
     ] = None,
     baseline: Annotated[
         float | None,
-        typer.Option(help="Distance of the two cameras, metres; alone, it replaces the one of the calibration file."),
+        typer.Option(
+            metavar="METRES",
+            help="Distance of the two cameras, metres; alone, it replaces the one of the calibration file.",
+        ),
     ] = None,
     subjects: Annotated[
         list[str] | None, typer.Option("--subject", metavar="NAME", help="A person who looks; several: left to right.")
@@ -310,7 +316,9 @@ def fetch_clips(
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa, vr_objects or opencv_stereo.")
     ],
-    out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/SOURCE if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIRECTORY", help="The folder; $VFOA_DATA/SOURCE if not given.")
+    ] = None,
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.
 

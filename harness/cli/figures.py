@@ -18,8 +18,12 @@ def figures(
     config: Annotated[
         str | None, typer.Option(metavar="CONFIGURATION", help="Draw a failure of this configuration as the strip.")
     ] = None,
-    subject: Annotated[str | None, typer.Option(help="Draw a failure of this person as the strip.")] = None,
-    frame: Annotated[int | None, typer.Option(help="Draw a failure in this frame as the strip.")] = None,
+    subject: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Draw a failure of this person as the strip.")
+    ] = None,
+    frame: Annotated[
+        int | None, typer.Option(metavar="FRAME", help="Draw a failure in this frame as the strip.")
+    ] = None,
     replace: Replace = False,
 ) -> None:
     """Draw figures of runs for a paper: SVG and PDF, in the width of one column and of two. Needs vfoa[figures].

@@ -27,7 +27,9 @@ def fit(
             autocompletion=experiment_and_clip_names,
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="The file to write; NAME-fitted.toml if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The file to write; NAME-fitted.toml if not given.")
+    ] = None,
     config: Annotated[
         str | None,
         typer.Option("--config", metavar="NAME", help="The configuration to fit; the first logit, else the first one."),

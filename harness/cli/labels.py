@@ -34,14 +34,18 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option("--format", help="elan, csv; to import: boris, table, idiap_vfoa; or a package's."),
+    typer.Option("--format", metavar="FORMAT", help="elan, csv; to import: boris, table, idiap_vfoa; or a package's."),
 ]
 Fps = Annotated[
-    float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
+    float | None,
+    typer.Option(metavar="HZ", min=0.001, help="Frames per second in the other program. Default: the clip's."),
 ]
 Offset = Annotated[
     float | None,
-    typer.Option(help="Where the clip begins in the other program, seconds. Default: as its file and the film say."),
+    typer.Option(
+        metavar="SECONDS",
+        help="Where the clip begins in the other program, seconds. Default: as its file and the film say.",
+    ),
 ]
 
 
@@ -113,7 +117,7 @@ def export(
     *,
     format_: Format,
     annotator: Annotator = None,
-    clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
+    clip: Annotated[str | None, typer.Option(metavar="CLIP", help="Of a run: only this clip.")] = None,
     fps: Fps = None,
     offset: Offset = None,
     config: RunConfiguration = None,
@@ -174,7 +178,9 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
 def agreement(
     clip: Clip,
     annotators: Annotators = None,
-    out: Annotated[Path | None, typer.Option(help="Also write the tables to this folder: CSV, and one .md.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIRECTORY", help="Also write the tables to this folder: CSV, and one .md.")
+    ] = None,
     replace: Replace = False,
 ) -> None:
     """Compare annotators: kappa with its interval, agreement per target, confusion, and a list of differences."""

@@ -124,8 +124,10 @@ def check(
 @app.command(name="export", short_help="Export a PyTorch checkpoint to an ONNX file.")
 def export(
     name: Annotated[Literal["gaze360"], typer.Argument(metavar="NAME", help="Network of the checkpoint.")],
-    checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],
-    out: Annotated[Path, typer.Option(help="The ONNX file to write.")],
+    checkpoint: Annotated[
+        Path, typer.Option(metavar="FILE", help="The PyTorch checkpoint, or its name in the folders of weights.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The ONNX file to write.")],
     replace: Replace = False,
 ) -> None:
     """Export a checkpoint to an ONNX file and compare its answers with PyTorch's; needs vfoa[export]."""

@@ -118,14 +118,16 @@ Overrides = Annotated[
         autocompletion=setting_assignments,
     ),
 ]
-Workers = Annotated[int, typer.Option(min=0, help="Number of processes, one thread each; 0: one per core.")]
+Workers = Annotated[
+    int, typer.Option(metavar="N", min=0, help="Number of processes, one thread each; 0: one per core.")
+]
 Cache = Annotated[
     str | None,
     typer.Option(
         metavar="DIRECTORY", help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory."
     ),
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
+Port = Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="Port to serve on; 0: any free port.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]
 Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
 Where = Annotated[

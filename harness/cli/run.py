@@ -57,13 +57,18 @@ def run(
     out: Out = None,
     workers: Workers = 0,
     threads: Annotated[
-        int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0: one per core.")
+        int,
+        typer.Option(
+            metavar="N", min=0, help="Threads of a single process (--workers 1): read ahead; 0: one per core."
+        ),
     ] = 0,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Run only the first N frames of each clip.")
+    ] = None,
     recording: Annotated[
         Literal["light", "jpeg", "none"] | None,
         typer.Option(
@@ -274,7 +279,9 @@ def demo(
     context: typer.Context,
     out: Out = None,
     workers: Workers = 0,
-    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Run only the first N frames of each clip.")
+    ] = None,
     verbose: Verbose = False,
 ) -> None:
     """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""

@@ -336,7 +336,9 @@ def _failing(comparisons: Sequence[Comparison], kind: str, points: float) -> lis
 
 def plan(
     run: Run,
-    points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
+    points: Annotated[
+        float, typer.Option(metavar="POINTS", min=0.1, max=100, help="Difference to detect, in points of FRR.")
+    ] = 5.0,
 ) -> None:
     """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
     from harness.report.comparisons import plan_pairs, plan_sentence, plan_table

@@ -25,8 +25,8 @@ def view(
     run: Recordings,
     clip: OneClip = None,
     config: OneConfiguration = None,
-    frame: Annotated[int | None, typer.Option(help="Open the first recording at this frame.")] = None,
-    subject: Annotated[str | None, typer.Option(help="Show this person's tab.")] = None,
+    frame: Annotated[int | None, typer.Option(metavar="FRAME", help="Open the first recording at this frame.")] = None,
+    subject: Annotated[str | None, typer.Option(metavar="NAME", help="Show this person's tab.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Open it in the browser; Ctrl-C ends it.")] = False,
     failures: Annotated[
         bool, typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links.")
@@ -285,11 +285,13 @@ def catalog(
 
 def export_failure(
     run: Recordings,
-    frame: Annotated[int, typer.Option(help="The frame, in the source's own numbers.")],
+    frame: Annotated[int, typer.Option(metavar="FRAME", help="The frame, in the source's own numbers.")],
     clip: OneClip = None,
     config: OneConfiguration = None,
-    subject: Annotated[str | None, typer.Option(help="Open it with this person's tab in front.")] = None,
-    margin: Annotated[int, typer.Option(help="Frames to keep on either side.")] = 10,
+    subject: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Open it with this person's tab in front.")
+    ] = None,
+    margin: Annotated[int, typer.Option(metavar="N", help="Frames to keep on either side.")] = 10,
     out: Annotated[
         Path | None,
         typer.Option(metavar="RRD", help="File to write. Default: named after clip, configuration and frame."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -94,7 +95,23 @@ def test_the_help_cuts_no_verb_short(
 
 
 def test_the_help_names_no_type_of_python() -> None:
-    assert [line for line in commands_page().splitlines() if "<list[" in line or "<tuple[" in line] == []
+    python = re.compile(r"<(?:list|tuple|int|float|str|path)\b")
+    assert [line for line in commands_page().splitlines() if python.search(line)] == []
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--limit", "many", "--limit: expected a whole number, found 'many'"),
+        ("--limit", "0", "--limit: expected greater than or equal to 1, found '0'"),
+        ("--recording", "heavy", "--recording: 'heavy' is not one of 'light', 'jpeg', 'none'"),
+    ],
+)
+def test_a_wrong_value_is_told_as_in_a_file(
+    option: str, value: str, expected: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = vfoa(monkeypatch, capsys, "run", "demo", option, value)
+    assert (code, out, err) == (2, "", f"vfoa: run: {expected}; see `vfoa run -h`\n")
 
 
 def test_a_run_of_one_clip_bears_its_name() -> None:
