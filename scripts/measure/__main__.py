@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 
 NAMES = (
+    "again",
     "coverage",
     "demo_seeds",
     "gaze_filter",
