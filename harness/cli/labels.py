@@ -236,7 +236,9 @@ def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list
     if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
         names = [manifest.name, *names]
     if len(set(names)) < 2:
-        raise VfoaError(f"{manifest.name}: labels of {', '.join(names) or 'nobody'}; expected two annotators or more")
+        found = f"those of {names[0]} alone" if names else "none"
+        expected = f"two annotators: a second one labels with `vfoa annotate {manifest.name} --annotator NAME`"
+        raise VfoaError(f"{manifest.name}: labels: found {found}; expected {expected}")
     timeline = timeline_of(clip)
     paths = {name: manifest.annotations.expect(None if name == manifest.name else name) for name in names}
     return {name: manifest.read(path, timeline, allow_gaps=True) for name, path in paths.items()}

@@ -206,7 +206,10 @@ def test_a_pipe_is_not_written_over(
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
-        (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
+        (
+            ("agreement", CLIP, "anna"),
+            "labels: found those of anna alone; expected two annotators: a second one labels with `vfoa annotate",
+        ),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
         (("undo", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
         (("undo", CLIP), f"{CLIP}.csv: its journal has no change to undo"),
