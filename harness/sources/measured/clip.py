@@ -22,7 +22,7 @@ from harness.sources import PersonTruth, Truth, check_number
 from vfoa.errors import VfoaError, reported_as
 from vfoa.measured import HEAD_SIZE_M, PERSON, POINT_SIZE_M, box_of, target_of
 from vfoa.settings import Settings
-from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Person, Scene
+from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Person, Scene, Target
 
 Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Metres = tuple[Length, Length, Length]
@@ -206,20 +206,16 @@ class FramesOfMeasurements:
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame as a scene."""
         frame = self._frame(number)
-        boxes = {measured_object.name: measured_object.box for measured_object in (*self._fixed, *frame.objects)}
+        moving = {each.name: self._target(each.name, each.box) for each in frame.objects}
+        targets = {**self._fixed_targets, **moving}
         for person in frame.people:  # others look at the person's own box if the source has one, else at the head
-            if person.name not in boxes:
+            if person.name not in targets:
                 head = None if person.eyes_m is None else self._settings.box(person.eyes_m, self._settings.head_size_m)
-                boxes[person.name] = head
-        ids, kinds = {**self.people, **self.objects}, list(dict.fromkeys([PERSON, *self.categories.values()]))
-        targets = [
-            target_of(ids[name], category := self.categories[name], kinds.index(category), box)
-            for name, box in boxes.items()
-        ]
+                targets[person.name] = self._target(person.name, head)
         return Scene(
             index=number,
             time_ns=frame.time_ns,
-            targets=tuple(sorted(targets, key=lambda target: target.instance.id)),
+            targets=tuple(sorted(targets.values(), key=lambda target: target.instance.id)),
             people=tuple(
                 Person(
                     view=Cues(head_pose=person.head_pose, gaze=person.gaze),
@@ -229,6 +225,21 @@ class FramesOfMeasurements:
                 for person in frame.people
             ),
         )
+
+    @cached_property
+    def _fixed_targets(self) -> dict[str, Target]:
+        """The same in all frames, by name."""
+        return {each.name: self._target(each.name, each.box) for each in self._fixed}
+
+    @cached_property
+    def _kinds(self) -> dict[str, int]:
+        """The number of each category."""
+        return {kind: number for number, kind in enumerate(dict.fromkeys([PERSON, *self.categories.values()]))}
+
+    def _target(self, name: str, box: Box3D | None) -> Target:
+        number = self.people[name] if name in self.people else self.objects[name]
+        category = self.categories[name]
+        return target_of(number, category, self._kinds[category], box)
 
     def truth(self, number: int) -> Truth:
         """Return the true gaze and target of people, where a source knows them; their heads are as measured."""
