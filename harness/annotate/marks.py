@@ -134,7 +134,7 @@ def _rows(subject: str, track: SubjectMarks, seen: int, frames: Sequence[int]) -
 
 def _counted(part: Stretch, seen: int) -> Iterator[Stretch]:
     """A stretch with the marks that are labels by now (:func:`counts`): two, if it was seen in part."""
-    if counts(part.mark, part.last, seen) or part.mark is None:
+    if part.mark is None or counts(part.mark, part.last, seen):
         yield part
         return
     if part.first <= seen:
