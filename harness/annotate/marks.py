@@ -109,13 +109,20 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
     return mark is not None and (not mark.carried or position <= seen)
 
 
+def _counted(part: Stretch, seen: int) -> Iterator[Stretch]:
+    """A stretch with the marks that are labels by now (:func:`counts`): two, if it was seen in part."""
+    if part.mark is None or counts(part.mark, part.last, seen):
+        yield part
+        return
+    if part.first <= seen:
+        yield replace(part, last=seen)
+    yield Stretch(first=max(part.first, seen + 1), last=part.last, mark=None)
+
+
 def labelled(part: Stretch, seen: int) -> int:
     """Number of frames of a stretch that a person has labelled."""
-    mark = part.mark
-    if mark is None or mark.is_suggested:
-        return 0
-    last = min(part.last, seen) if mark.carried else part.last
-    return max(last - part.first + 1, 0)
+    given = (each for each in _counted(part, seen) if each.mark is not None and not each.mark.is_suggested)
+    return sum(each.last - each.first + 1 for each in given)
 
 
 def to_labels(tracks: dict[str, SubjectMarks], seen: dict[str, int], frames: Sequence[int]) -> Labels:
@@ -130,16 +137,6 @@ def _rows(subject: str, track: SubjectMarks, seen: int, frames: Sequence[int]) -
         return iter(())
     between = parts[marked[0] : marked[-1] + 1]
     return ranges_of(subject, ((frames[at], _label(part.mark)) for part in between for at in (part.first, part.last)))
-
-
-def _counted(part: Stretch, seen: int) -> Iterator[Stretch]:
-    """A stretch with the marks that are labels by now (:func:`counts`): two, if it was seen in part."""
-    if part.mark is None or counts(part.mark, part.last, seen):
-        yield part
-        return
-    if part.first <= seen:
-        yield replace(part, last=seen)
-    yield Stretch(first=max(part.first, seen + 1), last=part.last, mark=None)
 
 
 def _label(mark: Mark | None) -> Label:
