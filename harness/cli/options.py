@@ -121,6 +121,7 @@ Overrides = Annotated[
 Workers = Annotated[
     int, typer.Option(metavar="N", min=0, help="Number of processes, one thread each; 0: one per core.")
 ]
+Limit = Annotated[int | None, typer.Option(metavar="N", min=1, help="Run only the first N frames of each clip.")]
 Cache = Annotated[
     str | None,
     typer.Option(

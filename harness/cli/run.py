@@ -12,6 +12,7 @@ import typer
 
 from harness.cli.options import (
     Cache,
+    Limit,
     Out,
     Overrides,
     Verbose,
@@ -66,9 +67,7 @@ def run(
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
-    limit: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Run only the first N frames of each clip.")
-    ] = None,
+    limit: Limit = None,
     recording: Annotated[
         Literal["light", "jpeg", "none"] | None,
         typer.Option(
@@ -279,9 +278,7 @@ def demo(
     context: typer.Context,
     out: Out = None,
     workers: Workers = 0,
-    limit: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Run only the first N frames of each clip.")
-    ] = None,
+    limit: Limit = None,
     verbose: Verbose = False,
 ) -> None:
     """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""
