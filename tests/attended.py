@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness.pipeline.configuration import Configuration
-from harness.pipeline.perception import Followed, Perception, pose_frames
+from harness.pipeline.perception import FollowedFrame, Perception, pose_frames
 from harness.run.attend import attend_scenes
 from harness.run.directory import RunDirectory
 from harness.run.plan import PreparedClip
@@ -32,7 +32,7 @@ def attended_in_memory(prepared: PreparedClip, configurations: Sequence[Configur
     for shared in frames:
         for name, each in attending.items():
             followed = shared.by_configuration[name]
-            assert isinstance(followed, Followed), followed
+            assert isinstance(followed, FollowedFrame), followed
             results[name] += each.step(followed.scene, followed.tracked, followed.names.subjects)
     return {name: results[name] + each.finish() for name, each in attending.items()}
 

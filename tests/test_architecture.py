@@ -211,5 +211,15 @@ def test_types_stand_at_the_bottom_and_the_pipeline_on_top() -> None:
     assert importers == ["config.py", "estimator.py", "measured_follower.py"]  # what `import vfoa` gives
 
 
+def test_a_class_is_the_only_one_of_its_name() -> None:
+    """Also a private one: who reads a name in one file expects the same meaning in the next."""
+    places: dict[str, list[str]] = {}
+    for module, path in _modules().items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name.lstrip("_"), []).append(module)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
 def test_data_folders_hold_no_python() -> None:
     assert [path for folder in ("datasets", "annotations", "reports") for path in (ROOT / folder).rglob("*.py")] == []

@@ -73,7 +73,7 @@ class DrawnShape:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Placed:
+class PlacedShape:
     """A shape with the id of its instance: a new one to cut out (``is_new``), or an existing one of the model.
 
     ``window`` is the part of the image that holds its pixels.
@@ -88,16 +88,16 @@ class Placed:
 class Drawing(Protocol):
     """The shapes that a person drew on a clip, as :func:`vfoa.pipeline.perceive` uses them."""
 
-    def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
+    def place(self, frame: StereoFrame, instances: Instances) -> tuple[PlacedShape, ...]:
         """Return the shapes drawn in a frame, each with the instance that it is or will become."""
         ...
 
-    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
+    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[PlacedShape, ...]) -> tuple[Head, ...]:
         """Return the detected heads, and the drawn heads where none was detected."""
         ...
 
     def add_masks(
-        self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
+        self, frame: StereoFrame, instances: Instances, drawn: tuple[PlacedShape, ...], disparity: Disparity
     ) -> Instances:
         """Return the model's instances together with the drawn ones."""
         ...
@@ -109,22 +109,22 @@ class DrawnShapes:
     def __init__(self, settings: DrawnSettings, shapes_at: Callable[[int], Sequence[DrawnShape]]) -> None:
         self._settings, self._shapes_at = settings, shapes_at
 
-    def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
+    def place(self, frame: StereoFrame, instances: Instances) -> tuple[PlacedShape, ...]:
         """Return the shapes drawn in a frame. Heads come last, so that a box drawn of the same person is theirs."""
         use = {"head": self._settings.heads, "box": self._settings.targets, "point": self._settings.targets}
         shapes = [shape for shape in self._shapes_at(frame.index) if use[shape.kind]]
-        placed: list[Placed] = []
+        placed: list[PlacedShape] = []
         free = max((instance.id for instance in instances.instances), default=0) + 1
         for shape in sorted(shapes, key=lambda shape: shape.kind == "head"):
             window = self._window(shape, frame.rig)
             if instances.ids[window].size == 0:  # the shape is outside the image
                 continue
             known = _drawn_already(shape, placed) or _known_instance(shape, window, instances, placed)
-            placed.append(Placed(shape=shape, instance_id=known or free, is_new=known is None, window=window))
+            placed.append(PlacedShape(shape=shape, instance_id=known or free, is_new=known is None, window=window))
             free += known is None
         return tuple(placed)
 
-    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
+    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[PlacedShape, ...]) -> tuple[Head, ...]:
         """Return the detected heads, each with the instance of a head drawn around it; then the other drawn heads."""
         all_heads = list(heads)
         for drawn_head in (placed for placed in drawn if placed.shape.kind == "head"):
@@ -138,7 +138,7 @@ class DrawnShapes:
         return tuple(all_heads)
 
     def add_masks(
-        self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
+        self, frame: StereoFrame, instances: Instances, drawn: tuple[PlacedShape, ...], disparity: Disparity
     ) -> Instances:
         """Return the model's instances and the drawn ones; of two drawn shapes that overlap, the nearer wins."""
         if not drawn:
@@ -168,7 +168,7 @@ class DrawnShapes:
         grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
-    def _cut(self, placed: Placed, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
+    def _cut(self, placed: PlacedShape, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
         """Return a shape's depth in metres and its pixels in its window; None where no depth is known."""
         middle, (u0, v0, u1, v1) = self._settings.middle, placed.shape.box_px
         if placed.shape.kind == "point":
@@ -205,7 +205,7 @@ def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:
     return float(np.exp(np.median(logs[np.abs(bins - fullest) <= 1])))
 
 
-def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
+def _offsets(placed: PlacedShape, size: tuple[float, float]) -> tuple[Float, Float]:
     """Distance of each column (1, w) and row (h, 1) of a window from the shape's middle, in half sides of its box."""
     u0, v0, u1, v1 = placed.shape.box_px
     rows, columns = placed.window
@@ -214,12 +214,14 @@ def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
     return across[None, :], down[:, None]
 
 
-def _drawn_already(shape: DrawnShape, placed: Sequence[Placed]) -> int | None:
+def _drawn_already(shape: DrawnShape, placed: Sequence[PlacedShape]) -> int | None:
     """The drawn instance of the same name: a head belongs to the box that is drawn of its person."""
     return next((other.instance_id for other in placed if other.shape.name == shape.name), None)
 
 
-def _known_instance(shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[Placed]) -> int | None:
+def _known_instance(
+    shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[PlacedShape]
+) -> int | None:
     """The model's free instance of the same label that fits the drawn shape best; None if none fits well enough."""
     taken = {other.instance_id for other in placed}
     same = [
@@ -255,7 +257,7 @@ def _drawn_over(instance: Instance, before: NDArray[np.uint16], after: NDArray[n
     return instance.is_thing and had > 0 and has <= (1 - SAME_OBJECT) * had
 
 
-def _instance(placed: Placed) -> Instance:
+def _instance(placed: PlacedShape) -> Instance:
     shape = placed.shape
     return Instance(
         id=placed.instance_id,

@@ -26,7 +26,17 @@ from pydantic import Field, model_validator
 
 from vfoa.bayes import BayesSettings, Held, believed, eyes_of
 from vfoa.errors import VfoaError
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Case, Means, PosteriorAnswer, Seen, features, later_means, observe
+from vfoa.logit_cues import (
+    LOGIT_CUES,
+    ROWS,
+    Case,
+    FrameFeatures,
+    Means,
+    PosteriorAnswer,
+    features,
+    later_means,
+    observe,
+)
 from vfoa.methods import MethodSettings, answer_of, revised, seconds_between
 from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
@@ -263,7 +273,7 @@ def weigh_attentions(
     return tuple(attentions), tuple(after)
 
 
-_RECENT: Recent[tuple[Seen, Means]] = Recent(16)
+_RECENT: Recent[tuple[FrameFeatures, Means]] = Recent(16)
 """The last features of all configurations: those that differ in their weights share them."""
 
 
@@ -275,10 +285,10 @@ def _observed(
     belief: Belief,
     cues: MeasuredCues,
     time_ns: int | None,
-) -> tuple[Seen, Means]:
+) -> tuple[FrameFeatures, Means]:
     """:func:`observe` with the posterior's belief of the same frame, which is that of these targets and directions."""
 
-    def compute() -> tuple[Seen, Means]:
+    def compute() -> tuple[FrameFeatures, Means]:
         answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
         dt_s = seconds_between(means.time_ns, time_ns)
@@ -298,15 +308,15 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
         for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
             yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
 
-    return revised(window, count, Seen, of_track)
+    return revised(window, count, FrameFeatures, of_track)
 
 
-def target_probabilities(seen: Seen, weights: Weights, after: Float | None = None) -> Float:
+def target_probabilities(seen: FrameFeatures, weights: Weights, after: Float | None = None) -> Float:
     """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
     return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
-def _attention(subject: Subject, seen: Seen, weights: Weights, after: Float | None = None) -> Attention:
+def _attention(subject: Subject, seen: FrameFeatures, weights: Weights, after: Float | None = None) -> Attention:
     probability = target_probabilities(seen, weights, after)
     totals = dict(zip(seen.ids, probability.tolist(), strict=True))
     by_weights = _prepared(weights)[1] if seen.case == "both" else None

@@ -73,7 +73,7 @@ class Means:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class FrameFeatures:
     """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
 
     ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
@@ -106,7 +106,7 @@ def observe(
     dt_s: float,
     posterior: PosteriorAnswer,
     time_ns: int | None = None,
-) -> tuple[Seen, Means]:
+) -> tuple[FrameFeatures, Means]:
     """Compute a subject's features in a frame, and the running means after it.
 
     The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id:
@@ -136,7 +136,7 @@ def observe(
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
     sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
     size = np.log(shapes.radius_rad)
-    seen = Seen(
+    seen = FrameFeatures(
         case=case,
         ids=ids,
         now=now,
@@ -258,7 +258,7 @@ def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
     return padded[..., [column.get(number, -1) for number in ids]]
 
 
-def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
+def later_means(seen: Sequence[FrameFeatures], gaps_s: Sequence[float]) -> list[Float]:
     """Means (C, T) of f from each frame on; ``gaps_s`` are the times from each frame to the next."""
     means: list[Float] = []
     ids: tuple[int, ...] = ()
@@ -270,7 +270,7 @@ def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
     return means[::-1]
 
 
-def features(seen: Seen, case: Case, after: Float | None = None) -> Float:
+def features(seen: FrameFeatures, case: Case, after: Float | None = None) -> Float:
     """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
     scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
     rows = ROWS[case]

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from vfoa.logit import Cases, LogitWeights, Weights, default_weights, probabilities
-from vfoa.logit_cues import ROWS, Case, Seen, features, later_means
+from vfoa.logit_cues import ROWS, Case, FrameFeatures, features, later_means
 from vfoa.types import Flags, Float
 
 Smoothing = Literal["forward", "both"]
@@ -46,10 +46,10 @@ class LabelledSequence:
 
     group: Hashable
     times_s: Sequence[float]
-    seen: Sequence[Seen]
+    seen: Sequence[FrameFeatures]
     targets: Sequence[int | None]
     weight: float = 1.0
-    alone: Mapping[Case, Sequence[Seen | None]] = field(default_factory=dict)
+    alone: Mapping[Case, Sequence[FrameFeatures | None]] = field(default_factory=dict)
 
     @cached_property
     def gaps_s(self) -> list[float]:

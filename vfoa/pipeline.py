@@ -23,7 +23,7 @@ from typing import Any, cast
 from pydantic import InstanceOf, SerializeAsAny
 
 from vfoa.cones import ConesSettings
-from vfoa.drawn import Drawing, Placed
+from vfoa.drawn import Drawing, PlacedShape
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
@@ -87,7 +87,7 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
     matching. The result is the same.
     """
     instances, heads = _find(frame, stages, beside)
-    drawn: tuple[Placed, ...] = ()
+    drawn: tuple[PlacedShape, ...] = ()
     if stages.drawing:
         drawn = stages.drawing.place(frame, instances)
         heads = stages.drawing.add_heads(frame, heads, drawn)
@@ -133,7 +133,7 @@ def _find(frame: StereoFrame, stages: Stages, beside: Executor | None) -> tuple[
 
 
 def _match(
-    frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], drawn: tuple[Placed, ...], stages: Stages
+    frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], drawn: tuple[PlacedShape, ...], stages: Stages
 ) -> Disparity:
     if stages.region_matcher:
         windows = [placed.window for placed in drawn]

@@ -60,7 +60,7 @@ def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequenc
     edges = [bisect_left(times_s, start_s) for start_s in starts_s]
     most = max(b - a for a, b in pairwise(edges))
     left = [LabelBlock(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
-    content = {block: _Answers.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
+    content = {block: _BlockAnswers.of(answers[block.subject][block.first : block.last + 1], most) for block in left}
     left = [block for block in left if content[block].share]
     chosen, seen = list[LabelBlock](), dict[str, float]()
     while left:
@@ -88,7 +88,7 @@ def advice(blocks: Sequence[LabelBlock], frames: Sequence[int], times_s: Sequenc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Answers:
+class _BlockAnswers:
     """The disagreement of configurations in a block, in [0, 1), and the share of frames in which a name is predicted.
 
     Both are shares of the ``most`` frames of a block: a block of few frames counts less.
@@ -98,7 +98,7 @@ class _Answers:
     share: Mapping[str, float]
 
     @classmethod
-    def of(cls, answers: Sequence[Sequence[str]], most: int) -> _Answers:
+    def of(cls, answers: Sequence[Sequence[str]], most: int) -> _BlockAnswers:
         share, against = defaultdict[str, float](float), 0.0
         for counted in (Counter(answer) for answer in answers if answer):
             against += 1 - max(counted.values()) / counted.total()

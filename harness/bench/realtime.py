@@ -26,7 +26,7 @@ from vfoa.weights import check_located, weights_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class SpeedRow:
     """The name of a row and its content: a matcher under a preset, with the default models of heads or without any.
 
     Masks are in memory.
@@ -42,11 +42,11 @@ BASELINE = "SGBM"
 """The row whose frames per second divide those of the others."""
 
 ROWS = (
-    Row(what="BM", matcher="bm", preset="none"),
-    Row(what=BASELINE, matcher="sgbm", preset="none"),
-    Row(what="BM, realtime", matcher="bm", preset="realtime"),
-    Row(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
-    Row(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),
+    SpeedRow(what="BM", matcher="bm", preset="none"),
+    SpeedRow(what=BASELINE, matcher="sgbm", preset="none"),
+    SpeedRow(what="BM, realtime", matcher="bm", preset="realtime"),
+    SpeedRow(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
+    SpeedRow(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),
 )
 
 _HEAD_SLOTS = ("heads", "head_pose", "gaze")
@@ -112,7 +112,7 @@ def measure_speed(
     frames: Sequence[int],
     threads: int,
     *,
-    rows: Sequence[Row] = ROWS,
+    rows: Sequence[SpeedRow] = ROWS,
     provider: Provider = "cpu",
     overrides: tuple[str, ...] = (),
     rounds: int = 3,
@@ -131,7 +131,7 @@ def measure_speed(
     return [max(same, key=lambda speed: speed.fps) for same in zip(*by_round, strict=True)]
 
 
-def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[Row], list[str]]:
+def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[SpeedRow], list[str]]:
     """The rows that can be measured, and a note: which models those with models have, or why they are left out."""
     with_models = next(row for row in ROWS if row.has_models)
     choices = configuration_of(experiment, clip, with_models, overrides).choices
@@ -143,7 +143,7 @@ def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) ->
     return [*ROWS], [f"Models: {', '.join(f'{choice.slot} {choice.name}' for choice in models)}."]
 
 
-def configuration_of(experiment: str, clip: str, row: Row, given: tuple[str, ...]) -> Configuration:
+def configuration_of(experiment: str, clip: str, row: SpeedRow, given: tuple[str, ...]) -> Configuration:
     """The experiment's first configuration with the heads, poses and gazes of the default models, or of none.
 
     Its own may be the ground truth, whose rendering takes longer than any model.
@@ -170,7 +170,7 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
     return _Held(frames=read, instances=masks, truths=[clip.truth(number).disparity for number in frames])
 
 
-def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
+def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
     clip = manifest.open_images()
     with ThreadPoolExecutor(1) as thread:
         built: dict[str, Any] = {

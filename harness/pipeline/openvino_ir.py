@@ -53,7 +53,7 @@ def convert(layers: Path, constants: Path) -> bytes:
         the layers say. The message names the file and the layer.
     """
     root = parse_xml(read_bytes(layers), layers)
-    network = _Network(constants)
+    network = _ConvertedNetwork(constants)
     for layer in _layers(root, layers):
         network.add(layer)
     if not network.outputs:
@@ -129,7 +129,7 @@ def _integers(text: str) -> tuple[int, ...]:
     return numbers
 
 
-class _Network:
+class _ConvertedNetwork:
     """The converted part of a network."""
 
     def __init__(self, constants: Path) -> None:
@@ -259,11 +259,11 @@ class _Network:
             raise layer.error(f"another input or output is called {name!r}; expected unique names")
 
 
-def _convolution(network: _Network, layer: _Layer) -> None:
+def _convolution(network: _ConvertedNetwork, layer: _Layer) -> None:
     network.operator(layer, "Conv", **_window(layer))
 
 
-def _max_pool(network: _Network, layer: _Layer) -> None:
+def _max_pool(network: _ConvertedNetwork, layer: _Layer) -> None:
     rounding = layer.one_of("rounding_type", {"floor": 0, "ceil": 1}, "floor")
     network.operator(layer, "MaxPool", kernel_shape=layer.integers("kernel"), ceil_mode=rounding, **_window(layer))
 
@@ -274,7 +274,7 @@ def _window(layer: _Layer) -> dict[str, Sequence[int]]:
     return {"strides": strides, "pads": begin + end, "dilations": layer.integers("dilations")}
 
 
-def _mat_mul(network: _Network, layer: _Layer) -> None:
+def _mat_mul(network: _ConvertedNetwork, layer: _Layer) -> None:
     """A product of matrices: Gemm, since MatMul of ONNX cannot transpose."""
     if any(len(shape) != 2 for shape in layer.input_shapes):
         raise layer.error("found a product of arrays; expected one of two matrices")
@@ -282,12 +282,12 @@ def _mat_mul(network: _Network, layer: _Layer) -> None:
     network.operator(layer, "Gemm", transA=first, transB=second)
 
 
-def _concat(network: _Network, layer: _Layer) -> None:
+def _concat(network: _ConvertedNetwork, layer: _Layer) -> None:
     (axis,) = layer.integers("axis", length=1)
     network.operator(layer, "Concat", axis=axis)
 
 
-def _strided_slice(network: _Network, layer: _Layer) -> None:
+def _strided_slice(network: _ConvertedNetwork, layer: _Layer) -> None:
     """A part of each axis. Where a mask is 1, the bound is ignored: the part goes as far as the axis."""
     for key in ("new_axis_mask", "shrink_axis_mask", "ellipsis_mask"):
         if any(layer.integers(key)):
@@ -308,14 +308,14 @@ def _widened(array: NDArray[Any]) -> Tensor:
     return array.astype(np.float32) if array.dtype.kind == "f" else array.astype(np.int64)
 
 
-_CONVERTERS: Mapping[str, Callable[[_Network, _Layer], None]] = {
+_CONVERTERS: Mapping[str, Callable[[_ConvertedNetwork, _Layer], None]] = {
     "Concat": _concat,
-    "Const": _Network.constant,
-    "Convert": _Network.convert,
+    "Const": _ConvertedNetwork.constant,
+    "Convert": _ConvertedNetwork.convert,
     "Convolution": _convolution,
     "MatMul": _mat_mul,
     "MaxPool": _max_pool,
-    "Parameter": _Network.parameter,
-    "Result": _Network.result,
+    "Parameter": _ConvertedNetwork.parameter,
+    "Result": _ConvertedNetwork.result,
     "StridedSlice": _strided_slice,
 }

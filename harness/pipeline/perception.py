@@ -37,7 +37,7 @@ from vfoa.tracking import Tracked, Tracker
 from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
 
 
-class Followed(NamedTuple):
+class FollowedFrame(NamedTuple):
     """A frame under one configuration: the scene, the tracks of its people, the names, and the seconds per stage.
 
     A clip of recorded poses has no percepts.
@@ -59,7 +59,7 @@ class SharedFrame:
 
     index: int
     frame: StereoFrame | None
-    by_configuration: Mapping[str, Followed | VfoaError]
+    by_configuration: Mapping[str, FollowedFrame | VfoaError]
 
 
 def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, float]]:
@@ -202,7 +202,7 @@ class Perception:
         tracks: _Tracks,
     ) -> SharedFrame:
         """Place the objects and people in space and name them, for every configuration that has not failed."""
-        results: dict[str, Followed | VfoaError] = {}
+        results: dict[str, FollowedFrame | VfoaError] = {}
         named: dict[Namer, tuple[FrameNames, float]] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
@@ -233,7 +233,7 @@ class Perception:
                 scene = replace(scene, names=names.targets)
                 if answers := self._answers.get(name):
                     scene, tracked, names = answers.complete(scene, tracked, names, percepts.instances.ids)
-                results[name] = Followed(percepts, scene, tracked, names, memo.timings)
+                results[name] = FollowedFrame(percepts, scene, tracked, names, memo.timings)
         return SharedFrame(index=frame.index, frame=frame, by_configuration={**self._failed, **results})
 
     @contextmanager
@@ -366,14 +366,14 @@ def pose_frames(
             with timed(timings, "tracking"):
                 tracked = tracker.step(scene.people)
                 tracks[tracking] = tracked, namer.step(scene, tracked), timings
-        results: dict[str, Followed | VfoaError] = {}
+        results: dict[str, FollowedFrame | VfoaError] = {}
         for configuration in configurations:
             name = configuration.name
             tracked, names, timings = tracks[configuration.attend.tracking]
             seen = replace(scenes[tuple(stages[name])], names=names.targets)
             if name in answers:
                 seen, tracked, names = answers[name].complete(seen, tracked, names)
-            results[name] = Followed(None, seen, tracked, names, {**timings})
+            results[name] = FollowedFrame(None, seen, tracked, names, {**timings})
         yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 

@@ -71,7 +71,7 @@ def convert(checkpoint: Path) -> bytes:
 
 
 def _encoded(arrays: Mapping[str, Tensor]) -> bytes:
-    network = _Network(arrays)
+    network = _NodeList(arrays)
     tensor = network.convolution("input", "conv1", "bn1", stride=2)
     for block in _BLOCKS:
         stride = 2 if block in _HALVED else 1
@@ -97,7 +97,7 @@ def _encoded(arrays: Mapping[str, Tensor]) -> bytes:
     )
 
 
-class _Network:
+class _NodeList:
     """The nodes and constants that were added."""
 
     def __init__(self, arrays: Mapping[str, Tensor]) -> None:

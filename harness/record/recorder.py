@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from harness.files.folders import read_value, write_value
-from harness.pipeline.perception import Followed, SharedFrame
+from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.record import entities
 from harness.record.appearance import Colours
 from harness.record.blueprint import ClipContent, eye_controls, file_layout, guide
@@ -84,7 +84,7 @@ class SharedRecorder:
             elif followed is not None:
                 self._log(frame, followed, layers)
 
-    def _log(self, frame: SharedFrame, followed: Followed, layers: LayerNames) -> None:
+    def _log(self, frame: SharedFrame, followed: FollowedFrame, layers: LayerNames) -> None:
         scene, percepts = followed.scene, followed.percepts
         masks = self._images.part(layers.masks)
         if percepts is not None and masks.begin(scene.index, scene.time_ns):

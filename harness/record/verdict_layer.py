@@ -36,11 +36,11 @@ from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
-"""The property of a layer that lists the inputs of each of its stretches."""
+"""The property of a layer that lists its blocks: what each was made from."""
 
 
-class _Stretch(msgspec.Struct, frozen=True):
-    """A stretch of a layer, which shows one block of the tables: a digest of its inputs, and its sums.
+class _LoggedBlock(msgspec.Struct, frozen=True):
+    """A block of the tables as the layer shows it: a digest of its inputs, and its sums.
 
     ``outcomes`` and ``errors`` (by error type) are counts, ``targets`` the names in order of their first appearance,
     ``shown`` the entities of the last frame, ``paths`` those of any frame.
@@ -88,7 +88,7 @@ def write_verdict_layers(
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
             names = (names_now or {}).get(clip, {})
             traits = manifest.traits(configuration, directory.manifest)
-            layer = _Layer(reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits)
+            layer = _VerdictLayer(reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits)
             layer.write(its_blocks)
 
 
@@ -110,7 +110,7 @@ def _code() -> str:
     return digest_files((file.name, file) for file in files)
 
 
-class _Layer:
+class _VerdictLayer:
     """The layer of one configuration on one clip."""
 
     def __init__(
@@ -130,25 +130,25 @@ class _Layer:
         self._files, self._path = files, files.verdicts(configuration)
 
     def write(self, blocks: Sequence[Block]) -> None:
-        """Write the stretches that have changed; nothing if none has."""
+        """Write the blocks that have changed; nothing if none has."""
         older, old = _older(self._path, self._files.ids)
-        stretches, kept_frames = list[_Stretch](), set[int]()
+        logged, kept_frames = list[_LoggedBlock](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
-            shown = stretches[-1].shown if stretches else {}
+            shown = logged[-1].shown if logged else {}
             key = self._key(block, shown)
             if number < len(old) and old[number].key == key:
-                stretches.append(old[number])
+                logged.append(old[number])
                 kept_frames.update(block.frames)
             else:
                 layer = layer or self._open()
-                stretches.append(self._log(layer, block, key, shown))
-        if layer is None and len(stretches) == len(old):
+                logged.append(self._log(layer, block, key, shown))
+        if layer is None and len(logged) == len(old):
             return
         layer = layer or self._open()
         if older and kept_frames:
             _copy(older, layer.stream, kept_frames)
-        self._end(layer, stretches)
+        self._end(layer, logged)
 
     def _open(self) -> LayerFile:
         layer = LayerFile(self._path, self._files)
@@ -156,7 +156,7 @@ class _Layer:
         return layer
 
     def _key(self, block: Block, shown: Shown) -> str:
-        """The digest of all inputs of a stretch."""
+        """The digest of all inputs of a block."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
             (max(first, row.first_frame), min(last, row.last_frame), row.subject, row.label.target, row.label.point_px)
@@ -167,7 +167,7 @@ class _Layer:
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
-    def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
+    def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _LoggedBlock:
         log = FrameLog(layer.stream, before=shown)
         outcomes, errors, targets = Counter[str](), Counter[str](), dict[str, None]()
         of_block = self._verdicts(block)
@@ -182,7 +182,7 @@ class _Layer:
         paths = sorted(log.paths)
         log.send()
         layer.end_frame()
-        return _Stretch(
+        return _LoggedBlock(
             key=key,
             outcomes=dict(outcomes),
             errors=dict(errors),
@@ -218,27 +218,27 @@ class _Layer:
                 of_frame.append(known.get(frame) or replace(nothing, frame=frame, subject=subject))
         return verdicts
 
-    def _end(self, layer: LayerFile, stretches: Sequence[_Stretch]) -> None:
+    def _end(self, layer: LayerFile, logged: Sequence[_LoggedBlock]) -> None:
         outcomes, errors, colours = Counter[str](), Counter[str](), Colours((*self._targets, *self._subjects))
-        for stretch in stretches:
-            outcomes.update(stretch.outcomes)
-            errors.update(stretch.errors)
-            for name in stretch.targets:
+        for block in logged:
+            outcomes.update(block.outcomes)
+            errors.update(block.errors)
+            for name in block.targets:
                 colours.class_of(name)
         log_palettes(layer.stream, self._configuration, self._subjects, colours)
-        paths = {path for stretch in stretches for path in stretch.paths}
+        paths = {path for block in logged for path in block.paths}
         log_styles(layer.stream, self._configuration, self._subjects, paths)
-        made_from = msgspec.json.encode(stretches).decode()
+        made_from = msgspec.json.encode(logged).decode()
         properties_of = {**_properties(self._files.clip, self._configuration, outcomes, errors), _MADE_FROM: made_from}
         layer.stream.send_property(self._configuration, rr.AnyValues(**properties_of))
         layer.close(complete=True)
 
 
-def _older(path: Path, ids: RecordingIds) -> tuple[RecordingFile | None, list[_Stretch]]:
-    """The layer that is there, and the stretches that it was made from; none if it is damaged or of other ids."""
+def _older(path: Path, ids: RecordingIds) -> tuple[RecordingFile | None, list[_LoggedBlock]]:
+    """The layer that is there, and the blocks that it was made from; none if it is damaged or of other ids."""
     with suppress(VfoaError, msgspec.DecodeError):
         if path.is_file() and (older := RecordingFile(path)).ids == ids:
-            return older, msgspec.json.decode(str(older.properties().get(_MADE_FROM)), type=list[_Stretch])
+            return older, msgspec.json.decode(str(older.properties().get(_MADE_FROM)), type=list[_LoggedBlock])
     return None, []
 
 

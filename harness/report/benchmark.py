@@ -40,7 +40,7 @@ _FITTED: Tables = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Material:
+class BenchmarkMaterial:
     """What methods are tried on: an experiment with some settings, and the methods that differ or are only there.
 
     ``setting`` is where it was made; materials of one setting weigh as much together as another one alone.
@@ -53,22 +53,22 @@ class Material:
     methods: Tables = field(default_factory=dict)
 
 
-MATERIALS: Mapping[str, Material] = {
-    "people_heads": Material(
+MATERIALS: Mapping[str, BenchmarkMaterial] = {
+    "people_heads": BenchmarkMaterial(
         title="people, heads alone",
         setting="people",
         experiment="people",
         settings=("gaze.model=none",),
         methods=_FITTED,
     ),
-    "people_gaze_11": Material(
+    "people_gaze_11": BenchmarkMaterial(
         title="people, gaze 11 deg off",
         setting="people",
         experiment="people",
         settings=("gaze.model=simulated", "gaze.error_deg=11.1"),
         methods=_FITTED,
     ),
-    "conversation": Material(
+    "conversation": BenchmarkMaterial(
         title="conversation, heads alone",
         setting="conversation",
         experiment="conversation",
@@ -79,14 +79,14 @@ MATERIALS: Mapping[str, Material] = {
             }
         },
     ),
-    "rendered": Material(
+    "rendered": BenchmarkMaterial(
         title="rendered clips",
         setting="rendered clips",
         experiment="demo",
         settings=("stereo.matcher=sgbm",),
     ),
-    "drawn": Material(title="drawn scenes", setting="drawn scenes", experiment="drawn"),
-    "bandage_2": Material(
+    "drawn": BenchmarkMaterial(title="drawn scenes", setting="drawn scenes", experiment="drawn"),
+    "bandage_2": BenchmarkMaterial(
         title="drawn film",
         setting="drawn film",
         experiment="bandage_2",
@@ -148,7 +148,7 @@ def material_experiment(name: str, changes: Tables | None = None) -> tuple[Exper
     ), left_out
 
 
-def _methods(material: Material, changes: Tables) -> dict[str, MethodSettings]:
+def _methods(material: BenchmarkMaterial, changes: Tables) -> dict[str, MethodSettings]:
     """The settings of each row of a material."""
     tables = merged({**METHODS, **material.methods}, changes)
     return {

@@ -38,7 +38,7 @@ CHANGEABLE = ("attention", "gaze_filter")
 """Tables of a configuration that decide neither scenes nor directions."""
 
 
-class Attended(NamedTuple):
+class AttendedFrame(NamedTuple):
     """A frame, the seconds that it took, and its result."""
 
     frame: SceneFrame
@@ -58,7 +58,7 @@ class Attender:
         """Whether :meth:`steps` answers its frames at once."""
         return self._attending.takes_many
 
-    def steps(self, frames: Sequence[SceneFrame]) -> list[Attended]:
+    def steps(self, frames: Sequence[SceneFrame]) -> list[AttendedFrame]:
         """Attend to the next frames; return the frames that are finished now. Raises the errors of the method."""
         together: Timings = {}
         asked = [(frame.scene, frame.tracked, frame.names) for frame in frames]
@@ -67,12 +67,12 @@ class Attender:
         self._waiting.extend((frame, {stage: ms / len(frames) for stage, ms in together.items()}) for frame in frames)
         return self._finished(ready)
 
-    def finish(self) -> list[Attended]:
+    def finish(self) -> list[AttendedFrame]:
         """Return the frames that wait for later ones. Raises the errors of the method."""
         return self._finished(guarded("attention", self._attending.finish))
 
-    def _finished(self, ready: Iterable[FrameResult]) -> list[Attended]:
-        return [Attended(*self._waiting.popleft(), result) for result in ready]
+    def _finished(self, ready: Iterable[FrameResult]) -> list[AttendedFrame]:
+        return [AttendedFrame(*self._waiting.popleft(), result) for result in ready]
 
 
 def attend_scenes(
@@ -192,7 +192,7 @@ class Answering:
         except VfoaError as error:
             self.fail(error)
 
-    def _attended(self, frames: Sequence[SceneFrame]) -> list[Attended]:
+    def _attended(self, frames: Sequence[SceneFrame]) -> list[AttendedFrame]:
         """The frames that are finished now. A method that fails at many frames is asked again: the error names one."""
         try:
             return self._attender.steps(frames)
@@ -203,7 +203,7 @@ class Answering:
                 raise
         return [each for frame in frames for each in self._attended((frame,))]
 
-    def _hand_over(self, attended: Iterable[Attended]) -> None:
+    def _hand_over(self, attended: Iterable[AttendedFrame]) -> None:
         """Hand frames to every sink, with their records. The time of the sinks, but the last one, counts as writing."""
         for frame, timings, result in attended:
             fx_px = frame.camera.rig.fx_px if frame.camera else None

@@ -182,7 +182,7 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipResult:
         return outcome
     perceived = (each for each in job.configurations if each.name in outcome.keys)
     answering = [each for each in perceived if not each.attend.attention.is_unfitted]
-    told = _Attended(job, progress) if isinstance(clip, MeasuredClip) else None
+    told = _AttendProgress(job, progress) if isinstance(clip, MeasuredClip) else None
     check = told or partial(_goes_on, progress)
     errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
     if told:
@@ -195,7 +195,7 @@ def _goes_on(progress: Progress, *_: object) -> None:
     progress(GOES_ON)
 
 
-class _Attended:
+class _AttendProgress:
     """Reports the progress of a job that attends to a clip: its share of the frames, however often it reads them."""
 
     def __init__(self, job: ClipJob, progress: Progress) -> None:

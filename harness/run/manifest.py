@@ -42,7 +42,7 @@ class Published(Settings):
     counts: dict[str, PublishedCount] = Field(min_length=1)
 
 
-class _Table(BaseModel):
+class _ManifestTable(BaseModel):
     """A table whose known keys must have these types; other keys are kept as they are."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
@@ -52,14 +52,14 @@ class _Table(BaseModel):
         return self.model_dump(exclude_unset=True)
 
 
-class NamesOfClip(_Table):
+class NamesOfClip(_ManifestTable):
     """The rules of subjects and targets by their names, as in the clip's manifest."""
 
     subjects: dict[str, Any] = {}
     targets: dict[str, Any] = {}
 
 
-class ClipOfRun(_Table):
+class ClipOfRun(_ManifestTable):
     """A clip of a run. ``manifest`` is the path of its own; ``names`` and ``times_ns`` are None in older runs."""
 
     name: str
@@ -94,7 +94,7 @@ class ClipOfRun(_Table):
         return tuple(self.names.targets) if self.names else ()
 
 
-class NoteOfRun(_Table):
+class NoteOfRun(_ManifestTable):
     """A note of the experiment. Older runs have texts alone, which are taken for facts."""
 
     text: str
@@ -106,7 +106,7 @@ class NoteOfRun(_Table):
         return {"text": value} if isinstance(value, str) else value
 
 
-class AnswerTraits(_Table):
+class AnswerTraits(_ManifestTable):
     """What the answers of a method are: probabilities, and whether no focus is the answer "looks at nothing".
 
     Those ``from_file`` are another system's, which needs nothing of what the stages found.
@@ -117,7 +117,7 @@ class AnswerTraits(_Table):
     from_file: bool = False
 
 
-class Failure(_Table):
+class Failure(_ManifestTable):
     """A (clip, configuration) that failed. ``traceback`` is the file of a stage's fault, below the run's directory."""
 
     clip: str
@@ -126,7 +126,7 @@ class Failure(_Table):
     traceback: str | None = None
 
 
-class RunManifest(_Table):
+class RunManifest(_ManifestTable):
     """The keys of ``manifest.json``.
 
     All are optional: a run that has just begun has fewer, and older versions wrote fewer. Only keys that were given are

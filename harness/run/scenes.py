@@ -22,7 +22,7 @@ from uuid import uuid4
 import numpy as np
 
 from harness.pipeline.measures import FrameMeasures, Measurer, PersonMeasure, TargetMeasure
-from harness.pipeline.perception import Followed, SharedFrame
+from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.pipeline.stage_runner import timed
 from harness.run.directory import RunDirectory
 from harness.run.records import head_width_m
@@ -180,7 +180,7 @@ class SceneWriters:
         final = scene.finish()
         return {"scene": final, "directions": directions.finish(scene=final)}
 
-    def _measure(self, followed: Followed) -> FrameMeasures | None:
+    def _measure(self, followed: FollowedFrame) -> FrameMeasures | None:
         if self._measurer is None or followed.percepts is None:
             return None
         return self._measurer.measure(followed.percepts, followed.scene)
@@ -192,7 +192,7 @@ _RIG = attrgetter(*(each.name for each in fields(StereoRig)))
 
 
 def _scene_rows(
-    frame: StereoFrame | None, followed: Followed, measured: FrameMeasures | None, clouds: Sequence[int]
+    frame: StereoFrame | None, followed: FollowedFrame, measured: FrameMeasures | None, clouds: Sequence[int]
 ) -> dict[str, Iterable[Row]]:
     """The rows of a frame in the tables of a scene."""
     scene, names = followed.scene, followed.names
@@ -234,7 +234,7 @@ def _person(scene: Scene, track: int, person: Person, name: str | None) -> Row:
     return (scene.index, track, name, person.instance_id, *head, scene.looked_at.get(name or ""))
 
 
-def _directions_rows(followed: Followed, measured: FrameMeasures | None) -> dict[str, Iterable[Row]]:
+def _directions_rows(followed: FollowedFrame, measured: FrameMeasures | None) -> dict[str, Iterable[Row]]:
     """The rows of a frame in the tables of directions."""
     number, fx_px = followed.scene.index, followed.percepts.rig.fx_px if followed.percepts else None
     return {

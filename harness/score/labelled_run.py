@@ -27,7 +27,7 @@ from harness.score.verdict_columns import LabelColumns, SubjectVerdicts, hits_of
 from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
 from vfoa.logit import Logit, LogitSettings, Remembered
-from vfoa.logit_cues import ROWS, Case, Seen
+from vfoa.logit_cues import ROWS, Case, FrameFeatures
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.types import Attention, Float, Scene, Subject
@@ -287,7 +287,7 @@ def labelled_people(
     if pair.cases is None:
         single &= found
     alone = {case: list(_attended(frames, pair.settings, case, check)) for case in sorted(single)}
-    rows_of: dict[str, list[_Row]] = {}
+    rows_of: dict[str, list[_LabelledFrame]] = {}
     for at, (frame, people) in enumerate(zip(frames, measured, strict=True)):
         number, named = frame.scene.index, [each.subject.name for each in people]
         for name, of_person in pair.truths.items():
@@ -302,7 +302,7 @@ def labelled_people(
                     cones = pay_attention(people[place].subject, frame.scene.targets, _CONES)
                     answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
             by_case = {case: _seen(by_frame[at][place]) for case, by_frame in alone.items()}
-            row = _Row(frame.scene.time_ns / 1e9, seen, by_case, target, nearest, answers)
+            row = _LabelledFrame(frame.scene.time_ns / 1e9, seen, by_case, target, nearest, answers)
             rows_of.setdefault(name, []).append(row)
     return [_person(pair.clip, rows) for rows in rows_of.values()]
 
@@ -318,9 +318,9 @@ def _attended(
         yield result.attentions
 
 
-def _seen(attention: Attention) -> Seen | None:
+def _seen(attention: Attention) -> FrameFeatures | None:
     """The features of an answer of the logit; None if no direction was measured."""
-    return attention.belief if isinstance(attention.belief, Seen) else None
+    return attention.belief if isinstance(attention.belief, FrameFeatures) else None
 
 
 class _OfCase(Logit):
@@ -341,18 +341,18 @@ class _OfCase(Logit):
         return super().attend(subjects, scene, states)
 
 
-class _Row(NamedTuple):
+class _LabelledFrame(NamedTuple):
     """A person in a frame: features, true target, the nearest one as in :class:`LabelledPerson`, and the answers."""
 
     time_s: float
-    seen: Seen
-    alone: Mapping[Case, Seen | None]
+    seen: FrameFeatures
+    alone: Mapping[Case, FrameFeatures | None]
     target: int | None
     nearest: Sequence[float]
     answers: Mapping[str, ScoredAnswer]
 
 
-def _person(clip: str, rows: Sequence[_Row]) -> LabelledPerson:
+def _person(clip: str, rows: Sequence[_LabelledFrame]) -> LabelledPerson:
     missing: ScoredAnswer = (False, math.nan, math.nan)
     names = dict.fromkeys(name for row in rows for name in row.answers)
     return LabelledPerson(

@@ -89,7 +89,7 @@ def _steps_of(base: Configuration, replacements: list[str]) -> Iterator[Configur
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class AblationStep:
     """A step that was scored on all clips together.
 
     ``gained`` is the FRR minus that of the step before, ``interval`` its 95 % interval by clips or looks. All three are
@@ -120,17 +120,17 @@ def without_oracles(configurations: Collection[str]) -> list[str]:
     return [name for name in configurations if _step_before(name, configurations) is None]
 
 
-def steps(scores: Scores) -> list[Step]:
+def steps(scores: Scores) -> list[AblationStep]:
     """The ablations of a run, each beginning with its configuration; empty for a run without ablation."""
     scored = {row.configuration: row for row in scores.overall()}
-    ablation: list[Step] = []
+    ablation: list[AblationStep] = []
     for name, row in scored.items():
         before = _step_before(name, scored)
         if before is not None:
             pairs = pair(scores.frames_of(before), scores.frames_of(name))
             interval = None if pairs.units is None else difference_interval(pairs.units)
             ablation.append(
-                Step(
+                AblationStep(
                     configuration=name,
                     replaced=name.removeprefix(f"{before}+"),
                     row=row,
@@ -140,7 +140,7 @@ def steps(scores: Scores) -> list[Step]:
                 )
             )
         elif any(f"{name}+{replaced}" in scored for replaced in REPLACEMENTS):
-            ablation.append(Step(configuration=name, replaced=None, row=row))
+            ablation.append(AblationStep(configuration=name, replaced=None, row=row))
     return ablation
 
 

@@ -232,7 +232,7 @@ class _Pair:
         code, n = self.words.code, len(frames)
         seen = np.flatnonzero(person != UNKNOWN)
         of, label_of = person[seen], label.at(seen)
-        answers = _Answers(self, of, label_of)
+        answers = _SubjectAnswers(self, of, label_of)
         predicted, error_type = np.full(n, UNKNOWN, dtype=np.intp), np.full(n, code("no_subject"), dtype=np.intp)
         predicted[seen], error_type[seen] = answers.predicted(), answers.error_types(code(subject))
         if self.traits.says_nowhere:
@@ -293,7 +293,7 @@ class LabelColumns:
         return part
 
 
-class _Answers:
+class _SubjectAnswers:
     """The answers about one subject in the n frames in which the person was seen."""
 
     def __init__(self, pair: _Pair, of: Codes, label: LabelColumns) -> None:

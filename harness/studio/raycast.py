@@ -58,17 +58,17 @@ class Assembly:
         )
         self.part_spans = [slice(int(k), int(k) + n) for k, n in zip(first, counts, strict=True)]
 
-    def placed(self, poses: dict[str, Pose]) -> Placed:
+    def placed(self, poses: dict[str, Pose]) -> PlacedAssembly:
         """Return the bodies at their poses of one frame."""
         vertices, normals = np.empty_like(self.vertices), np.empty_like(self.normals)
         for body, span in zip(self.part_bodies, self.part_spans, strict=True):
             rotation = poses[body].frame_from_body.T.astype(np.float32)
             vertices[span] = self.vertices[span] @ rotation + poses[body].origin_m.astype(np.float32)
             normals[span] = self.normals[span] @ rotation
-        return Placed(self, vertices, normals)
+        return PlacedAssembly(self, vertices, normals)
 
 
-class Placed:
+class PlacedAssembly:
     """An assembly in the camera frame, ready for rays."""
 
     def __init__(self, assembly: Assembly, vertices: Values, normals: Values) -> None:
@@ -107,7 +107,7 @@ class Placed:
 class Hits:
     """Hits of N rays (N, 6) in an assembly: depth (N,), inf for a miss, triangle (N,), barycentric shares (N, 2)."""
 
-    placed: Placed
+    placed: PlacedAssembly
     rays: Values
     depth_m: Values
     triangle: NDArray[np.uint32]
@@ -178,7 +178,7 @@ def _mix(values: Values, corners: NDArray[np.intp], shares: tuple[Values, ...]) 
     return mixed
 
 
-def shadow_share(hits: Hits, blockers: tuple[Placed, ...]) -> Values:
+def shadow_share(hits: Hits, blockers: tuple[PlacedAssembly, ...]) -> Values:
     """Share (N,) of an extended light that each point sees: soft shadows from a fixed set of directions."""
     met = np.isfinite(hits.depth_m)
     share = np.ones(len(met), dtype=np.float32)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.studio.material import Values
-from harness.studio.raycast import Assembly, Hits, Placed, shadow_share
+from harness.studio.raycast import Assembly, Hits, PlacedAssembly, shadow_share
 from harness.studio.stage import RIG, Stage
 from vfoa.recent import Recent
 from vfoa.types import Image, Map
@@ -31,7 +31,7 @@ _STEP_M = 0.001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layer:
+class RenderedView:
     """The view of one camera: depth (H, W) in metres, inf where nothing is, and instance ids (H, W), 0 for none."""
 
     depth_m: Map
@@ -51,7 +51,7 @@ class Renderer:
         self._moving = Assembly([body for body in stage.bodies if body.moves])
         self._rays = [_camera_rays(view) for view in VIEWS]
         self._moving_layers: Recent[Moving] = Recent(len(VIEWS))
-        self._depths: dict[int, Layer] = {}
+        self._depths: dict[int, RenderedView] = {}
         self._backdrops: dict[int, Values] = {}
 
     def image(self, frame: int, view: int) -> Image:
@@ -61,13 +61,13 @@ class Renderer:
         colour[v, u] = hits.shade(np.ones(len(v), dtype=np.float32))
         return self._sense(colour, frame, view)
 
-    def left_geometry(self, frame: int) -> Layer:
+    def left_geometry(self, frame: int) -> RenderedView:
         """Depth and instance ids of the left view."""
         (v, u), hits = self._moving_layer(frame, 0)
-        still = self._still_layer(0)
+        still = self._still_view(0)
         depth, ids = still.depth_m.copy(), still.ids.copy()
         depth[v, u], ids[v, u] = hits.depth_m, hits.ids
-        return Layer(depth_m=depth, ids=ids)
+        return RenderedView(depth_m=depth, ids=ids)
 
     def _moving_layer(self, frame: int, view: int) -> Moving:
         """The moving bodies where they are in front of the static ones; image and geometry of a frame share them."""
@@ -77,15 +77,15 @@ class Renderer:
         placed = self._moving.placed(self._stage.poses(frame))
         where = placed.covers(view)
         hits = placed.cast(self._rays[view][where])
-        nearer = hits.depth_m < self._still_layer(view).depth_m[where]
+        nearer = hits.depth_m < self._still_view(view).depth_m[where]
         v, u = np.nonzero(where)
         return (v[nearer], u[nearer]), hits.keep(nearer)
 
-    def _still_layer(self, view: int) -> Layer:
+    def _still_view(self, view: int) -> RenderedView:
         if view not in self._depths:
             hits = self._still.placed(self._stage.poses(0)).cast(self._rays[view].reshape(-1, 6))
             shape = (RIG.height_px, RIG.width_px)
-            self._depths[view] = Layer(depth_m=hits.depth_m.reshape(shape), ids=hits.ids.reshape(shape))
+            self._depths[view] = RenderedView(depth_m=hits.depth_m.reshape(shape), ids=hits.ids.reshape(shape))
         return self._depths[view]
 
     def _backdrop(self, view: int) -> Values:
@@ -157,7 +157,7 @@ class LinesOfSight:
         return blockers
 
 
-def _first(scene: Placed, ray: Values, *, own: int) -> tuple[int, float]:
+def _first(scene: PlacedAssembly, ray: Values, *, own: int) -> tuple[int, float]:
     """The instance that a ray (6,) hits first, except the own body, and its distance in metres; 0 and inf for none."""
     walked_m = 0.0
     while True:

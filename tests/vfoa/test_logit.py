@@ -22,7 +22,7 @@ from vfoa.logit import (
     weigh_again,
     weigh_attentions,
 )
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Means, PosteriorAnswer, Seen, later_means, observe
+from vfoa.logit_cues import LOGIT_CUES, ROWS, FrameFeatures, Means, PosteriorAnswer, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
@@ -249,7 +249,7 @@ def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
 
 
 def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None:
-    seen: list[Seen] = []
+    seen: list[FrameFeatures] = []
     means = Means()
     subject = looking(None, LEFT)
     for _ in range(20):
@@ -263,7 +263,7 @@ def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None
 
 
 def test_frames_without_targets_say_nothing_of_the_weights() -> None:
-    def sequence(seen: list[Seen]) -> LabelledSequence:
+    def sequence(seen: list[FrameFeatures]) -> LabelledSequence:
         count = len(seen)
         return LabelledSequence(group="a", times_s=[0.1 * k for k in range(count)], seen=seen, targets=[None] * count)
 

@@ -14,7 +14,7 @@ from vfoa.types import Gaze, HeadView, Image, Percepts, StereoRig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Seen:
+class _FrameHeads:
     """The heads of one frame with the track of each (None: not followed)."""
 
     rig: StereoRig
@@ -43,7 +43,7 @@ class HeadWindow:
     def __init__(self, model: TemporalGazeModel, rate_hz: float | None) -> None:
         self._model = model
         self._stride = model.stride(rate_hz)
-        self._seen: dict[int, _Seen] = {}
+        self._seen: dict[int, _FrameHeads] = {}
 
     @property
     def look_ahead(self) -> int:
@@ -52,7 +52,7 @@ class HeadWindow:
 
     def add(self, percepts: Percepts, tracks: Sequence[int | None]) -> None:
         """Add the next frame; its views hold the model's crops, and ``tracks`` the track of each (None: none)."""
-        self._seen[percepts.index] = _Seen(rig=percepts.rig, views=percepts.views, tracks=tracks)
+        self._seen[percepts.index] = _FrameHeads(rig=percepts.rig, views=percepts.views, tracks=tracks)
 
     def gazes(self, index: int) -> tuple[Gaze | None, ...]:
         """Return the gazes in a frame, in the order of its views; None for a head that is not followed.

@@ -101,7 +101,7 @@ def answered(belief: Belief, probabilities: Float, error: Error, *, later_known:
 
 
 @dataclass(frozen=True, slots=True)
-class _Step:
+class _ChosenHypotheses:
     """One frame under H chosen hypotheses: looked (T, H), and the transition to it, leave (H,) and new (T, H)."""
 
     keys: Keys
@@ -130,7 +130,7 @@ def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
     return answers[::-1]
 
 
-def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float]:
+def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_ChosenHypotheses], Float]:
     """Return every frame under the hypotheses that are likeliest at the end, and their weights (H,)."""
     last = beliefs[-1]
     weights = last.weights.ravel()
@@ -144,5 +144,5 @@ def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float
         column = head if len(belief.head.share) > 1 else np.zeros_like(head)
         row = np.minimum(row, len(belief.gaze.number) - 1)
         pair = ..., column, row
-        steps.append(_Step(belief.keys, belief.looked[pair], belief.leave[pair], belief.new[pair]))
+        steps.append(_ChosenHypotheses(belief.keys, belief.looked[pair], belief.leave[pair], belief.new[pair]))
     return steps, weights[chosen] / weights[chosen].sum()

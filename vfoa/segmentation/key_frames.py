@@ -72,7 +72,7 @@ class KeyFrameSegmenter:
         read: Callable[[int], StereoFrame] | None = None,
     ) -> None:
         self._segmenter, self._path_to, self._read = segmenter, path_to, read
-        self._followed: list[_Followed] = []
+        self._followed: list[_MotionState] = []
 
     def segment(self, frame: StereoFrame) -> Instances:
         """Return the masks of a frame; ``carried_from`` says whose they are if they were not found in it."""
@@ -83,7 +83,7 @@ class KeyFrameSegmenter:
         self._followed = [state for state in (before, now) if state]
         return masks
 
-    def _followed_to(self, path: Sequence[int]) -> _Followed | None:
+    def _followed_to(self, path: Sequence[int]) -> _MotionState | None:
         """The state after the frame before the last one of a path; None if there is none before.
 
         The last two states are kept, since a frame may come again after an error.
@@ -94,23 +94,23 @@ class KeyFrameSegmenter:
             if (state.key.index, state.number) == (path[0], path[-2]):
                 return state
         assert self._read is not None, "a sequence without its key frame"
-        state_before: _Followed | None = None
+        state_before: _MotionState | None = None
         for number in path[:-1]:
             state_before = self._follow(state_before, self._read(number))
         return state_before
 
-    def _follow(self, before: _Followed | None, frame: StereoFrame) -> _Followed:
+    def _follow(self, before: _MotionState | None, frame: StereoFrame) -> _MotionState:
         """The state after one more frame; without one before, the frame is a key frame."""
         image = shrunk(frame.left)
         if before is None:
             masks = self._segmenter.segment(frame)
-            return _Followed(number=frame.index, image=image, key=frame, masks=masks, motion=no_motion(image))
+            return _MotionState(number=frame.index, image=image, key=frame, masks=masks, motion=no_motion(image))
         motion = before.motion.then(motion_between(before.image, image))
         return replace(before, number=frame.index, image=image, motion=motion)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Followed:
+class _MotionState:
     """The last frame, shrunk; its key frame with its masks, and the motion from there to the last frame."""
 
     number: int

@@ -49,7 +49,7 @@ class _Behaviour:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Event:
+class _BorisEvent:
     """An event at a time, ms, or at the number of a picture; one modifier for each set, "" where none was chosen."""
 
     at: int
@@ -158,7 +158,7 @@ def _is_of_pictures(observation: Mapping[str, Any]) -> bool:
     return observation.get("type") == "IMAGES"
 
 
-def _events(observation: Mapping[str, Any], where: str) -> list[_Event]:
+def _events(observation: Mapping[str, Any], where: str) -> list[_BorisEvent]:
     """Every event of an observation, in order."""
     events = observation.get("events")
     if not isinstance(events, list):
@@ -172,7 +172,7 @@ def _events(observation: Mapping[str, Any], where: str) -> list[_Event]:
             )
             raise VfoaError(f"{where}: event {number}: found {str(event)[:80]!r}; expected [{fields}]")
         parsed.append(
-            _Event(
+            _BorisEvent(
                 at=round(float(event[place_of]) * scale),
                 subject=str(event[1]) or _NO_FOCAL_SUBJECT,
                 behaviour=str(event[2]),
@@ -199,7 +199,7 @@ def _shown(at: int, observation: Mapping[str, Any]) -> str:
 
 
 def _check_modifiers(
-    states: Iterable[_Event], behaviours: Mapping[str, _Behaviour], modifier: str | None, where: str
+    states: Iterable[_BorisEvent], behaviours: Mapping[str, _Behaviour], modifier: str | None, where: str
 ) -> None:
     """Refuse modifiers unless the user says whether they are the targets, and a set that no state has."""
     modified = [event for event in states if event.modifiers]
@@ -222,26 +222,26 @@ def _check_modifiers(
         )
 
 
-def _set_names(event: _Event, behaviours: Mapping[str, _Behaviour]) -> list[str]:
+def _set_names(event: _BorisEvent, behaviours: Mapping[str, _Behaviour]) -> list[str]:
     """The names of an event's sets of modifiers; a set without a name has its number, from 1."""
     names = behaviours.get(event.behaviour, _Behaviour()).sets
     return [(names[n] if n < len(names) else "") or str(n + 1) for n in range(len(event.modifiers))]
 
 
-def _set_number(event: _Event, behaviours: Mapping[str, _Behaviour], modifier: str) -> int | None:
+def _set_number(event: _BorisEvent, behaviours: Mapping[str, _Behaviour], modifier: str) -> int | None:
     names = _set_names(event, behaviours)
     return names.index(modifier) if modifier in names else None
 
 
-def _target(event: _Event, behaviours: Mapping[str, _Behaviour], modifier: str | None) -> str:
+def _target(event: _BorisEvent, behaviours: Mapping[str, _Behaviour], modifier: str | None) -> str:
     """The modifier of the chosen set; the behaviour where there is none."""
     number = None if modifier is None else _set_number(event, behaviours, modifier)
     return event.behaviour if number is None else event.modifiers[number] or event.behaviour
 
 
-def _pairs(states: Sequence[_Event]) -> Iterator[tuple[_Event, int | None]]:
+def _pairs(states: Sequence[_BorisEvent]) -> Iterator[tuple[_BorisEvent, int | None]]:
     """Yield every start with the time of its stop; None for a state that never stops."""
-    begun: dict[tuple[str, str, tuple[str, ...]], _Event] = {}
+    begun: dict[tuple[str, str, tuple[str, ...]], _BorisEvent] = {}
     for event in states:
         key = event.subject, event.behaviour, event.modifiers
         if key in begun:

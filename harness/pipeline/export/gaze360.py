@@ -88,7 +88,7 @@ _PREFIX = "module."  # prefix of DataParallel, used in training
 _COUNTER = ".num_batches_tracked"  # counts training steps; PyTorch before 0.4.1 did not save it
 
 
-class Gaze360(nn.Module):
+class Gaze360Network(nn.Module):
     """The network; its attributes have the names of the tensors in the official checkpoint."""
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ def export(checkpoint: Path, out: Path) -> float:
     return difference_rad
 
 
-def load(checkpoint: Path) -> Gaze360:
+def load(checkpoint: Path) -> Gaze360Network:
     """Build the network with the tensors of a checkpoint, ready for inference.
 
     Raises
@@ -147,7 +147,7 @@ def load(checkpoint: Path) -> Gaze360:
         If the checkpoint cannot be read, or if one of its tensors is missing, unexpected or of a wrong shape.
     """
     of_file = _read_tensors(checkpoint)
-    network = Gaze360()
+    network = Gaze360Network()
     expected = {_PREFIX + name: tensor for name, tensor in network.state_dict().items()}
     for name in dict.fromkeys((*expected, *of_file)):
         shape, wanted = (_shape(tensors.get(name)) for tensors in (of_file, expected))
@@ -179,7 +179,7 @@ def _shape(tensor: Any) -> str:
     return str(list(tensor.shape)) if isinstance(tensor, torch.Tensor) else type(tensor).__name__
 
 
-def _write_onnx(network: Gaze360, path: Path) -> None:
+def _write_onnx(network: Gaze360Network, path: Path) -> None:
     with warnings.catch_warnings():
         # Tracing needs no package beside onnx; PyTorch recommends its newer exporter
         warnings.filterwarnings("ignore", category=DeprecationWarning)
@@ -199,7 +199,7 @@ def _write_onnx(network: Gaze360, path: Path) -> None:
         )
 
 
-def _prove(network: Gaze360, path: Path, checkpoint: Path) -> float:
+def _prove(network: Gaze360Network, path: Path, checkpoint: Path) -> float:
     """Return the greatest difference in radians between ONNX Runtime and PyTorch; an error beyond the tolerance."""
     model = Model(str(path), SIGNATURE, RuntimeSettings())
     random = np.random.default_rng(0)

@@ -102,7 +102,7 @@ def read_answers(
         have, two rows of one person in one frame, probabilities that do not add up.
     """
     columns = _read(path)
-    table = _Table(columns, tuple(names), tuple(people))
+    table = _CheckedTable(columns, tuple(names), tuple(people))
     by_frame: dict[int, dict[str, Answer]] = {}
     lines: dict[tuple[int, str], int] = {}
     for row, frame in enumerate(_frames(table, frames, times_ns, frame_offset)):
@@ -154,7 +154,7 @@ def _text(value: Any) -> str:
     return "" if value is None or value != value else str(value)
 
 
-class _Table:
+class _CheckedTable:
     """A table of answers while it is checked."""
 
     def __init__(self, columns: TableColumns, names: tuple[str, ...], people: tuple[str, ...]) -> None:
@@ -255,7 +255,7 @@ class _Table:
             raise VfoaError(f"{where}: {names}: the probabilities add up to {total:.4g}; expected {limit}")
 
 
-def _frames(table: _Table, frames: Sequence[int], times_ns: Sequence[int], offset: int) -> Iterator[int]:
+def _frames(table: _CheckedTable, frames: Sequence[int], times_ns: Sequence[int], offset: int) -> Iterator[int]:
     """The frame of each row."""
     columns = table.columns
     given = [key for key in KEYS if key in columns.cells]

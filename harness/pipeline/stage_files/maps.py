@@ -191,7 +191,7 @@ class _Segment(Struct, gc=False):
             check_name(self.name)
 
 
-class _Annotation(Struct, gc=False):
+class _PanopticAnnotation(Struct, gc=False):
     file_name: str
     segments_info: list[_Segment]
 
@@ -208,7 +208,7 @@ class _Category(Struct):
 class _PanopticFile(Struct):
     """The part of COCO's panoptic JSON that is used; the file may hold more."""
 
-    annotations: list[_Annotation]
+    annotations: list[_PanopticAnnotation]
     categories: list[_Category]
 
 

@@ -43,7 +43,7 @@ _POINTS = {"right_eye": range(36, 42), "left_eye": range(42, 48), "nose": [30], 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Row:
+class _FaceLine:
     """One face: the line of its file, its frame from 1, its subject, and its cells in each table that has it."""
 
     line: int
@@ -118,15 +118,15 @@ _MISSING: Mapping[tuple[Program, Part], str] = {
 
 
 @lru_cache(maxsize=2)
-def _rows(path: Path, program: Program, digest: str) -> tuple[_Row, ...]:
+def _rows(path: Path, program: Program, digest: str) -> tuple[_FaceLine, ...]:
     """Read a file once per content: three stages need it."""
     return tuple(_of_openface(path) if program == "openface" else _of_gaze3d(path))
 
 
-def _of_openface(path: Path) -> Iterator[_Row]:
+def _of_openface(path: Path) -> Iterator[_FaceLine]:
     for frame, faces in read_openface(path).faces.items():
         for number, face in enumerate(faces, start=1):
-            yield _Row(line=face.line, frame=frame, subject=str(number), parts=_parts_of_face(face))
+            yield _FaceLine(line=face.line, frame=frame, subject=str(number), parts=_parts_of_face(face))
 
 
 def _parts_of_face(face: Face) -> dict[Part, Mapping[str, float]]:
@@ -148,7 +148,7 @@ def _named(names: Sequence[str], values: Float) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def _of_gaze3d(path: Path) -> Iterator[_Row]:
+def _of_gaze3d(path: Path) -> Iterator[_FaceLine]:
     table = read_columns(path, None, GAZE3D)
     frames, people = (table.integers(name) for name in ("frame_id", "pid"))
     boxes, gazes = table.group(GAZE3D[:4]), table.group(GAZE3D[6:])
@@ -158,4 +158,4 @@ def _of_gaze3d(path: Path) -> Iterator[_Row]:
         if math.isfinite(length) and length > 0:
             x, y, z = gazes[row] / length
             parts["gaze"] = {"theta_rad": math.atan2(x, -z), "phi_rad": math.asin(y)}
-        yield _Row(line=line, frame=frame, subject=str(person), parts=parts)
+        yield _FaceLine(line=line, frame=frame, subject=str(person), parts=parts)

@@ -225,7 +225,7 @@ def _named_types(description: Any) -> Iterator[str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class ImageMessage:
     """An image as a driver sent it, or a packet of a video.
 
     ``form`` is the encoding of its pixels or its compression, as ROS and Foxglove name it, ``frame_id`` its coordinate
@@ -263,7 +263,7 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     return time_ns
 
 
-def picture(kind: MessageType, data: bytes, where: str) -> Picture:
+def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:
     """Return the content of an image's message, or of a packet of a video.
 
     Raises
@@ -275,7 +275,7 @@ def picture(kind: MessageType, data: bytes, where: str) -> Picture:
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
         is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")
-        return Picture(
+        return ImageMessage(
             form=str(field("encoding" if is_raw or is_ffmpeg else "format")),
             frame_id=frame_id.removeprefix("/"),  # tf's old names began with a slash
             data=bytes(field("data")),

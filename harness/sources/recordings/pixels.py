@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import collect_greatest, decode, decode_rgb, is_collecting
 from harness.sources.media.maps import default_counts_per_m, depth_map
-from harness.sources.recordings.messages import MessageType, Picture, codec_of, picture
+from harness.sources.recordings.messages import ImageMessage, MessageType, codec_of, picture
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Image, Map
 
@@ -54,7 +54,7 @@ def read_image(kind: MessageType, data: bytes, where: str) -> Image:
     return decode_rgb(content.data, where) if content.size_px is None else rgb(content, where)
 
 
-def rgb(raw: Picture, where: str) -> Image:
+def rgb(raw: ImageMessage, where: str) -> Image:
     """Return the picture (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8; YUV is BT.601.
 
     Raises
@@ -77,7 +77,7 @@ def rgb(raw: Picture, where: str) -> Image:
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
 
 
-def _rows(raw: Picture, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
+def _rows(raw: ImageMessage, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
     """The bytes of the pixels (H, W pixel_bytes), without what fills the rows."""
     width, height = raw.size_px or (0, 0)
     row_bytes = width * pixel_bytes
@@ -96,7 +96,7 @@ INFRARED = "infra|/ir(?![a-z])"
 _NO_DEPTH = re.compile(f"{INFRARED}|confidence|amplitude|thermal|disparity")
 
 
-def may_be_depth(name: str, header: Picture | None) -> bool:
+def may_be_depth(name: str, header: ImageMessage | None) -> bool:
     """Whether a topic's name, and the header of its first image, fit a depth image."""
     name = name.lower()
     if header is None or _NO_DEPTH.search(name):
@@ -123,14 +123,14 @@ def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where
     return depth_map(counts, counts_per_m or default_counts_per_m(counts))
 
 
-def _raw_depth(raw: Picture, where: str) -> NDArray[Any]:
+def _raw_depth(raw: ImageMessage, where: str) -> NDArray[Any]:
     if raw.form not in _DEPTH:
         raise VfoaError(f"{where}: a depth image in {raw.form!r}; expected one of: {', '.join(_DEPTH)}")
     sample = np.dtype(_DEPTH[raw.form]).newbyteorder(">" if raw.is_bigendian else "<")
     return np.ascontiguousarray(_rows(raw, sample.itemsize, where)).view(sample)
 
 
-def _compressed_depth(content: Picture, where: str) -> NDArray[Any]:
+def _compressed_depth(content: ImageMessage, where: str) -> NDArray[Any]:
     if "compressedDepth" not in content.form:
         return _png(content.data, where)
     encoding, _, transport = (part.strip() for part in content.form.partition(";"))

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, READ, Kind, MessageType, Picture, codec_of
+from harness.sources.recordings.messages import IMAGES, READ, ImageMessage, Kind, MessageType, codec_of
 from harness.sources.recordings.pixels import INFRARED, may_be_depth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -44,7 +44,7 @@ class Topic:
     count: int = 0
     places: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
-    header: Picture | None = None
+    header: ImageMessage | None = None
 
     @property
     def kind(self) -> Kind | None:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.manifest import load_manifest
-from harness.pipeline.perception import Followed, Perception, pose_frames
+from harness.pipeline.perception import FollowedFrame, Perception, pose_frames
 from harness.run.experiment import load_experiment
 from harness.sources import MeasuredClip
 from tests.disk import write_text
@@ -29,8 +29,8 @@ def test_head_models_beside_the_matcher_give_the_same_and_are_timed_all_the_same
     for alone, beside in zip(*found, strict=True):
         for configuration in configurations:
             expected, seen = (each.by_configuration[configuration.name] for each in (alone, beside))
-            assert isinstance(expected, Followed)
-            assert isinstance(seen, Followed)
+            assert isinstance(expected, FollowedFrame)
+            assert isinstance(seen, FollowedFrame)
             assert expected.percepts
             assert seen.percepts
             np.testing.assert_array_equal(
@@ -75,7 +75,7 @@ defaults.gaze.model = "none"
 """
 
 
-def _followed(clip: str, defaults: str, tmp_path: Path) -> list[list[Followed]]:
+def _followed(clip: str, defaults: str, tmp_path: Path) -> list[list[FollowedFrame]]:
     """The first two frames of a clip under each configuration of SHARED."""
     experiment = load_experiment(str(write_text(tmp_path / "shared.toml", SHARED.format(clip=clip, defaults=defaults))))
     configurations, manifest = experiment.configurations, load_manifest(clip)
@@ -84,7 +84,7 @@ def _followed(clip: str, defaults: str, tmp_path: Path) -> list[list[Followed]]:
         frames = pose_frames(configurations, opened, (1, 2), manifest)
     else:
         frames = Perception(configurations, opened, manifest=manifest).frames((1, 2))
-    return [[cast("Followed", each.by_configuration[it.name]) for it in configurations] for each in frames]
+    return [[cast("FollowedFrame", each.by_configuration[it.name]) for it in configurations] for each in frames]
 
 
 @pytest.mark.parametrize(("clip", "defaults"), [("studio_talk", IMAGES), ("talk", POSES)])

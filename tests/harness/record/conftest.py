@@ -13,7 +13,7 @@ import pytest
 
 from harness.clips.naming import FrameNames
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.pipeline.perception import Followed, SharedFrame
+from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
 from harness.record.recorder import Recorder, SharedRecorder, noted_colours
@@ -70,12 +70,12 @@ class Shown:
         return FinishedFrame(camera=Camera.of(self.frame), result=self.result, record=self.record, timings={})
 
     @property
-    def followed(self) -> Followed:
+    def followed(self) -> FollowedFrame:
         """What a configuration has perceived."""
         scene, attentions = self.result.scene, self.result.attentions
         tracks = frozenset(attention.subject.track_id for attention in attentions)
         tracked = Tracked(ids=tuple(tracks), open=tracks)
-        return Followed(self.percepts, scene, tracked, FrameNames(subjects={}, targets=scene.names), {})
+        return FollowedFrame(self.percepts, scene, tracked, FrameNames(subjects={}, targets=scene.names), {})
 
 
 def shared(frames: Mapping[str, Shown]) -> SharedFrame:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.report import benchmark, benchmark_tables
-from harness.report.benchmark import METHODS, Material
+from harness.report.benchmark import METHODS, BenchmarkMaterial
 from harness.report.benchmark_tables import RULE
 from scripts.quoted_figures import tables
 from tests.disk import write_text
@@ -31,10 +31,10 @@ def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_text(tmp_path / "experiments" / "gone.toml", EXPERIMENT.replace('"talk"', '"gone"'))
     wide = {"wide": {"cones_cm": [60]}}
     materials = {
-        "first": Material(title="first", setting="talk", experiment="talk"),
-        "second": Material(title="second", setting="talk", experiment="talk", methods=wide),
-        "third": Material(title="third", setting="third", experiment="gone"),
-        "fourth": Material(title="fourth", setting="fourth", experiment="nowhere"),
+        "first": BenchmarkMaterial(title="first", setting="talk", experiment="talk"),
+        "second": BenchmarkMaterial(title="second", setting="talk", experiment="talk", methods=wide),
+        "third": BenchmarkMaterial(title="third", setting="third", experiment="gone"),
+        "fourth": BenchmarkMaterial(title="fourth", setting="fourth", experiment="nowhere"),
     }
     monkeypatch.setattr(benchmark, "MATERIALS", materials)
     monkeypatch.setattr(benchmark_tables, "MATERIALS", materials)
@@ -104,7 +104,9 @@ def test_answers_of_ones_own_stand_beside_where_they_are(talk: Path) -> None:
 
 
 def test_without_any_material_there_is_no_table(talk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmark, "MATERIALS", {"third": Material(title="third", setting="third", experiment="gone")})
+    monkeypatch.setattr(
+        benchmark, "MATERIALS", {"third": BenchmarkMaterial(title="third", setting="third", experiment="gone")}
+    )
     assert CliRunner().invoke(app, ["run", "benchmark"]).exit_code == 1
     assert not (talk / "runs").exists()
 

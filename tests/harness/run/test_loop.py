@@ -8,7 +8,7 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import FrameNames, Rules, SubjectNames, name_frame
-from harness.pipeline.perception import Followed, Perception
+from harness.pipeline.perception import FollowedFrame, Perception
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
@@ -59,7 +59,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     pipeline = Perception([configuration], load_manifest("studio_talk").open())
     for shared in pipeline.frames(range(1, FRAMES + 1)):
         found = shared.by_configuration["smoothed"]
-        assert isinstance(found, Followed)
+        assert isinstance(found, FollowedFrame)
         results += attending.step(found.scene, found.tracked)
     revised = smooth(results, len(results), settings)
     assert written == [

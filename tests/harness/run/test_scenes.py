@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.pipeline.perception import Followed, SharedFrame
+from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -78,7 +78,7 @@ def test_every_column_has_what_was_perceived(
     directory, frames = followed
     perceived = [shared.by_configuration[configuration] for shared in frames]
     assert len(perceived) == 3
-    scenes = [each for each in perceived if isinstance(each, Followed) and each.percepts]
+    scenes = [each for each in perceived if isinstance(each, FollowedFrame) and each.percepts]
     rigs = [each.percepts.rig for each in scenes if each.percepts]
     rows = _rows(directory, "frames", configuration)
     assert [(row["frame"], row["time_ns"], row["masks_from"]) for row in rows] == [
@@ -172,7 +172,7 @@ def test_filtered_directions_are_in_the_answers(followed: tuple[RunDirectory, li
 
 def test_clouds_have_the_points_that_a_method_chooses(followed: tuple[RunDirectory, list[SharedFrame]]) -> None:
     directory, frames = followed
-    scenes = [each.scene for shared in frames if isinstance(each := shared.by_configuration["raw"], Followed)]
+    scenes = [each.scene for shared in frames if isinstance(each := shared.by_configuration["raw"], FollowedFrame)]
     targets = [(scene.index, target) for scene in scenes for target in scene.targets]
     rows = _rows(directory, "clouds", "raw")
     assert [(row["frame"], row["instance_id"], row["points"]) for row in rows] == [

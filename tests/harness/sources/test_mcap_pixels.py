@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import greatest_values
 from harness.sources.recordings import pixels
-from harness.sources.recordings.messages import Picture
+from harness.sources.recordings.messages import ImageMessage
 from harness.sources.recordings.pixels import rgb
 from tests.disk import HEIGHT, WIDTH, picture
 from vfoa.errors import VfoaError
@@ -22,12 +22,12 @@ REPEATED = np.repeat(GRAY[..., None], 3, axis=2)
 PLACES = {"r": 0, "g": 1, "b": 2}
 
 
-def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool = False) -> Picture:
+def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool = False) -> ImageMessage:
     """The message that holds these pixels, with ``padding`` bytes after each row."""
     height, width = pixels.shape[:2]
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    return Picture(
+    return ImageMessage(
         form=encoding,
         frame_id="",
         size_px=(width, height),
@@ -124,7 +124,7 @@ def test_data_that_are_too_short_are_refused() -> None:
 
 @pytest.mark.parametrize("form", ["h264", "H265", "bgr8; libx264"])
 def test_a_packet_of_a_video_among_pictures_is_named_as_one(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    packet = Picture(form=form, frame_id="", size_px=None, step=0, is_bigendian=False, data=b"\0\0\0\1\x67")
+    packet = ImageMessage(form=form, frame_id="", size_px=None, step=0, is_bigendian=False, data=b"\0\0\0\1\x67")
     monkeypatch.setattr(pixels, "picture", lambda kind, data, where: packet)
     with pytest.raises(VfoaError, match=r"/left: a packet .*picture"):
         pixels.read_image(None, b"", "/left")  # type: ignore[arg-type]

@@ -165,7 +165,7 @@ def test_the_gaze_is_that_of_the_middle_frame(tensors: Arrays, tmp_path: Path) -
 
 def test_the_stages_of_the_residual_network_halve_the_image() -> None:
     """He et al. 2016, table 1: 112, 56, 56, 28, 14, 7 pixels on a side for an image of 224."""
-    network = gaze360.Gaze360().base_model
+    network = gaze360.Gaze360Network().base_model
     sides = []
     for name in ("conv1", "maxpool", "layer1", "layer2", "layer3", "layer4"):
         getattr(network, name).register_forward_hook(lambda module, inputs, output: sides.append(output.shape[-1]))
