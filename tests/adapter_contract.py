@@ -52,6 +52,8 @@ def check_contract(clip: Clip | MeasuredClip, *, spawn: bool | Executor = False)
             _check_truth(clip.truth(number), frame)
     _expect(_fingerprints(clip, numbers[::-1]) == before, "frame: found other content when a frame was read again")
     _expect(all(a < b for a, b in itertools.pairwise(times_ns)), f"time_ns: {times_ns} do not ascend")
+    if isinstance(clip, MeasuredClip):
+        _check_farthest(clip)
     _check_outside(clip)
     found_ns = [clip.time_ns(number) for number in numbers]
     _expect(found_ns == times_ns, f"time_ns: found {found_ns} for frames {numbers}; expected {times_ns}, as they have")
@@ -94,6 +96,24 @@ def _check_scene(scene: Scene, where: str, clip: MeasuredClip) -> None:
     _expect({*found} <= {*people, *things}, f"{where}: targets {found} include one that has no name")
     seen = [person.instance_id for person in scene.people]
     _expect({*seen} <= {*people}, f"{where}: people {seen} include one that has no name")
+
+
+def _check_farthest(clip: MeasuredClip) -> None:
+    """It is the farthest place of all scenes."""
+    distances_m = dict[tuple[str, int], float]()
+    names = {number: name for name, number in {**clip.people, **clip.objects}.items()}
+    for number in clip.frames:
+        scene = clip.scene(number)
+        places = [(person.instance_id, person.eye_origin_left) for person in scene.people]
+        places += [(target.instance.id, target.box.center_m) for target in scene.targets if target.box is not None]
+        for own, place in places:
+            if place is not None:
+                key = names[own], number
+                distances_m[key] = max(distances_m.get(key, 0), float(np.linalg.norm(place)))
+    farthest = max(distances_m.items(), key=lambda item: item[1], default=None)
+    expected = None if farthest is None else (farthest[0][0], farthest[1])
+    found = None if clip.farthest is None else (clip.farthest[0], clip.farthest[2])
+    _expect(found == expected, f"farthest: found {found}; expected {expected}, as in its scenes")
 
 
 def _check_images(frame: StereoFrame, where: str, clip: Clip) -> None:

@@ -182,9 +182,9 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
                 yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
             elif rule.instance is None and not rule.is_shared:
                 yield f"{table}.{name}: without images, expected instance, or the category alone"
-    farthest_m = max((distance for number in clip.frames for distance in _distances_m(clip, number)), default=0.0)
-    if farthest_m > MAX_DISTANCE_M:
-        yield f"a person or object is {farthest_m:g} m away; expected metres (millimetres?)"
+    if (farthest := clip.farthest) is not None and farthest[2] > MAX_DISTANCE_M:
+        name, number, distance_m = farthest
+        yield f"frame {number}: {name} is {distance_m:g} m away; expected metres (millimetres?)"
 
 
 MOST_AIMS = 400
@@ -221,12 +221,6 @@ def _ids(manifest: ClipManifest, clip: MeasuredClip, name: str) -> set[int]:
     ids = {**clip.people, **clip.objects}
     of_kind = {ids[own] for own, category in clip.categories.items() if category == rule.category}
     return of_kind if rule.instance is None else {rule.instance}
-
-
-def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:
-    scene = clip.scene(number)
-    yield from (float(np.linalg.norm(target.box.center_m)) for target in scene.targets if target.box is not None)
-    yield from (float(np.linalg.norm(p.eye_origin_left)) for p in scene.people if p.eye_origin_left is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

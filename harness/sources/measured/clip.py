@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Protocol
@@ -202,6 +202,29 @@ class FramesOfMeasurements:
     def time_ns(self, number: int) -> int:
         """Time of a frame, nanoseconds."""
         return self._frame(number).time_ns
+
+    @property
+    def farthest(self) -> tuple[str, int, float] | None:
+        """Whose eyes or middle are ever farthest from the origin: name, first such frame, metres; None without any."""
+        places = list(self._places())
+        if not places:
+            return None
+        distances_m = np.linalg.norm([place for _, _, place in places], axis=1)
+        name, number, _ = places[first := int(np.argmax(distances_m))]
+        return name, number, float(distances_m[first])
+
+    def _places(self) -> Iterator[tuple[str, int, Float]]:
+        """Every known place (3,) of eyes or of an object's middle, with its name and frame."""
+        for each in self._fixed:
+            if each.box is not None:
+                yield each.name, self.frames[0], each.box.center_m
+        for number, frame in self.measurements.items():
+            for person in frame.people:
+                if (eyes_m := person.eyes_m) is not None:
+                    yield person.name, number, eyes_m
+            for each in frame.objects:
+                if (box := each.box) is not None:
+                    yield each.name, number, box.center_m
 
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame as a scene."""

@@ -111,7 +111,7 @@ def test_millimetres_are_found_by_the_check(talk: Path) -> None:
     path = talk / "datasets" / "talk.toml"
     path.write_text(path.read_text().replace("[source]", "[source]\nobjects = {wall = {center_m = [0, 0, 2500]}}"))
     (problem,) = check_clip("talk").problems
-    assert "2500 m away" in problem
+    assert "frame 1: wall is 2500 m away" in problem
 
 
 def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
