@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -184,37 +184,49 @@ LINE_EVERY_S = 60.0
 """Seconds between two lines of progress where stderr is no terminal: a log of a cluster or of CI."""
 
 
+_SETTLED_S = 5.0
+"""Seconds from the first frame on that do not count for the rate: frames of an earlier run are reported at once."""
+
+
 @contextmanager
 def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     """Yield a function to call after each frame with the clip's name; it draws a bar, or prints a line a minute."""
     if not sys.stderr.isatty():
         yield _frame_lines(total)
         return
-    from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TimeRemainingColumn
+    from rich.text import Text
 
-    started = time.monotonic()
-    columns = MofNCompleteColumn(), TextColumn("{task.fields[rate]:.1f} frames/s"), TimeRemainingColumn()
-    with _bar(what, total, *columns, rate=0.0) as (bar, task):
+    class RateColumn(ProgressColumn):
+        """Frames per second in the last half minute."""
 
-        def advance(clip: str) -> None:
-            rate = (bar.tasks[0].completed + 1) / max(time.monotonic() - started, 1e-9)
-            bar.update(task, advance=1, description=shown(clip), rate=rate)
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed or 0:.1f} frames/s")
 
-        yield advance
+    with _bar(what, total, MofNCompleteColumn(), RateColumn(), TimeRemainingColumn()) as (bar, task):
+        yield lambda clip: bar.update(task, advance=1, description=shown(clip))
 
 
 def _frame_lines(total: int) -> Callable[[str], None]:
-    """A function to call after each frame with the clip's name: it prints how far the run is, a line a minute."""
-    started = last = time.monotonic()
-    done = 0
+    """A function to call after each frame with the clip's name: it prints how far the run is, a line a minute.
+
+    The rate is that since the line before. What comes before the first frame does not count: long clips open slowly.
+    """
+    told_s = time.monotonic()
+    done = done_before = 0
+    first_s = since_s = math.inf
 
     def advance(clip: str) -> None:
-        nonlocal last, done
+        nonlocal told_s, done, done_before, first_s, since_s
         done += 1
-        now = time.monotonic()
-        if done < total and now - last >= LINE_EVERY_S:
-            last, rate = now, done / (now - started)
+        now_s = time.monotonic()
+        first_s = min(first_s, now_s)
+        if now_s - first_s < _SETTLED_S:
+            done_before, since_s = done, now_s
+        elif done < total and now_s - told_s >= LINE_EVERY_S and now_s - since_s >= _SETTLED_S:
+            rate = (done - done_before) / (now_s - since_s)
             left_min = (total - done) / rate / 60
+            told_s, done_before, since_s = now_s, done, now_s
             say(f"{clip}: {done} of {total} frames, {rate:.1f} frames/s, about {left_min:.0f} min left", err=True)
 
     return advance
@@ -230,15 +242,15 @@ def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
 
 
 @contextmanager
-def _bar(what: str, total: int | None, *columns: ProgressColumn, **fields: Any) -> Iterator[tuple[Progress, TaskID]]:
-    """Show a progress bar on stderr while it is a terminal; ``fields`` are those of its task."""
+def _bar(what: str, total: int | None, *columns: ProgressColumn) -> Iterator[tuple[Progress, TaskID]]:
+    """Show a progress bar on stderr while it is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
     console = Console(stderr=True)
     shape = TextColumn("{task.description}"), BarColumn(), *columns
     with Progress(*shape, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
-        yield bar, bar.add_task(shown(what), total=total, **fields)
+        yield bar, bar.add_task(shown(what), total=total)
 
 
 @contextmanager

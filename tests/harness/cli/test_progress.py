@@ -32,6 +32,42 @@ def test_a_log_gets_a_line_a_minute_with_rate_and_time_left(
     assert all(line.startswith("kitchen: ") for line in err.splitlines())
 
 
+def test_what_comes_before_the_first_frame_does_not_count_for_the_rate(
+    now: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with terminal.frames_bar(1000, "run") as advance:
+        now[0] += 3600  # a clip of a day is opened
+        for _ in range(100):
+            advance("kitchen")
+            now[0] += 1
+    assert _rates(capsys) == [1, 1]
+
+
+def test_frames_of_an_earlier_run_do_not_count_for_the_rate(
+    now: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with terminal.frames_bar(1000, "run") as advance:
+        for _ in range(500):
+            advance("kitchen")
+        for _ in range(200):
+            now[0] += 0.5
+            advance("kitchen")
+    assert _rates(capsys) == [2]
+
+
+def test_frames_of_half_a_minute_have_a_rate(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal.frames_bar(10, "run") as advance:
+        for _ in range(5):
+            advance("kitchen")
+            now[0] += 30
+    assert _rates(capsys) == pytest.approx([1 / 30, 1 / 30], abs=0.05)
+
+
+def _rates(capsys: pytest.CaptureFixture[str]) -> list[float]:
+    """The frames a second of each line."""
+    return [float(rate) for rate in re.findall(r"([0-9.]+) frames/s", capsys.readouterr().err)]
+
+
 def test_a_short_run_prints_no_progress(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     with terminal.frames_bar(3, "run") as advance:
         for _ in range(3):
