@@ -21,6 +21,7 @@ from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
+from vfoa.times import time_of_frame
 from vfoa.tracking import Tracker
 from vfoa.types import Image, StereoFrame, StereoRig
 from vfoa.validation import parse
@@ -155,6 +156,7 @@ class Follower:
         self._estimator, self._rig = estimator, rig
         self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
         self._frames = 0
+        self._time_ns: int | None = None
         self._stages, every = estimator.stages, estimator.key_frames.every
         if every > 1:
             on_key_frames = KeyFrameSegmenter(
@@ -162,7 +164,7 @@ class Follower:
             )
             self._stages = replace(self._stages, segmenter=on_key_frames)
 
-    def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:
+    def step(self, left: Image, right: Image, *, time_ns: int | None = None) -> Estimate:
         """Estimate who looks at what in the next pair.
 
         Parameters
@@ -170,23 +172,25 @@ class Follower:
         left, right
             As for :meth:`Estimator.estimate`.
         time_ns
-            The frame's time, nanoseconds. The logit and the posterior (``attention.method``: ``"logit"``, ``"bayes"``)
-            use it; if times do not increase, as without any, frames count as 40 ms apart.
+            The frame's time, nanoseconds, after that of the frame before. The logit and the posterior
+            (``attention.method``: ``"logit"``, ``"bayes"``) use it; without times, frames count as 40 ms apart.
 
         Raises
         ------
         VfoaError
-            If an image does not match the rig, or a model fails. The memory then stays unchanged.
+            If an image does not match the rig, the time is not later than that of the frame before, or a model fails.
+            The memory then stays unchanged.
         """
         estimator = self._estimator
+        now_ns = time_of_frame(time_ns, self._time_ns)
         try:
-            frame = StereoFrame(index=self._frames, time_ns=time_ns, left=left, right=right, rig=self._rig)
+            frame = StereoFrame(index=self._frames, time_ns=now_ns, left=left, right=right, rig=self._rig)
         except ValueError as error:
             raise VfoaError(f"frame {self._frames}: {error}") from None
         percepts = perceive(frame, self._stages)
         scene = reconstruct(percepts, estimator.reconstruction)
         (result,) = self._attending.step(scene, self._tracker.step(scene.people))
-        self._frames += 1
+        self._frames, self._time_ns = self._frames + 1, now_ns
         return Estimate(percepts=percepts, result=result)
 
 

@@ -12,10 +12,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from vfoa.config import check_immediate, dotted_tables, read_steps
-from vfoa.errors import reported_as
+from vfoa.errors import VfoaError, reported_as
 from vfoa.estimate import Look, looks_of
 from vfoa.measured import HEAD_SIZE_M, PERSON, Observed, box_around, box_of, target_of
 from vfoa.pipeline import Attending
+from vfoa.times import time_of_frame
 from vfoa.tracking import Tracker
 from vfoa.types import Box3D, Scene, Target
 
@@ -51,9 +52,10 @@ class MeasuredFollower:
         self._numbers: dict[str, int] = {}
         self._people: set[str] = set()
         self._frames = 0
+        self._time_ns: int | None = None
 
     def step(
-        self, people: Mapping[str, Observed], objects: Mapping[str, ArrayLike | Box3D], *, time_ns: int = 0
+        self, people: Mapping[str, Observed], objects: Mapping[str, ArrayLike | Box3D], *, time_ns: int | None = None
     ) -> tuple[Look, ...]:
         """Say what each of the people looks at in the next frame, in their order.
 
@@ -71,23 +73,30 @@ class MeasuredFollower:
         Raises
         ------
         VfoaError
-            If a point, a direction or an extent is wrong: the name comes first.
+            If a point, a direction or an extent is wrong: the name comes first; or if the time is not later than that
+            of the frame before.
         """
-        scene = self._scene(people, objects, time_ns)
+        now_ns = time_of_frame(time_ns, self._time_ns)
+        scene = self._scene(people, objects, now_ns)
         names = {number: name for name, number in self._numbers.items()}
         tracked = self._tracker.step(scene.people)
         subjects = {track: name for track, name in zip(tracked.ids, people, strict=True) if track is not None}
         (result,) = self._attending.step(scene, tracked, subjects)
-        self._frames += 1
+        self._frames, self._time_ns = self._frames + 1, now_ns
         looks = {look.subject: look for look in looks_of(result, names)}
         return tuple(looks[name] for name in people)
 
     def _scene(self, people: Mapping[str, Observed], objects: Mapping[str, ArrayLike | Box3D], time_ns: int) -> Scene:
         """The frame as a scene; names get their numbers when they are first seen."""
+        for what, table in (("people", people), ("objects", objects)):
+            if not isinstance(table, Mapping):
+                raise VfoaError(f"{what}: expected a mapping by name, found {type(table).__name__}")
         boxes: dict[str, Box3D | None] = {}
         seen = []
         self._people |= people.keys()
         for name, observed in people.items():
+            if not isinstance(observed, Observed):
+                raise VfoaError(f"{name}: expected vfoa.Observed, found {type(observed).__name__}")
             with reported_as(name):
                 seen.append(person := observed.person(self._number(name)))
             boxes[name] = None if person.eye_origin_left is None else box_of(person.eye_origin_left, HEAD_SIZE_M)

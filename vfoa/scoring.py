@@ -121,8 +121,15 @@ def score(
 
 
 def _names(values: Iterable[Any]) -> NDArray[np.str_]:
-    """The names (n,), ``""`` where there is none: None, or the NaN of a table's empty cell."""
-    return np.array(["" if value is None or value != value else str(value) for value in values], dtype=np.str_)
+    """The names (n,), ``""`` where there is none: None, or the NaN or NA of a table's empty cell."""
+    return np.array([_name(value) for value in values], dtype=np.str_)
+
+
+def _name(value: Any) -> str:
+    if value is None or isinstance(value, str):
+        return value or ""
+    is_itself = value == value  # False for NaN, and neither True nor False for the NA of pandas
+    return str(value) if isinstance(is_itself, bool | np.bool_) and is_itself else ""
 
 
 def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str, Float]:

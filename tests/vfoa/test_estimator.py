@@ -53,8 +53,9 @@ def test_targets_with_one_label_are_numbered(percepts: Percepts) -> None:
 def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
     estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH)
     follower = estimator.follow(percepts.rig)
-    followed = [follower.step(BLACK, BLACK, time_ns=40 * i) for i in range(3)]
-    assert [(each.result.scene.index, each.result.scene.time_ns) for each in followed] == [(0, 0), (1, 40), (2, 80)]
+    followed = [follower.step(BLACK, BLACK, time_ns=10**9 * i) for i in range(3)]
+    found = [(each.result.scene.index, each.result.scene.time_ns) for each in followed]
+    assert found == [(0, 0), (1, 10**9), (2, 2 * 10**9)]
     assert [look.track_id for each in followed for look in each.looks] == [1, 1, 1]
 
 
@@ -97,14 +98,35 @@ def test_a_method_with_a_memory_takes_the_time_between_frames(
     assert isinstance(stages.gaze, TrueGaze)
     turning = replace(stages, gaze=TurningGaze(**vars(stages.gaze)))
 
-    def attention(step_ns: int) -> float:
+    def attention(step_ns: int | None) -> float:
         method = "logit" if settings is LogitSettings else "bayes"
         attend = AttendSettings(attention=settings.model_validate({"method": method}))
         follower = vfoa.Estimator(turning, reconstruction=PATCH, attend=attend).follow(percepts.rig)
-        looks = [look for i in range(3) for look in follower.step(BLACK, BLACK, time_ns=i * step_ns).looks]
+        times_ns = [step_ns and i * step_ns for i in range(3)]
+        looks = [look for time_ns in times_ns for look in follower.step(BLACK, BLACK, time_ns=time_ns).looks]
         return max(looks[-1].values.values())
 
-    assert attention(0) == attention(40_000_000) != attention(500_000_000)
+    assert attention(None) == attention(40_000_000) != attention(500_000_000)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        pytest.param(0, id="the same again"),
+        pytest.param(-40_000_000, id="back"),
+        pytest.param(1, id="seconds"),
+        pytest.param(40, id="milliseconds"),
+        pytest.param(40_000, id="microseconds"),
+        pytest.param(0.04, id="no whole number"),
+    ],
+)
+def test_a_time_in_another_unit_or_order_is_refused_and_changes_nothing(wrong: float, percepts: Percepts) -> None:
+    follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH).follow(percepts.rig)
+    follower.step(BLACK, BLACK, time_ns=0)
+    with pytest.raises(vfoa.VfoaError, match="time_ns: "):
+        follower.step(BLACK, BLACK, time_ns=wrong)  # type: ignore[arg-type]
+    scene = follower.step(BLACK, BLACK, time_ns=np.int64(40_000_000)).result.scene
+    assert (scene.index, scene.time_ns) == (1, 40_000_000)
 
 
 def test_without_a_direction_the_look_says_why(percepts: Percepts) -> None:

@@ -89,6 +89,18 @@ def test_every_method_answers_with_its_memory(method: str) -> None:
     assert look.target == "cup"
 
 
+def test_a_time_before_that_of_the_last_frame_is_refused_and_changes_nothing() -> None:
+    follower = vfoa.MeasuredFollower({"attention.method": "bayes"})
+    other = vfoa.MeasuredFollower({"attention.method": "bayes"})
+    for frame in range(3):
+        people = {"anna": Observed(eyes_m=EYES, gaze=_at(BOOK if frame else CUP))}
+        objects = {"cup": CUP, "book": BOOK}
+        looks = follower.step(people, objects, time_ns=frame * 40_000_000)
+        assert looks == other.step(people, objects)
+        with pytest.raises(VfoaError, match=f"time_ns: .*{frame * 40_000_000}"):
+            follower.step(people, objects, time_ns=frame * 40_000_000)
+
+
 @pytest.mark.parametrize("method", ["bayes", "cones"])
 def test_the_answers_are_those_of_a_clip_of_the_same_measurements(method: str, tmp_path: Path) -> None:
     clip = open_measured("measured", measured_tables(tmp_path / "talk"))
@@ -140,6 +152,9 @@ def _observed(person: Person) -> Observed:
         ({}, {"cup": ((0, 0, 1), (0.1, 0, 0.1))}, "cup: .*positive"),
         ({}, {"cup": (0, 0, math.inf)}, "cup: .*inf"),
         ({}, {"cup": "there"}, "cup: .*there"),
+        ({"anna": {"eyes_m": EYES}}, {}, "anna: .*Observed.*dict"),
+        ([Observed(eyes_m=EYES)], {}, "people: .*list"),
+        ({}, [(0, 0, 1)], "objects: .*list"),
     ],
 )
 def test_a_wrong_measurement_is_named_and_changes_nothing(

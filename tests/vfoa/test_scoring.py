@@ -6,6 +6,7 @@ import math
 from dataclasses import astuple
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -75,6 +76,19 @@ def test_one_kind_of_label_alone_is_its_balanced_rate() -> None:
     assert scored.balanced_frr == scored.frr == 1 / 2
     assert math.isnan(scored.recall_nowhere)
     assert "nan" not in str(scored)
+
+
+@pytest.mark.parametrize("missing", [None, "", math.nan, np.float64("nan"), pd.NA, pd.NaT])
+def test_an_empty_cell_of_a_table_is_no_answer(missing: object) -> None:
+    answers = pd.Series(["cup", missing, "book"], dtype=object)
+    assert vfoa.score(["cup", "cup", "book"], answers) == vfoa.score(["cup", "cup", "book"], ["cup", None, "book"])
+
+
+def test_columns_of_every_text_type_of_pandas_are_scored() -> None:
+    truth, answers = ["cup", "book", "none"], ["cup", None, "none"]
+    for kind in ("object", "string", "category"):
+        scored = vfoa.score(pd.Series(truth, dtype=kind), pd.Series(answers, dtype=kind))
+        assert scored == vfoa.score(truth, answers)
 
 
 def test_a_frame_without_an_answer_has_no_probability_of_the_truth() -> None:
