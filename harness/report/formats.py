@@ -70,7 +70,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SvgPanel:
+class Picture:
     """An SVG drawing on the page. ``svg`` is only the ``<svg>`` element, without scripts or links to other files.
 
     ``notes`` are shown with it, each one sentence or more.
@@ -84,7 +84,7 @@ class SvgPanel:
 class Panel(Protocol):
     """One section of the page."""
 
-    def __call__(self, scores: Scores) -> Table | SvgPanel:
+    def __call__(self, scores: Scores) -> Table | Picture:
         """Draw the panel for a run. A table without rows is left out of the page."""
         ...
 
@@ -92,7 +92,7 @@ class Panel(Protocol):
 PANELS = Registry(kind="report panel", builtin={}, group="vfoa.panels")
 
 
-def draw_panels(scores: Scores) -> list[Table | SvgPanel]:
+def draw_panels(scores: Scores) -> list[Table | Picture]:
     """Draw every panel: those of this project, then those of other distributions, sorted."""
     panels: list[Panel] = [PANELS.load(name) for name in PANELS.builtin_first()]
     return [panel(scores) for panel in panels]

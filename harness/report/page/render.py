@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from harness.files.modules import bundle
-from harness.report.formats import UNKNOWN, SvgPanel, Table, draw_panels
+from harness.report.formats import UNKNOWN, Picture, Table, draw_panels
 from harness.report.page.data import ERROR_COLOURS, Served, differing_settings, page_data
 from harness.report.page.packing import RunAttention, pack_json
 from harness.report.stages import StageTimes
@@ -98,7 +98,7 @@ def render_page(
         versions=manifest.versions,
         groups=groups,
         titles=[table.title for table in shown],
-        drawings=[panel for panel in panels if isinstance(panel, SvgPanel)],
+        drawings=[panel for panel in panels if isinstance(panel, Picture)],
         thumbnails=thumbnails,
         is_served=served is not None,
         where=where,
