@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from ctypes import c_bool
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
 from typing import Any, Self
 
 from harness.files.digests import IMPORTED
@@ -50,8 +52,24 @@ class _Spawning(SpawnContext):
 
     def Process(self, *args: Any, **options: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802
         """Make a process and note it."""
-        self.started.append(SpawnProcess(*args, **options))
+        self.started.append(_WithoutScript(*args, **options))
         return self.started[-1]
+
+
+class _WithoutScript(SpawnProcess):
+    """A process that does not run the script of its parent again: one without ``if __name__ == "__main__":`` may run.
+
+    Nothing that a worker is given is defined there.
+    """
+
+    def start(self) -> None:
+        """As of any process."""
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = script
 
 
 class Pool:

@@ -93,6 +93,24 @@ def test_a_worker_does_not_run_what_lies_in_the_working_directory(
     assert not (tmp_path / "executed").exists()
 
 
+def test_workers_do_not_run_the_script_that_started_them(tmp_path: Path) -> None:
+    """So it needs no ``if __name__ == "__main__":``."""
+    code = (
+        f"with open({str(tmp_path / 'started')!r}, 'a') as file:\n"
+        "    file.write('once')\n"
+        "from harness.run.runner import executor\n"
+        "from tests.tasks import square\n"
+        "with executor(2) as pool:\n"
+        "    print(list(pool.run(square, [3, 1, 2], lambda word: None, print)))\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    done = subprocess.run([sys.executable, script], env=env, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr, done.returncode) == ("[(9, 1), (1, 1), (4, 1)]\n", "", 0)
+    assert (tmp_path / "started").read_text() == "once"
+
+
 def test_workers_that_do_not_answer_end_with_an_interrupted_run(tmp_path: Path) -> None:
     jobs = [tmp_path / "short", tmp_path / "long"]
     with suppress(KeyboardInterrupt), executor(2) as pool:
@@ -107,9 +125,8 @@ def test_workers_do_not_outlive_a_run_that_was_killed(tmp_path: Path) -> None:
     code = (
         "from pathlib import Path; from harness.run.runner import executor\n"
         "from tests.tasks import linger\n"
-        "if __name__ == '__main__':\n"
-        "    with executor(2) as pool:\n"
-        f"        list(pool.run(linger, [Path({str(tmp_path)!r})] * 2, print, print))\n"
+        "with executor(2) as pool:\n"
+        f"    list(pool.run(linger, [Path({str(tmp_path)!r})] * 2, print, print))\n"
     )
     script = tmp_path / "script.py"
     script.write_text(code)
