@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from harness.files.parsing import toml_value
@@ -265,7 +266,7 @@ def load_run(path: str | Path) -> RunResults:
 def run_experiment(
     name_or_path: str | Path,
     *,
-    clips: Iterable[str] = (),
+    clips: str | Iterable[str] = (),
     settings: Mapping[str, Any] | None = None,
     preset: str | None = None,
     out: str | Path | None = None,
@@ -281,7 +282,7 @@ def run_experiment(
     name_or_path
         An experiment by name or as a ``.toml`` file. ``"default"`` with ``clips`` does the same as ``vfoa run CLIP``.
     clips
-        Run these clips instead of the experiment's own.
+        Run these clips instead of the experiment's own; one may be given by its name alone.
     settings
         Values by dotted key, set in every configuration, such as ``{"attention.n_rays": 20}``.
     preset
@@ -289,9 +290,9 @@ def run_experiment(
     out
         The run's directory; by default ``runs/<experiment>``.
     limit
-        Run only the first frames of each clip.
+        Run only so many first frames of each clip, at least 1.
     workers
-        Processes; 0 means one per core. A script that uses several needs ``if __name__ == "__main__":``.
+        Processes; 0 means one per core.
     recordings
         Whether to write Rerun recordings, or their kind as ``--recording`` of ``vfoa run``; None: as the experiment
         says.
@@ -306,13 +307,18 @@ def run_experiment(
     Raises
     ------
     VfoaError
-        If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
+        If the experiment, a clip, a setting or a number is wrong, ``out`` holds another run, or nothing could be
+        finished.
     """
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_whole
 
+    if limit is not None:
+        _check_number("limit", limit, 1)
+    _check_number("workers", workers, 0)
+    chosen = (clips,) if isinstance(clips, str) else tuple(clips)
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
-    experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)
+    experiment = load_experiment(str(name_or_path), clips=chosen, overrides=overrides, preset=preset)
     _, directory = run_whole(
         experiment,
         out_folder(Path("runs") / experiment.name if out is None else out),
@@ -328,6 +334,11 @@ def run_experiment(
     return RunResults(directory.path)
 
 
+def _check_number(name: str, number: object, least: int) -> None:
+    if not (isinstance(number, int | np.integer) and number >= least):
+        raise VfoaError(f"run_experiment: {name}: expected a whole number, at least {least}, found {number!r}")
+
+
 def _incomplete(directory: RunDirectory, failed: Sequence[Failure]) -> IncompleteRunWarning:
     named = "; ".join(directory.told(failure) for failure in failed[:MOST])
     more = f"; and {len(failed) - MOST} more" if len(failed) > MOST else ""
@@ -335,7 +346,7 @@ def _incomplete(directory: RunDirectory, failed: Sequence[Failure]) -> Incomplet
     return IncompleteRunWarning(text, [failure.plain() for failure in failed])
 
 
-def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:
+def compare_runs(runs: str | Path | Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:
     """Compare configurations on the same frames, as ``vfoa compare`` does.
 
     Compares every two configurations of one run, those of several runs with the ones of the same name, and with
@@ -345,9 +356,12 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
     Raises
     ------
     VfoaError
-        If a run cannot be scored, or the runs have nothing in common.
+        If there is no run, a run cannot be scored, or the runs have nothing in common.
     """
-    paths = [local_folder(run, "compare_runs:") for run in runs]
+    given = [runs] if isinstance(runs, str | Path) else list(runs)
+    if not given:
+        raise VfoaError("compare_runs: expected at least one run's directory, found none")
+    paths = [local_folder(run, "compare_runs:") for run in given]
     compared = _compare_runs(paths, None if baseline is None else Path(baseline))
     return _read(io.StringIO(to_csv(comparisons_csv(compared.comparisons))))
 
@@ -371,6 +385,8 @@ def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
     from harness.sources.calibration import Calibration
     from harness.sources.calibration_files.read import read_cameras
 
+    if not files:
+        raise VfoaError("read_rig: expected at least one calibration file, found none")
     cameras = read_cameras([Path(file) for file in files], lambda: size_px)
     if not isinstance(cameras, Calibration):
         raise VfoaError(

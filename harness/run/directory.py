@@ -126,7 +126,8 @@ class RunDirectory:
         except (OSError, ValueError) as error:
             raise unreadable(self.path, error) from None
         if not is_there:
-            problem = "no manifest.json in it" if self.path.is_dir() else "nothing there"
+            absent = "a file" if self.path.is_file() else "nothing there"
+            problem = "no manifest.json in it" if self.path.is_dir() else absent
             runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
             raise VfoaError(f"{self.path}: expected a run's directory, found {problem}{hint}")

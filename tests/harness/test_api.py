@@ -203,8 +203,32 @@ def test_what_fails_is_warned_of_by_name(two_people: Path, monkeypatch: pytest.M
 def test_what_is_not_there_is_one_line(run: harness.RunResults, tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match="run's directory"):
         harness.load_run(tmp_path)
+    with pytest.raises(VfoaError, match="run's directory, found a file"):
+        harness.load_run(run.path / "frr.csv")
     with pytest.raises(VfoaError, match="recording"):
         run.recording("studio_table", "one")
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [({"limit": 0}, "limit"), ({"limit": -1}, "limit"), ({"limit": "6"}, "limit"), ({"workers": -1}, "workers")],
+)
+def test_a_number_that_no_run_can_have_is_refused_before_anything_runs(
+    given: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(VfoaError, match=f"run_experiment: {name}: .*{next(iter(given.values()))}"):
+        harness.run_experiment("demo", out=tmp_path / "run", **given)
+    assert not (tmp_path / "run").exists()
+
+
+def test_one_clip_and_one_run_are_given_by_their_names(run: harness.RunResults, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="no clip 'nowhere'"):
+        harness.run_experiment("demo", clips="nowhere", out=tmp_path / "run")
+    assert harness.compare_runs(run.path).equals(harness.compare_runs([run.path]))
+    with pytest.raises(VfoaError, match=r"compare_runs: .*none"):
+        harness.compare_runs([])
+    with pytest.raises(VfoaError, match=r"read_rig: .*none"):
+        harness.read_rig(size_px=(640, 480))
 
 
 def test_a_rig_is_read_from_a_calibration_file(shared_data: Path) -> None:
