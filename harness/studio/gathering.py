@@ -7,6 +7,7 @@ head follows the gaze differs from person to person; in one of six fixations it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -68,9 +69,8 @@ def _place(wanted: Sequence[Thing], first_id: int, rng: np.random.Generator) -> 
 
 def _are_apart(one: tuple[float, float], other: tuple[float, float], radii_m: float) -> bool:
     """Whether two things leave a gap on the table, and the camera (at the origin) sees most of both."""
-    distance = np.hypot(one[0] - other[0], one[1] - other[1])
-    aside = abs(np.arctan2(*one) - np.arctan2(*other)) * min(one[1], other[1])
-    return bool(distance > radii_m + _GAP_M and aside > radii_m / 2)
+    aside = abs(math.atan2(*one) - math.atan2(*other)) * min(one[1], other[1])
+    return math.dist(one, other) > radii_m + _GAP_M and aside > radii_m / 2
 
 
 @cache
