@@ -182,7 +182,7 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
                 yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
             elif rule.instance is None and not rule.is_shared:
                 yield f"{table}.{name}: without images, expected instance, or the category alone"
-    if (farthest := clip.farthest) is not None and farthest[2] > MAX_DISTANCE_M:
+    if (farthest := clip.farthest()) is not None and farthest[2] > MAX_DISTANCE_M:
         name, number, distance_m = farthest
         yield f"frame {number}: {name} is {distance_m:g} m away; expected metres (millimetres?)"
 

@@ -103,9 +103,8 @@ class MeasuredClip(AnyClip, Protocol):
     def categories(self) -> Mapping[str, str]:
         """The category of every person and object, by name."""
 
-    @property
     def farthest(self) -> tuple[str, int, float] | None:
-        """Whose eyes or middle are ever farthest from the origin: name, first such frame, metres; None without any."""
+        """Return whose eyes or middle are ever farthest from the origin: name, frame, metres; None without a place."""
 
     def scene(self, number: int) -> Scene:
         """Return the measurements of one frame.

@@ -203,9 +203,8 @@ class FramesOfMeasurements:
         """Time of a frame, nanoseconds."""
         return self._frame(number).time_ns
 
-    @property
     def farthest(self) -> tuple[str, int, float] | None:
-        """Whose eyes or middle are ever farthest from the origin: name, first such frame, metres; None without any."""
+        """Return whose eyes or middle are ever farthest from the origin: name, frame, metres; None without a place."""
         places = list(self._places())
         if not places:
             return None
