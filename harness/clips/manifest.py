@@ -15,6 +15,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from harness.clips.families import families, family_of, find_manifest, member_of
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program
+from harness.files.garbage import collected_later
 from harness.files.io import is_file
 from harness.files.parsing import read_toml
 from harness.files.remote import expand
@@ -189,7 +190,7 @@ class ClipManifest(Settings):
             adapter = ADAPTERS.load(self.adapter)
         settings = parse(adapter.Settings, self.source, str(self._path), "source")
         root = self.resolve_root()
-        with located(self._path):
+        with located(self._path), collected_later():
             clip: Clip | MeasuredClip = adapter(settings, root)
             _check_times(clip)
         return clip

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.files.dialects import Row, are_booleans, csv_lines, is_missing, number_hint, separator_of, table_rows
+from harness.files.garbage import collected_later
 from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
@@ -167,12 +168,13 @@ def read_columns(
         For the first error, with file and line: a column that is unknown, missing or repeated, or a wrong number of
         cells.
     """
-    rows = _checked_rows(path, columns, required, version)
-    _, header = next(rows)
-    numbered = list(rows)
-    by_column = zip(*(cells for _, cells in numbered), strict=True) if numbered else ((),) * len(header)
-    lines = tuple(line for line, _ in numbered)
-    return TableColumns(path=path, lines=lines, cells=dict(zip(header, by_column, strict=True)))
+    with collected_later():
+        rows = _checked_rows(path, columns, required, version)
+        _, header = next(rows)
+        numbered = list(rows)
+        by_column = zip(*(cells for _, cells in numbered), strict=True) if numbered else ((),) * len(header)
+        lines = tuple(line for line, _ in numbered)
+        return TableColumns(path=path, lines=lines, cells=dict(zip(header, by_column, strict=True)))
 
 
 def read_header(path: Path) -> tuple[str, ...]:

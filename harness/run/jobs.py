@@ -89,8 +89,10 @@ def run_jobs(
     if few:
         measured = [job for job, prepared in jobs if isinstance(prepared.clip, MeasuredClip)]
         others = [(job, prepared) for job, prepared in jobs if not isinstance(prepared.clip, MeasuredClip)]
+        shared = [job for job in measured if len(job.configurations) > 1]
         units = _share(others, executor, results, progress) if cache and others else [job for job, _ in others]
-        units += _share_measured(measured, executor, results) if measured else []
+        units += _share_measured(shared, executor, results) if shared else []
+        units += [job for job in measured if len(job.configurations) == 1]
     for job, outcome in zip(units, executor.run(run_clip, units, progress, lost), strict=True):
         results.add(job, outcome)
     if plan.fit and plan.unfitted:
