@@ -186,7 +186,7 @@ def _check(values: Float, names: Sequence[str]) -> None:
 
 
 def share(values: NDArray[Any]) -> float:
-    """The mean of a column (n,); :data:`math.nan` itself, so that scores compare equal, of none or with a NaN in it."""
+    """The mean of a column (n,); of none or with a NaN :data:`math.nan` itself, so that tuples of scores are equal."""
     return float(values.mean()) if len(values) and not np.isnan(values).any() else math.nan
 
 

@@ -212,11 +212,10 @@ def _turn_of(path: Path) -> Turn:
             picture = next(container.decode(video=0))
     except (av.FFmpegError, StopIteration, IndexError, OSError) as error:
         raise VfoaError(f"{path}: no frame can be read; expected a video: {error}") from None
-    sides: Iterable[Any] = picture.side_data
-    data = next((bytes(side) for side in sides if side.type.name == "DISPLAYMATRIX"), None)
+    data: Any = picture.side_data.get("DISPLAYMATRIX")
     if data is None:
         return UPRIGHT
-    values = np.frombuffer(data, np.int32, 5)
+    values = np.frombuffer(bytes(data), np.int32, 5)
     a, b, _, c, d = np.rint(values / np.abs(values).max()).astype(int).tolist()
     for turn in (Turn(quarters, is_mirrored) for quarters in range(4) for is_mirrored in (False, True)):
         if turn.matrix == (a, b, c, d):
