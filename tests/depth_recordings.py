@@ -268,7 +268,7 @@ CODERS: dict[str, tuple[Coder, dict[str, str]]] = {
     "h264": ("libx264", {"preset": "ultrafast", "tune": "zerolatency", "crf": "12"}),
     "h265": ("libx265", {"preset": "ultrafast", "x265-params": "log-level=error:bframes=0:crf=12", "crf": "12"}),
     "vp9": ("libvpx-vp9", {"deadline": "realtime", "lag-in-frames": "0", "crf": "15", "b": "0", "cpu-used": "8"}),
-    "av1": ("libsvtav1", {"preset": "12", "crf": "15", "svtav1-params": "pred-struct=2:lookahead=0:lp=1"}),
+    "av1": ("libsvtav1", {"preset": "6", "crf": "2", "svtav1-params": "pred-struct=2:lookahead=0:lp=1:aq-mode=0"}),
 }
 """Coders by Foxglove's names, with options for little delay and high quality. AV1 without delay can wait for ever."""
 
