@@ -1,4 +1,7 @@
-"""The garbage collector: it walks through all objects again and again while a long table becomes a million of them."""
+"""The garbage collector: it walks through all objects again and again while a file becomes a million of them.
+
+That takes half of the time in which a long table is read, and a fifth of that in which a run is scored.
+"""
 
 from __future__ import annotations
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from typing import NamedTuple
 
+from harness.files.garbage import collected_later
 from harness.files.io import write_together
 from harness.report.comparisons import (
     ablation_csv,
@@ -125,7 +124,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     VfoaError
         If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
     """
-    with _collector_paused():
+    with collected_later():
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
         found = scored(run.columns(), reference)
@@ -163,18 +162,6 @@ def report_page(
     served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
     tables, times = run_tables(found.scores), stage_times(directory)
     return _page(directory, found, tables, run.manifest, times, served, where, run_folder)
-
-
-@contextmanager
-def _collector_paused() -> Iterator[None]:
-    """Pause the garbage collector, which takes a fifth of the time: a run is a million small values without cycles."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def run_tables(scores: Scores) -> RunTables:
