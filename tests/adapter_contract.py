@@ -100,18 +100,13 @@ def _check_scene(scene: Scene, where: str, clip: MeasuredClip) -> None:
 
 def _check_farthest(clip: MeasuredClip) -> None:
     """It is the farthest place of all scenes."""
-    distances_m = dict[tuple[str, int], float]()
+    distances_m = list[tuple[str, float]]()
     names = {number: name for name, number in {**clip.people, **clip.objects}.items()}
-    for number in clip.frames:
-        scene = clip.scene(number)
+    for scene in map(clip.scene, clip.frames):
         places = [(person.instance_id, person.eye_origin_left) for person in scene.people]
         places += [(target.instance.id, target.box.center_m) for target in scene.targets if target.box is not None]
-        for own, place in places:
-            if place is not None:
-                key = names[own], number
-                distances_m[key] = max(distances_m.get(key, 0), float(np.linalg.norm(place)))
-    farthest = max(distances_m.items(), key=lambda item: item[1], default=None)
-    expected = None if farthest is None else (farthest[0][0], farthest[1])
+        distances_m += [(names[own], float(np.linalg.norm(place))) for own, place in places if place is not None]
+    expected = max(distances_m, key=lambda each: each[1], default=None)
     said = clip.farthest()
     found = None if said is None else (said[0], said[2])
     _expect(found == expected, f"farthest: found {found}; expected {expected}, as in its scenes")
