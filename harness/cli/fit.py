@@ -53,11 +53,12 @@ def fit(
 
     The fit is scored on clips, or parts of one clip, that were left out. Use it with ``vfoa run X --preset FILE``.
     """
-    from harness.cli.terminal import print_reports
+    from harness.cli.terminal import frames_bar, print_reports
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables
     from harness.report.formats import to_markdown
     from harness.run.fitted import fitted_text
+    from harness.run.runner import executor
     from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError
@@ -69,8 +70,8 @@ def fit(
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
-    with told_if_interrupted(notices):
-        run = read_labelled(directory(), config)
+    with told_if_interrupted(notices), executor(os.cpu_count() or 1) as workers:
+        run = read_labelled(directory(), config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)
     except VfoaError:

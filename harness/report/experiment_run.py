@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from harness.labels.labels import IGNORED
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
 from harness.run.directory import Pair, RunDirectory
-from harness.run.executors import Executor, Progress
+from harness.run.executors import Bar, Executor, no_bar
 from harness.run.experiment import Experiment, RecordingKind
 from harness.run.plan import Fit, Plan, PreparedClip
 from harness.run.runner import prepare, run_plan
 from vfoa.methods import MethodSettings
-
-Bar = Callable[[int, str], AbstractContextManager[Progress]]
-"""Shows the progress of a run: called with its number of frames and its name."""
-
-
-@contextmanager
-def no_bar(total: int, what: str) -> Iterator[Progress]:
-    """Show nothing."""
-    yield lambda clip: None
 
 
 def run_whole(

@@ -26,7 +26,7 @@ from harness.run.grid import base_of
 from harness.run.table_columns import Tables, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, LabelTruths, labelled_runs, truths_of
+from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, cases_of, labelled_runs, truths_of
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, default_weights, target_probabilities
@@ -295,13 +295,7 @@ def left_out_weights(
     read = [each for each in unfitted if base_of(each.name) in shared.values()]
     fitted: dict[str, dict[str, Any]] = {}
     pairs = [
-        LabelledPair(
-            clip=clip,
-            configuration=each.name,
-            tables=tables[clip, each.name],
-            settings=each.attending(LogitSettings(method="logit")).attend,
-            truths=_truths(Tables(tables[clip, each.name]), labels[clip]),
-        )
+        _labelled_pair(clip, each, tables[clip, each.name], labels[clip])
         for clip in labels
         for each in read
         if (clip, each.name) in tables
@@ -317,9 +311,20 @@ def _logit(configuration: Configuration) -> LogitSettings:
     return cast("LogitSettings", configuration.attend.attention)
 
 
-def _truths(tables: Tables, labels: Labels) -> LabelTruths:
-    scene = scene_columns(tables, words := Words(), {})
-    return truths_of(scene, look_columns(scene, tables, words), labels, words)
+def _labelled_pair(clip: str, configuration: Configuration, paths: Mapping[str, Path], labels: Labels) -> LabelledPair:
+    """The pair of a clip that is perceived: cases are fitted of which it has some frames, and to all of its frames."""
+    tables, words = Tables(paths), Words()
+    scene = scene_columns(tables, words, {})
+    looks = look_columns(scene, tables, words)
+    cases = cases_of(looks)
+    return LabelledPair(
+        clip=clip,
+        configuration=configuration.name,
+        tables=paths,
+        settings=configuration.attending(LogitSettings(method="logit")).attend,
+        truths=truths_of(scene, looks, labels, words),
+        alone=sorted(cases - {"both"}) if "both" in cases else (),
+    )
 
 
 def _first_with_the_stages(configurations: Iterable[Configuration]) -> dict[str, str]:

@@ -15,9 +15,9 @@ from harness.labels.labels import Labels
 from harness.run.attend import with_method
 from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import RunDirectory
-from harness.run.executors import GOES_ON, Executor, InProcess, Progress
+from harness.run.executors import Bar, Executor, InProcess, Progress, no_bar
 from harness.run.grid import base_of
-from harness.run.table_files import find_tables
+from harness.run.table_files import count_rows, find_tables
 from harness.run.table_scenes import NoCloudsError, SceneFrame, read_scenes
 from harness.score.finished_run import FinishedRun, how_to_label
 from harness.score.picks import picks_of, view_of
@@ -30,7 +30,7 @@ from vfoa.logit import Logit, LogitSettings, Remembered
 from vfoa.logit_cues import ROWS, Case, FrameFeatures
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
 from vfoa.pipeline import Attending, AttendSettings
-from vfoa.types import Attention, Float, Scene, Subject
+from vfoa.types import Attention, Flags, Float, Scene, Subject
 
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -87,8 +87,12 @@ class LabelledRun:
     people: Sequence[LabelledPerson]
 
 
-def read_labelled(directory: RunDirectory, configuration: str | None = None) -> LabelledRun:
+def read_labelled(
+    directory: RunDirectory, configuration: str | None = None, *, executor: Executor | None = None, bar: Bar = no_bar
+) -> LabelledRun:
     """Read a finished run. Without a name, take its first logit, or else its first configuration.
+
+    Workers of the ``executor`` read the features (None: this process does), and ``bar`` shows how far they are.
 
     Raises
     ------
@@ -105,25 +109,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     reference = run.reference()
     of_clips = {clip.name: reference.labels.get(clip.name) for clip in run.manifest.clips}
     check_labelled(run.manifest.experiment, of_clips, known.values())
-    pairs = _labelled_pairs(run, reference.labels, [chosen], tuple(ROWS))
-    return labelled_runs(run.manifest.experiment, pairs, [chosen], InProcess(), _answers(run, reference))[0]
-
-
-def read_features(
-    directory: RunDirectory, configurations: Collection[str], cases: Collection[Case] | None = None
-) -> list[LabelledRun]:
-    """Read the features and labels of a finished run's configurations, without the answers of other methods.
-
-    ``cases``: those that will be fitted; by default those that a clip has.
-
-    Raises
-    ------
-    VfoaError
-        If the run is not finished, or no labelled frame of a configuration has a measured direction.
-    """
-    run = FinishedRun.read(directory)
-    pairs = _labelled_pairs(run, run.reference().labels, configurations, cases)
-    return labelled_runs(run.manifest.experiment, pairs, configurations, InProcess())
+    pairs = _labelled_pairs(run, reference, chosen)
+    return labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), bar)[0]
 
 
 def check_labelled(
@@ -172,12 +159,17 @@ def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Wo
     return truths
 
 
+Answers = Mapping[tuple[str, int], Mapping[str, ScoredAnswer]]
+"""The outcome of each configuration by subject and labelled frame."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledPair:
     """A labelled clip under a configuration, to be read.
 
     ``tables`` are the files of its scene and directions, ``settings`` filter them and look for their features.
-    ``cases`` are those that will be fitted, by default those that the clip has.
+    ``alone`` are directions: there are also the features as if only this one had been measured. ``answers`` are those
+    of all configurations; without them, those of two cones are left out, too.
     """
 
     clip: str
@@ -185,29 +177,32 @@ class LabelledPair:
     tables: Mapping[str, Path]
     settings: AttendSettings
     truths: LabelTruths
-    cases: Collection[Case] | None = None
+    alone: Collection[Case] = ()
+    answers: Answers | None = None
 
 
-def _labelled_pairs(
-    run: FinishedRun, labels: Mapping[str, Labels], configurations: Collection[str], cases: Collection[Case] | None
-) -> Iterator[LabelledPair]:
-    tables = dict(find_tables(run.directory, manifest=run.manifest))
+def _labelled_pairs(run: FinishedRun, reference: Reference, configuration: str) -> Iterator[LabelledPair]:
+    tables, answers = dict(find_tables(run.directory, manifest=run.manifest)), _answers(run, reference)
     settings = LogitSettings(method="logit")
-    for each in run.columns(configurations):
-        if each.clip in labels:
+    for each in run.columns([configuration]):
+        if each.clip in reference.labels:
             plain = run.manifest.configurations[each.configuration]
             yield LabelledPair(
                 clip=each.clip,
                 configuration=each.configuration,
                 tables=tables[each.clip, each.configuration],
                 settings=with_method(plain, settings, f"{run.directory.manifest}: {each.configuration}"),
-                truths=truths_of(each.scene, each.looks, labels[each.clip], each.words),
-                cases=cases,
+                truths=truths_of(each.scene, each.looks, reference.labels[each.clip], each.words),
+                alone=[case for case in ROWS if case != "both"] if "both" in cases_of(each.looks) else (),
+                answers=answers.get(each.clip, {}),
             )
 
 
-Answers = Mapping[tuple[str, str, int], Mapping[str, ScoredAnswer]]
-"""The outcome of each configuration by clip, subject and labelled frame."""
+def cases_of(looks: LookColumns) -> set[Case]:
+    """The cases that the people of a clip have, of those whose eyes are known."""
+    eyes, gaze, head = (np.isfinite(of[:, 0]) for of in (looks.eyes_m, looks.gaze, looks.head))
+    rows: dict[Case, Flags] = {"both": eyes & gaze & head, "gaze": eyes & gaze & ~head, "head": eyes & head & ~gaze}
+    return {case for case, found in rows.items() if found.any()}
 
 
 def labelled_runs(
@@ -215,22 +210,24 @@ def labelled_runs(
     pairs: Iterable[LabelledPair],
     configurations: Collection[str],
     executor: Executor,
-    others: Answers | None = None,
+    bar: Bar = no_bar,
 ) -> list[LabelledRun]:
-    """Return the features and labels of configurations, by their names without seeds; workers read the pairs.
-
-    ``others`` are the answers of all configurations. Without them, those of two cones are left out, too.
+    """Return the features and labels of configurations, by their names without seeds; workers read the features.
 
     Raises
     ------
     VfoaError
-        If no labelled frame of a configuration has a measured direction, or as :func:`read_people`.
+        If no labelled frame of a configuration has a measured direction, or as :func:`read_features`.
     """
     pairs = list(pairs)
+    parts = [PairCase(pair, case) for pair in pairs for case in (None, *pair.alone)]
+    frames = sum(count_rows(part.pair.tables["frames"], "frames") for part in parts)
+    with bar(frames, f"{experiment}: features") as progress:
+        found = dict(zip(parts, executor.run(read_features, parts, progress, _given_up), strict=True))
     people: dict[str, list[list[LabelledPerson]]] = {name: [] for name in configurations}
-    work = partial(read_people, others=others)
-    for pair, found in zip(pairs, executor.run(work, pairs, _silent, _given_up), strict=True):
-        people[base_of(pair.configuration)].append(found)
+    for pair in pairs:
+        of_pair = {part.case: features for part, features in found.items() if part.pair is pair}
+        people[base_of(pair.configuration)].append(labelled_people(pair, of_pair))
     runs = []
     for name, by_pair in people.items():
         seeds = len({pair.configuration for pair in pairs if base_of(pair.configuration) == name})
@@ -244,78 +241,86 @@ def labelled_runs(
     return runs
 
 
-def _silent(clip: str) -> None:
-    """Report no progress: the frames are counted when they are attended to."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PairCase:
+    """A job: the features of a pair, of the directions as they were measured (None) or as if only one had been."""
+
+    pair: LabelledPair
+    case: Case | None
 
 
-def _given_up(pair: LabelledPair, why: str) -> list[LabelledPerson]:
-    raise VfoaError(f"fit: {pair.clip}: {pair.configuration}: {why}")
+class FoundFeatures(NamedTuple):
+    """The features of the labelled people of a clip by name and frame, and what two cones answer, where asked for.
+
+    ``times_s`` are the times of the frames.
+    """
+
+    times_s: dict[int, float]
+    seen: dict[str, dict[int, FrameFeatures]]
+    cones: dict[str, dict[int, int | None]]
 
 
-def read_people(pair: LabelledPair, progress: Progress, *, others: Answers | None = None) -> list[LabelledPerson]:
-    """Read everyone's features and labels in a clip: a job of :func:`labelled_runs`.
+def _given_up(part: PairCase, why: str) -> FoundFeatures:
+    raise VfoaError(f"fit: {part.pair.clip}: {part.pair.configuration}: {why}")
+
+
+def read_features(part: PairCase, progress: Progress) -> FoundFeatures:
+    """Read the features of a pair: a job of :func:`labelled_runs`. ``progress`` is called once for each frame.
 
     Raises
     ------
     VfoaError
         If a table is missing or damaged, or the run kept no clouds of its targets.
     """
+    pair = part.pair
     try:
-        frames = list(read_scenes(pair.tables, pair.settings.attention.cloud_points))
+        frames = read_scenes(pair.tables, pair.settings.attention.cloud_points)
+        return features_of(part, frames, partial(progress, pair.clip))
     except NoCloudsError as error:
         raise VfoaError(
             f"fit: {pair.clip}: {pair.configuration} kept no clouds of its targets, which the logit looks at; "
             f'expected a run with attention.method = "logit" or "bayes" ({error})'
         ) from None
-    return labelled_people(pair, frames, others, partial(progress, GOES_ON))
 
 
-def labelled_people(
-    pair: LabelledPair,
-    frames: Sequence[SceneFrame],
-    others: Answers | None = None,
-    check: Callable[[], None] = lambda: None,
-) -> list[LabelledPerson]:
-    """Return everyone's features and labels in the frames of a clip, each of the weight 1.
-
-    A frame whose true target has no box counts as unlabelled. ``check`` is called at each frame; an error of it ends
-    all.
-    """
-    measured = list(_attended(frames, pair.settings, None, check))
-    found = {seen.case for people in measured for each in people if (seen := _seen(each))}
-    single = ({*ROWS} if pair.cases is None else {*pair.cases}) - {"both"} if "both" in found else set[Case]()
-    if pair.cases is None:
-        single &= found
-    alone = {case: list(_attended(frames, pair.settings, case, check)) for case in sorted(single)}
-    rows_of: dict[str, list[_LabelledFrame]] = {}
-    for at, (frame, people) in enumerate(zip(frames, measured, strict=True)):
-        number, named = frame.scene.index, [each.subject.name for each in people]
-        for name, of_person in pair.truths.items():
-            if name not in named or (seen := _seen(people[place := named.index(name)])) is None:
+def features_of(
+    part: PairCase, frames: Iterable[SceneFrame], advance: Callable[[], None] = lambda: None
+) -> FoundFeatures:
+    """Return the features in the frames of a clip; ``advance`` is called after each: an error of it ends all."""
+    pair, found = part.pair, FoundFeatures({}, {name: {} for name in part.pair.truths}, {})
+    asks_cones = part.case is None and pair.answers is not None
+    for frame, attentions in _attended(frames, pair.settings, part.case):
+        number = frame.scene.index
+        found.times_s[number] = frame.scene.time_ns / 1e9
+        people = {each.subject.name: each for each in reversed(attentions)}  # the first, if tracks share the name
+        for name, truth_of in pair.truths.items():
+            if name not in people or (seen := _seen(people[name])) is None:
                 continue
-            right, *nearest = of_person[number]
-            target = next((answer for answer in right if answer in (None, *seen.ids)), UNKNOWN)
-            answers = dict[str, ScoredAnswer]()
-            if others is not None:
-                answers = dict(others.get((pair.clip, name, number), {}))
-                if target != UNKNOWN:
-                    cones = pay_attention(people[place].subject, frame.scene.targets, _CONES)
-                    answers[TWO_CONES] = cones.focus in right, math.nan, math.nan
-            by_case = {case: _seen(by_frame[at][place]) for case, by_frame in alone.items()}
-            row = _LabelledFrame(frame.scene.time_ns / 1e9, seen, by_case, target, nearest, answers)
-            rows_of.setdefault(name, []).append(row)
-    return [_person(pair.clip, rows) for rows in rows_of.values()]
+            found.seen[name][number] = seen
+            if asks_cones and _target(truth_of[number], seen) != UNKNOWN:
+                cones = pay_attention(people[name].subject, frame.scene.targets, _CONES)
+                found.cones.setdefault(name, {})[number] = cones.focus
+        advance()
+    return found
+
+
+def labelled_people(pair: LabelledPair, found: Mapping[Case | None, FoundFeatures]) -> list[LabelledPerson]:
+    """Return everyone's features and labels in a clip, each of the weight 1.
+
+    A frame whose true target has no box counts as unlabelled.
+    """
+    names = [name for name, seen in found[None].seen.items() if seen]
+    return [_person(pair, name, found) for name in sorted(names, key=lambda name: min(found[None].seen[name]))]
 
 
 def _attended(
-    frames: Iterable[SceneFrame], settings: AttendSettings, case: Case | None, check: Callable[[], None]
-) -> Iterator[tuple[Attention, ...]]:
-    """Yield everyone's attention in each frame; with a case as if only its direction had been measured."""
+    frames: Iterable[SceneFrame], settings: AttendSettings, case: Case | None
+) -> Iterator[tuple[SceneFrame, tuple[Attention, ...]]]:
+    """Yield each frame with everyone's attention; with a case as if only its direction had been measured."""
     attending = Attending(settings, _OfCase(LogitSettings(method="logit"), case))
     for frame in frames:
-        check()
         (result,) = attending.step(frame.scene, frame.tracked, frame.names)
-        yield result.attentions
+        yield frame, result.attentions
 
 
 def _seen(attention: Attention) -> FrameFeatures | None:
@@ -341,42 +346,44 @@ class _OfCase(Logit):
         return super().attend(subjects, scene, states)
 
 
-class _LabelledFrame(NamedTuple):
-    """A person in a frame: features, true target, the nearest one as in :class:`LabelledPerson`, and the answers."""
-
-    time_s: float
-    seen: FrameFeatures
-    alone: Mapping[Case, FrameFeatures | None]
-    target: int | None
-    nearest: Sequence[float]
-    answers: Mapping[str, ScoredAnswer]
+def _target(truth: LabelTruth, seen: FrameFeatures) -> int | None:
+    """The true target, None for nowhere; :data:`UNKNOWN` without a label or if no true target has a box."""
+    return next((answer for answer in truth.answers if answer in (None, *seen.ids)), UNKNOWN)
 
 
-def _person(clip: str, rows: Sequence[_LabelledFrame]) -> LabelledPerson:
+def _person(pair: LabelledPair, name: str, found: Mapping[Case | None, FoundFeatures]) -> LabelledPerson:
+    measured, truth_of = found[None], pair.truths[name]
+    seen = measured.seen[name]
+    cones = measured.cones.get(name, {})
+    answers = [dict((pair.answers or {}).get((name, number), {})) for number in seen]
+    for number, of_frame in zip(seen, answers, strict=True):
+        if number in cones:
+            of_frame[TWO_CONES] = cones[number] in truth_of[number].answers, math.nan, math.nan
+    methods = dict.fromkeys(method for of_frame in answers for method in of_frame)
     missing: ScoredAnswer = (False, math.nan, math.nan)
-    names = dict.fromkeys(name for row in rows for name in row.answers)
     return LabelledPerson(
         sequence=LabelledSequence(
-            group=clip,
-            times_s=[row.time_s for row in rows],
-            seen=[row.seen for row in rows],
-            alone={case: [row.alone[case] for row in rows] for case in rows[0].alone},
-            targets=[row.target for row in rows],
+            group=pair.clip,
+            times_s=[measured.times_s[number] for number in seen],
+            seen=list(seen.values()),
+            alone={case: [found[case].seen[name].get(number) for number in seen] for case in pair.alone},
+            targets=[_target(truth_of[number], features) for number, features in seen.items()],
         ),
-        nearest=np.array([row.nearest for row in rows], dtype=np.float64),
-        others={name: np.array([row.answers.get(name, missing) for row in rows], np.float64) for name in names},
+        nearest=np.array([truth_of[number][1:] for number in seen], dtype=np.float64),
+        others={method: np.array([each.get(method, missing) for each in answers], np.float64) for method in methods},
     )
 
 
-def _answers(run: FinishedRun, reference: Reference) -> Answers:
-    """The answers of all configurations, of the first seed of each."""
-    answers: dict[tuple[str, str, int], dict[str, ScoredAnswer]] = {}
+def _answers(run: FinishedRun, reference: Reference) -> Mapping[str, Answers]:
+    """The answers of all configurations, of the first seed of each, by clip."""
+    answers: dict[str, dict[tuple[str, int], dict[str, ScoredAnswer]]] = {}
     for columns in run.columns():
         name, base = columns.configuration, base_of(columns.configuration)
         if columns.clip in reference.labels and (base == name or name.endswith(".seed1")):
+            of_clip = answers.setdefault(columns.clip, {})
             for subject, judged in pair_verdicts(columns, reference).by_subject.items():
                 for frame, outcome in _scored_answers(judged):
-                    answers.setdefault((columns.clip, subject, frame), {})[base] = outcome
+                    of_clip.setdefault((subject, frame), {})[base] = outcome
     return answers
 
 

@@ -9,12 +9,15 @@ finish.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol, TypeVar
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Progress = Callable[[str], None]
 """Called with the name of what has advanced (the clip's name, once per frame)."""
+Bar = Callable[[int, str], AbstractContextManager[Progress]]
+"""Shows the progress of work on frames: called with their number and the name of the work."""
 
 Work = Callable[[Job, Progress], Result]
 Lost = Callable[[Job, str], Result]
@@ -23,6 +26,12 @@ Lost = Callable[[Job, str], Result]
 
 GOES_ON = ""
 """The word of a call of progress that reports nothing, and only asks whether the run goes on."""
+
+
+@contextmanager
+def no_bar(total: int, what: str) -> Iterator[Progress]:
+    """Show nothing."""
+    yield lambda clip: None
 
 
 class StoppedError(Exception):

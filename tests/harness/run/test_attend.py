@@ -23,7 +23,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
 from harness.run.table_scenes import read_scenes
-from harness.score.labelled_run import LabelledPair, read_people
+from harness.score.labelled_run import LabelledPair, PairCase, read_features
 from harness.sources import Clip
 from tests import graphs
 from tests.attended import assert_scenes_give_the_same, values_of
@@ -187,7 +187,7 @@ def test_a_fit_to_a_run_without_the_clouds_that_it_looks_at_says_which_run_to_ma
     paths = dict(find_tables(images.directory))["studio_talk", "forward"]
     pair = LabelledPair(clip="studio_talk", configuration="forward", tables=paths, settings=settings, truths={})
     with pytest.raises(VfoaError, match=r'studio_talk: forward .*method = "logit"'):
-        read_people(pair, lambda word: None)
+        read_features(PairCase(pair, None), lambda word: None)
 
 
 def test_the_records_of_targets_are_those_that_are_read_with_the_answers(images: Finished, poses: Finished) -> None:

@@ -6,7 +6,8 @@ import contextlib
 import re
 import shlex
 import shutil
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +20,23 @@ from harness.clips.add import add_clip
 from harness.pipeline.cache_store import Store
 from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
+from harness.run.executors import Progress
 from harness.run.experiment import load_experiment
 from harness.run.fitted import fitted_text, read_fitted
 from harness.run.notes import NoteKind
 from harness.run.plan import Fit
-from harness.run.runner import prepare, run_plan
+from harness.run.runner import executor, prepare, run_plan
 from harness.run.table_scenes import SceneFrame
-from harness.score.fit_logit import folds_of
-from harness.score.labelled_run import LabelledPair, LabelTruth, labelled_people, read_labelled
+from harness.score.fit_logit import fit_logit, folds_of
+from harness.score.labelled_run import (
+    LabelledPair,
+    LabelledPerson,
+    LabelTruth,
+    PairCase,
+    features_of,
+    labelled_people,
+    read_labelled,
+)
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
@@ -36,7 +46,7 @@ from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings, LogitWeights, default_weights
-from vfoa.logit_cues import LOGIT_CUES, ROWS, Case
+from vfoa.logit_cues import LOGIT_CUES, Case
 from vfoa.methods import MethodSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.tracking import Tracked
@@ -223,6 +233,27 @@ def test_twenty_labelled_seconds_are_enough_the_last_frame_included(
     else:
         with pytest.raises(VfoaError, match=r"19\.6 s are labelled; expected at least 20 s"):
             folds_of(labelled, None)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_read_the_features_and_every_frame_of_every_case_is_reported(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two"), 16)
+    directory = _plain_run(tmp_path)
+    asked, told = [], list[str]()
+
+    @contextlib.contextmanager
+    def bar(total: int, what: str) -> Iterator[Progress]:
+        asked.append(total)
+        yield told.append
+
+    with executor(workers) as chosen:
+        labelled = read_labelled(directory, executor=chosen, bar=bar)
+    assert fit_logit(labelled) == fit_logit(read_labelled(directory))
+    assert asked == [2 * 3 * 16]  # as measured, the gaze alone, the head alone
+    assert Counter(told) == {"one": 3 * 16, "two": 3 * 16}
 
 
 def _plain_run(folder: Path) -> RunDirectory:
@@ -430,17 +461,19 @@ def a_course(clouds: Mapping[int, Map] | None = None, *, heads: bool = False) ->
     return frames
 
 
-def the_second_cup(cases: tuple[Case, ...] | None = None) -> LabelledPair:
-    """Ann looks at it in all frames of a course."""
+def of_the_second_cup(course: Sequence[SceneFrame], alone: Collection[Case] = ()) -> LabelledPerson:
+    """Ann, who looks at it in all frames of a course."""
     truths = {"ann": {number: LabelTruth((2,), 0.1, True) for number in range(1, 31)}}
     settings = AttendSettings(attention=LogitSettings(method="logit"))
-    return LabelledPair(clip="talk", configuration="one", tables={}, settings=settings, truths=truths, cases=cases)
+    pair = LabelledPair(clip="talk", configuration="one", tables={}, settings=settings, truths=truths, alone=alone)
+    (ann,) = labelled_people(pair, {case: features_of(PairCase(pair, case), course) for case in (None, *alone)})
+    return ann
 
 
 def test_the_case_of_one_direction_sees_nothing_of_the_other() -> None:
     """Features of the head alone are those of a person whose gaze was never measured, the posterior's among them."""
-    (both,) = labelled_people(the_second_cup(tuple(ROWS)), a_course())
-    (alone,) = labelled_people(the_second_cup(), a_course(heads=True))
+    both = of_the_second_cup(a_course(), ("gaze", "head"))
+    alone = of_the_second_cup(a_course(heads=True))
     for masked, measured in zip(both.sequence.alone["head"], alone.sequence.seen, strict=True):
         assert masked is not None
         np.testing.assert_array_equal(masked.now, measured.now)
@@ -478,7 +511,7 @@ def test_features_of_a_fit_see_clouds_as_a_run_does() -> None:
     )
     posterior = LOGIT_CUES.index("posterior")
     boxed, nearby, aside = (
-        np.array([seen.now[posterior] for seen in labelled_people(the_second_cup(), course)[0].sequence.seen])
+        np.array([seen.now[posterior] for seen in of_the_second_cup(course).sequence.seen])
         for course in (a_course(), a_course(near), a_course(off))
     )
     assert nearby == pytest.approx(boxed, abs=0.2)
