@@ -86,8 +86,8 @@ def _closure(names: Iterable[str]) -> set[str]:
         name = re.split(r"[^\w.-]", waiting.pop(), maxsplit=1)[0]
         with suppress(metadata.PackageNotFoundError):
             if name not in found:
+                waiting += [line for line in metadata.requires(name) or () if "extra ==" not in line]
                 found.add(name)
-                waiting += (line for line in metadata.requires(name) or () if "extra ==" not in line)
     return found
 
 

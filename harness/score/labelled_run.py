@@ -265,31 +265,51 @@ def _given_up(part: PairCase, why: str) -> FoundFeatures:
 
 
 def read_features(part: PairCase, progress: Progress) -> FoundFeatures:
-    """Read the features of a pair: a job of :func:`labelled_runs`. ``progress`` is called once for each frame.
+    """Read the features of a pair: a job of :func:`labelled_runs`.
+
+    ``progress`` is called once for each frame of the clip, at the end for those that are not needed.
 
     Raises
     ------
     VfoaError
         If a table is missing or damaged, or the run kept no clouds of its targets.
     """
-    pair = part.pair
+    pair, advance = part.pair, partial(progress, part.pair.clip)
     try:
-        frames = read_scenes(pair.tables, pair.settings.attention.cloud_points)
-        return features_of(part, frames, partial(progress, pair.clip))
+        found = features_of(part, read_scenes(pair.tables, pair.settings.attention.cloud_points), advance)
     except NoCloudsError as error:
         raise VfoaError(
             f"fit: {pair.clip}: {pair.configuration} kept no clouds of its targets, which the logit looks at; "
             f'expected a run with attention.method = "logit" or "bayes" ({error})'
         ) from None
+    for _ in range(count_rows(pair.tables["frames"], "frames") - len(found.times_s)):
+        advance()
+    return found
+
+
+AFTER_S = 10.0
+"""Frames that come later than this after the last labelled one have no weight: their means last a second."""
+
+
+def _needed(frames: Iterable[SceneFrame], truths: LabelTruths) -> Iterator[SceneFrame]:
+    """Yield the frames up to the last labelled one, and those whose features it needs."""
+    labelled = [number for of_person in truths.values() for number, truth in of_person.items() if truth.answers]
+    last, until_ns = max(labelled, default=-1), math.inf
+    for frame in frames:
+        if frame.scene.time_ns > until_ns:
+            return
+        if frame.scene.index == last:
+            until_ns = frame.scene.time_ns + 1e9 * AFTER_S
+        yield frame
 
 
 def features_of(
     part: PairCase, frames: Iterable[SceneFrame], advance: Callable[[], None] = lambda: None
 ) -> FoundFeatures:
-    """Return the features in the frames of a clip; ``advance`` is called after each: an error of it ends all."""
+    """Return the features in the frames of a clip that are needed; ``advance`` is called after each of them."""
     pair, found = part.pair, FoundFeatures({}, {name: {} for name in part.pair.truths}, {})
     asks_cones = part.case is None and pair.answers is not None
-    for frame, attentions in _attended(frames, pair.settings, part.case):
+    for frame, attentions in _attended(_needed(frames, pair.truths), pair.settings, part.case):
         number = frame.scene.index
         found.times_s[number] = frame.scene.time_ns / 1e9
         people = {each.subject.name: each for each in reversed(attentions)}  # the first, if tracks share the name

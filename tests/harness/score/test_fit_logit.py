@@ -29,6 +29,7 @@ from harness.run.runner import executor, prepare, run_plan
 from harness.run.table_scenes import SceneFrame
 from harness.score.fit_logit import fit_logit, folds_of
 from harness.score.labelled_run import (
+    FoundFeatures,
     LabelledPair,
     LabelledPerson,
     LabelTruth,
@@ -254,6 +255,29 @@ def test_workers_read_the_features_and_every_frame_of_every_case_is_reported(
     assert fit_logit(labelled) == fit_logit(read_labelled(directory))
     assert asked == [2 * 3 * 16]  # as measured, the gaze alone, the head alone
     assert Counter(told) == {"one": 3 * 16, "two": 3 * 16}
+
+
+def test_what_comes_long_after_the_last_label_is_not_read_and_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), 100, 2 * STEP_NS)  # each frame lasts 0.4 s
+    write_text(tmp_path / "annotations" / "one.csv", true_labels(60))
+    directory = _plain_run(tmp_path)
+    parts, told = list[PairCase](), list[str]()
+    read = harness.score.labelled_run.read_features
+
+    def noted(part: PairCase, progress: Progress) -> FoundFeatures:
+        parts.append(part)
+        return read(part, progress)
+
+    monkeypatch.setattr("harness.score.labelled_run.read_features", noted)
+    short = read_labelled(directory, bar=lambda total, what: contextlib.nullcontext(told.append))
+    assert len(told) == len(parts) * 100
+    assert {max(read(part, lambda clip: None).times_s) for part in parts} == {60 + 25}
+    monkeypatch.setattr("harness.score.labelled_run.AFTER_S", 1000.0)
+    assert max(read(parts[0], lambda clip: None).times_s) == 100
+    assert fit_logit(read_labelled(directory)).attention == fit_logit(short).attention
 
 
 def _plain_run(folder: Path) -> RunDirectory:
