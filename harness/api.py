@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
@@ -20,6 +19,7 @@ from harness.report.formats import to_csv
 from harness.report.frames_csv import run_frames
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory, out_folder
+from harness.run.executors import cores
 from harness.run.experiment import RecordingKind, load_experiment
 from harness.run.manifest import MOST, Failure
 from harness.run.table_files import make_table, read_table
@@ -322,7 +322,7 @@ def run_experiment(
     _, directory = run_whole(
         experiment,
         out_folder(Path("runs") / experiment.name if out is None else out),
-        workers=workers or os.cpu_count() or 1,
+        workers=workers or cores(),
         cache=open_store() if cache else None,
         beside=out is None,
         limit=limit,

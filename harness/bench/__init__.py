@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -50,8 +49,9 @@ def _stereo(bench: Bench) -> list[Table]:
 
 def _realtime(bench: Bench) -> list[Table]:
     from harness.bench.realtime import measure_speed, rows_at_hand, speed_table
+    from harness.run.executors import cores
 
-    threads = os.cpu_count() or 1
+    threads = cores()
     rows, notes = rows_at_hand(bench.name, bench.manifest.name, bench.overrides)
     speeds = measure_speed(
         bench.name, bench.manifest, bench.frames, threads, rows=rows, provider=bench.provider, overrides=bench.overrides

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections.abc import Callable
 from functools import partial
@@ -57,6 +56,7 @@ def fit(
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables
     from harness.report.formats import to_markdown
+    from harness.run.executors import cores
     from harness.run.fitted import fitted_text
     from harness.run.runner import executor
     from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
@@ -70,7 +70,7 @@ def fit(
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
-    with told_if_interrupted(notices), executor(os.cpu_count() or 1) as workers:
+    with told_if_interrupted(notices), executor(cores()) as workers:
         run = read_labelled(directory(), config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)
@@ -128,6 +128,7 @@ def _source(
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_plainly
     from harness.run.directory import RunDirectory
+    from harness.run.executors import cores
     from vfoa.errors import VfoaError
 
     if _is_run(what):
@@ -138,6 +139,6 @@ def _source(
     experiment = experiment_of([what], (), overrides, None)
     files = [find("experiments", what) or Path(what)]
     files += [file for clip in experiment.clips for file in load_manifest(clip).files]
-    store, cores = open_store(None), os.cpu_count() or 1
-    make = partial(run_plainly, experiment, Path("runs") / experiment.name, cache=store, bar=frames_bar, tell=tell)
-    return experiment.name, files, partial(make, workers=cores, threads=cores)
+    folder, workers = Path("runs") / experiment.name, cores()
+    make = partial(run_plainly, experiment, folder, cache=open_store(None), bar=frames_bar, tell=tell)
+    return experiment.name, files, partial(make, workers=workers, threads=workers)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -96,14 +95,15 @@ def run(
     """
     from harness.pipeline.cache_store import open_store
     from harness.run.directory import out_folder
+    from harness.run.executors import cores
 
     if what == ["benchmark"]:
         _refuse_options(context, "benchmark", _OF_BENCHMARK)
         _run_benchmark(
             out_folder(out or Path("runs") / "benchmark"),
             overrides or [],
-            workers=workers or os.cpu_count() or 1,
-            threads=threads or os.cpu_count() or 1,
+            workers=workers or cores(),
+            threads=threads or cores(),
             limit=limit,
             recording=recording,
             cache=None if no_cache else open_store(cache),
@@ -131,8 +131,8 @@ def run(
         plan, directory = run_whole(
             experiment,
             folder,
-            workers=workers or os.cpu_count() or 1,
-            threads=threads or os.cpu_count() or 1,
+            workers=workers or cores(),
+            threads=threads or cores(),
             scheduler=scheduler,
             limit=limit,
             recording=recording,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import shlex
 import subprocess
@@ -23,7 +22,7 @@ from harness.pipeline.drawn_stage import DrawnClip, check_drawn
 from harness.pipeline.stage_runner import guarded
 from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
-from harness.run.executors import Executor
+from harness.run.executors import Executor, cores
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
@@ -360,4 +359,4 @@ def source_commit() -> str | None:
 
 def host() -> dict[str, Any]:
     """The machine, without anything that identifies its owner."""
-    return {"system": platform.system(), "machine": platform.machine(), "cores": os.cpu_count()}
+    return {"system": platform.system(), "machine": platform.machine(), "cores": cores()}

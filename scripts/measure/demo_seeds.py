@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain
@@ -16,6 +15,7 @@ from harness.files.io import atomic_write
 from harness.pipeline.cache_store import open_store
 from harness.report.factors import compare_factors
 from harness.report.formats import Table, to_markdown
+from harness.run.executors import cores
 from harness.run.experiment import load_experiment
 from harness.run.grid import repeated
 from harness.run.runner import prepare, run_plan
@@ -80,6 +80,6 @@ def main() -> None:
     )
     plan = prepare(replace(demo, configurations=tuple(configurations)))
     with TemporaryDirectory() as folder:
-        workers, cache = os.cpu_count() or 1, open_store(None)
+        workers, cache = cores(), open_store(None)
         directory = run_plan(plan, Path(folder) / "run", workers=workers, progress=lambda clip: None, cache=cache)
         atomic_write(given.out, to_markdown(seeds_table(read_scores(directory), given.seeds)))

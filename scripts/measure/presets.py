@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from harness.pipeline.cache_store import open_store
 from harness.report.formats import UNKNOWN, Table, to_markdown
 from harness.report.stages import stage_measures_table
 from harness.run.directory import RunDirectory
+from harness.run.executors import cores
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.finished_run import read_scores
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("reports/presets.md"), help="The Markdown file to write.")
     parser.add_argument("--limit", type=int, help="Number of frames of each clip; default: all.")
     given = parser.parse_args()
-    workers, cache = os.cpu_count() or 1, open_store(None)
+    workers, cache = cores(), open_store(None)
     with TemporaryDirectory() as folder:
         runs = {
             name: run_plan(

@@ -8,8 +8,11 @@ finish.
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 Job = TypeVar("Job")
@@ -79,6 +82,30 @@ class InProcess:
         compute_with(self.threads)
         for job in jobs:
             yield work(job, lambda word: None if word == GOES_ON else progress(word))
+
+
+CGROUP = Path("/sys/fs/cgroup")
+"""Where Linux has the limits of a container or of a job of a cluster, and of version 1 in ``cpu/``."""
+
+
+def cores() -> int:
+    """The number of cores that this process may use: at most those that a cluster's job or a container was given.
+
+    A node has more cores than a job of a scheduler may run on, and a container may have a share of the time of all.
+    """
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    shares = [_numbers("cpu.max"), _numbers("cpu/cpu.cfs_quota_us") + _numbers("cpu/cpu.cfs_period_us")]
+    limits = [math.ceil(share[0] / share[1]) for share in shares if len(share) == 2 and min(share) > 0]
+    return min(allowed, *limits) if limits else allowed
+
+
+def _numbers(name: str) -> list[int]:
+    """The numbers in a file of the control group; a limit that is not set is a word, or -1."""
+    try:
+        words = (CGROUP / name).read_text().split()
+    except OSError:
+        return []
+    return [int(word) for word in words if word.lstrip("-").isdecimal()]
 
 
 def compute_with(threads: int) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.run.executors import InProcess
+from harness.run.executors import InProcess, cores
 from harness.run.runner import executor
 from tests import tasks
 from tests.repository import REPOSITORY
@@ -28,6 +28,39 @@ def test_outcomes_come_in_the_order_of_the_jobs_with_one_thread_each(workers: in
 def test_a_bug_keeps_its_type_and_message(workers: int) -> None:
     with executor(workers) as chosen, pytest.raises(ZeroDivisionError, match="job 1"):
         list(chosen.run(tasks.fail, [1, 2], lambda word: None, _no_number))
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs Linux")
+def test_the_cores_are_those_that_a_cluster_gave_to_the_job() -> None:
+    first = min(os.sched_getaffinity(0))
+    code = f"import os; os.sched_setaffinity(0, {{{first}}}); from harness.run.executors import cores; print(cores())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPOSITORY)
+    assert done.stdout == "1\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({}, 8),
+        ({"cpu.max": "max 100000\n"}, 8),
+        ({"cpu.max": "200000 100000\n"}, 2),
+        ({"cpu.max": "250000 100000\n"}, 3),
+        ({"cpu.max": "50000 100000\n"}, 1),
+        ({"cpu.max": "6400000 100000\n"}, 8),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, 8),
+        ({"cpu/cpu.cfs_quota_us": "400000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 4),
+        ({"cpu/cpu.cfs_quota_us": "400000\n"}, 8),
+    ],
+)
+def test_the_cores_are_those_that_a_container_was_given(
+    files: dict[str, str], expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.run.executors.CGROUP", tmp_path)
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: set(range(8)), raising=False)
+    (tmp_path / "cpu").mkdir()
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+    assert cores() == expected
 
 
 def test_one_worker_stays_in_this_process() -> None:

@@ -70,7 +70,7 @@ def labelled_clips(folder: Path, names: tuple[str, ...], frames: int, step_ns: i
 def _one_process() -> Iterator[None]:
     """Clips of some seconds are no work for a process on each core."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("os.cpu_count", lambda: 1)
+        patch.setattr("harness.run.executors.cores", lambda: 1)
         yield
 
 
