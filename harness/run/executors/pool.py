@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -34,6 +35,8 @@ from harness.run.executors import (
     Work,
     compute_with,
 )
+
+_log = logging.getLogger(__name__)
 
 _FLUSH, _END = b"\0flush", b"\0end"
 _told: Connection | None = None
@@ -85,6 +88,7 @@ class Pool:
         self._listener: _Listener | None = None
         self._processes: ProcessPoolExecutor | None = None
         self._started = 0
+        self._death = ""
         keep_working_directory_out()
         self._context = _Spawning()
         with _ignored_by_children():
@@ -120,7 +124,7 @@ class Pool:
         for number in range(given, len(jobs)):
             if number not in done:  # whichever job killed the others, it is alone now
                 done.update(self._attempt(work, {number: jobs[number]}, progress))
-            yield done.pop(number) if number in done else lost(jobs[number], GIVEN_UP)
+            yield done.pop(number) if number in done else lost(jobs[number], f"{GIVEN_UP}: {self._death}")
 
     def _attempt(
         self, work: Work[Job, Result], jobs: dict[int, Job], progress: Progress
@@ -150,6 +154,15 @@ class Pool:
                 future.cancel()
             if broken:
                 self._stop()
+                self._note_death()
+
+    def _note_death(self) -> None:
+        """Say how a worker died, the first time: the others were ended because of it."""
+        codes = (process.exitcode for process in self._context.started)
+        code = next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), None)
+        if code is not None and not self._death:
+            self._death = _how_it_died(code)
+            _log.warning("a worker process was %s; unfinished clips are run again", self._death)
 
     def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
         """Start enough processes for this many jobs; running ones are reused."""
@@ -183,6 +196,15 @@ class Pool:
             for worker in workers:
                 worker.kill()
                 worker.join(GRACE_S)
+
+
+def _how_it_died(code: int) -> str:
+    """The exit code of a process in words."""
+    if code >= 0:
+        return f"ended with exit code {code}"
+    name = signal.Signals(-code).name
+    hint = ", as a system does that runs out of memory: fewer --workers need less" if code == -signal.SIGKILL else ""
+    return f"killed by {name}{hint}"
 
 
 @contextmanager

@@ -95,7 +95,7 @@ def _give_up(marker: Path, why: str) -> str:
     return f"{marker.name}: {why}"
 
 
-def test_a_worker_that_dies_is_replaced_and_its_work_redone(tmp_path: Path) -> None:
+def test_a_worker_that_dies_is_replaced_and_its_work_redone(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     jobs = [tmp_path / name for name in "abc"]
     jobs[1].write_text("this one never kills")
     jobs[2].write_text("nor does this one")
@@ -103,12 +103,16 @@ def test_a_worker_that_dies_is_replaced_and_its_work_redone(tmp_path: Path) -> N
         outcomes = list(pool.run(tasks.die_once, jobs, lambda word: None, _give_up))
     assert outcomes == ["a done", "b done", "c done"]
     assert int(jobs[0].read_text()) != os.getpid()
+    (warning,) = caplog.messages
+    assert "SIGKILL" in warning
+    assert "--workers" in warning
 
 
 def test_a_job_that_kills_every_worker_is_given_up_alone(tmp_path: Path) -> None:
     with executor(2) as pool:
         outcomes = list(pool.run(tasks.die, [tmp_path / n for n in ("a", "deadly", "b")], lambda word: None, _give_up))
-    assert outcomes == ["a", "deadly: its worker process died 3 times over", "b"]
+    assert outcomes[::2] == ["a", "b"]
+    assert outcomes[1].startswith("deadly: its worker process died 3 times over: killed by SIGKILL")
 
 
 def test_a_worker_does_not_run_what_lies_in_the_working_directory(
