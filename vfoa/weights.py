@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,38 @@ from vfoa.settings import Settings
 _LFS_POINTER = b"version https://git-lfs"
 
 
+def platform_cache() -> Path:
+    """The folder of this program in the platform's cache directory.
+
+    Raises
+    ------
+    VfoaError
+        If the user has no home directory, as one of a container that its system does not know.
+    """
+    try:
+        return Path(platformdirs.user_cache_dir("vfoa"))
+    except RuntimeError:
+        raise VfoaError(
+            "the user has no home directory, where the cache would be; expected HOME or XDG_CACHE_HOME to name a folder"
+        ) from None
+
+
 def cache_directory() -> Path:
-    """Folder of fetched weights, in the platform's cache directory."""
-    return Path(platformdirs.user_cache_dir("vfoa")) / "models"
+    """Folder of fetched weights, in the platform's cache directory. Raises as :func:`platform_cache`."""
+    return platform_cache() / "models"
 
 
 def directories() -> list[Path]:
-    """Folders searched for weights, in order: ``$VFOA_MODELS``, then the platform's cache directory."""
-    named = os.environ.get("VFOA_MODELS")
-    return [Path(named), cache_directory()] if named else [cache_directory()]
+    """Folders searched for weights, in order: ``$VFOA_MODELS``, then the platform's cache directory.
+
+    Raises as :func:`platform_cache`, if the first is not set.
+    """
+    if not (named := os.environ.get("VFOA_MODELS")):
+        return [cache_directory()]
+    folders = [Path(named)]
+    with suppress(VfoaError):
+        folders.append(cache_directory())
+    return folders
 
 
 def locate(weights: str) -> Path:

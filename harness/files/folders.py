@@ -15,8 +15,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import platformdirs
-
 from harness.files.io import is_file_or_link, replacing
 
 if TYPE_CHECKING:
@@ -29,12 +27,14 @@ _log = logging.getLogger(__name__)
 
 
 def cache_root() -> Path:
-    """``$VFOA_CACHE``, or the cache folder of the platform."""
+    """``$VFOA_CACHE``, or the cache folder of the platform. Raises as :func:`vfoa.weights.platform_cache`."""
     return Path(os.environ.get(VARIABLE) or _of_platform())
 
 
 def _of_platform() -> str:
-    return platformdirs.user_cache_dir("vfoa")
+    from vfoa.weights import platform_cache
+
+    return str(platform_cache())
 
 
 def read_value(path: Path, kind: Any) -> Any | None:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import platformdirs
 import zstandard
 from numpy.typing import NDArray
 
 from harness.files.io import atomic_write
 from vfoa.types import Image, Map
+from vfoa.weights import platform_cache
 
 _log = logging.getLogger(__name__)
 _DIGEST_BYTES = 32
@@ -26,7 +26,7 @@ _Read = TypeVar("_Read")
 
 def cache_folder(key: str) -> Path:
     """The folder of one clip's frames: under ``VFOA_CACHE``, else the user's cache folder."""
-    root = os.environ.get("VFOA_CACHE") or platformdirs.user_cache_dir("vfoa")
+    root = os.environ.get("VFOA_CACHE") or platform_cache()
     return Path(root) / "studio" / key
 
 

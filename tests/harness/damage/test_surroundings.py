@@ -115,6 +115,28 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path: Path) -> Non
     assert done.stderr == "vfoa: the working directory no longer exists; change to another one\n"
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("cache", "info"),
+        ("run", "demo", "--limit", "1"),
+        ("run", "demo", "--no-cache", "--workers", "1"),
+        ("models", "fetch", "yunet"),
+    ],
+)
+def test_a_user_without_a_home_is_told_what_to_set(words: tuple[str, ...], tmp_path: Path) -> None:
+    """As in a container that runs with the number of a user whom its system does not know."""
+    code = "import pwd, harness.cli; pwd.getpwuid = lambda user: {}[user]; harness.cli.main()"
+    unset = ("HOME", "XDG_CACHE_HOME", "VFOA_CACHE", "VFOA_MODELS")
+    env = {name: value for name, value in os.environ.items() if name not in unset}
+    env["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+    command = [sys.executable, "-c", code, *words]
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "HOME" in done.stderr
+
+
 def test_a_run_whose_directory_is_removed_meanwhile_is_one_line(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
