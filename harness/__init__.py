@@ -12,6 +12,7 @@ Modules are imported when a name of theirs is first used; this one imports none 
 from __future__ import annotations
 
 import os
+import sys
 
 # Two views of 8K side by side have as many pixels; a file of a few kB can claim a thousand times more. OpenCV reads the
 # variable on import.
@@ -33,6 +34,10 @@ __all__ = ["IncompleteRunWarning", "RunResults", "compare_runs", "load_run", "re
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'harness' has no attribute {name!r}")
+    if sys.platform == "win32":
+        from harness.processes import NOT_ON_WINDOWS
+
+        raise ImportError(f"harness: {NOT_ON_WINDOWS}")
     from importlib import import_module
 
     return getattr(import_module(_HOMES[name]), name)

@@ -15,7 +15,12 @@ def main() -> None:
     """
     try:
         import signal
+        import sys
 
+        if sys.platform == "win32":
+            from harness.processes import NOT_ON_WINDOWS
+
+            raise SystemExit(f"vfoa: {NOT_ON_WINDOWS}")
         from harness.processes import interrupt
 
         handler = signal.getsignal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Ctrl-C in the process of this program, and its child processes, which import nothing from the working directory."""
+"""The process of this program: its system, Ctrl-C, and children, which import nothing from the working directory."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ TYPE_CHECKING = False  # as in typing, which takes ten times as long to import a
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
     from types import FrameType
+
+NOT_ON_WINDOWS = (
+    "found Windows; expected Linux or macOS: install it in WSL (wsl --install); the library, import vfoa, needs no WSL"
+)
+"""Runs lock files, and end their processes by signals, as only a POSIX system does."""
 
 _AGAIN_S = 0.02
 

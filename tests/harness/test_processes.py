@@ -27,7 +27,17 @@ sys.meta_path.insert(0, Interrupt())
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize(
+    "start", ["from harness.__main__ import main; main()", "import harness; harness.load_run('runs')"]
+)
+def test_windows_is_told_what_to_install(start: str) -> None:
+    """Not that a package is missing: it has no module ``fcntl``."""
+    code = f"import sys; sys.platform = 'win32'; sys.argv = ['vfoa', 'run', 'demo']; {start}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=REPOSITORY)
+    assert done.returncode == 1
+    assert "WSL" in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.parametrize("name", ["harness.processes", "typing", "harness.cli", "typer"])
 def test_ctrl_c_while_a_module_is_imported_says_nothing(tmp_path: Path, name: str) -> None:
     """Interrupt a Python that has imported only what every start imports (``-S``), at the import of a module."""
