@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any
@@ -19,6 +21,8 @@ from vfoa.weights import is_lfs_pointer
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
 os.umask(_UMASK)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+_log = logging.getLogger(__name__)
 _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
 
 
@@ -187,9 +191,24 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def take_lock(file: IO[Any]) -> bool:
-    """Lock an open file for this process, until it is closed or the process ends; False if another process holds it."""
+    """Lock an open file for this process, until it is closed or the process ends; False if another process holds it.
+
+    Some file systems of clusters have no locks: it is True there, and a warning says that nobody else is noticed.
+    """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        _warn_of_no_locks()
     return True
+
+
+@cache
+def _warn_of_no_locks() -> None:
+    from multiprocessing import parent_process
+
+    if parent_process() is None:  # the workers of a run need not say it again
+        _log.warning("the file system has no locks: start no other process that writes here until this one has ended")

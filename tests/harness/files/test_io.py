@@ -9,7 +9,15 @@ from pathlib import Path
 import pytest
 
 from harness.files.digests import digest_files, file_digest
-from harness.files.io import atomic_write, check_new, read_bytes, read_text, write_together
+from harness.files.io import (
+    _warn_of_no_locks,
+    atomic_write,
+    check_new,
+    read_bytes,
+    read_text,
+    take_lock,
+    write_together,
+)
 from vfoa.errors import VfoaError
 
 
@@ -31,6 +39,37 @@ def test_a_file_keeps_its_mode_when_it_is_written_anew(tmp_path: Path, mode: int
     path.chmod(mode)
     atomic_write(path, "new")
     assert path.stat().st_mode & 0o777 == mode
+
+
+def test_a_lock_is_held_by_one_at_a_time(tmp_path: Path) -> None:
+    with (tmp_path / "lock").open("a") as first, (tmp_path / "lock").open("a") as second:
+        assert [take_lock(first), take_lock(second)] == [True, False]
+    with (tmp_path / "lock").open("a") as third:
+        assert take_lock(third)
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_is_said_once(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As Lustre without its option ``flock``, or NFS without its daemon of locks."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    _warn_of_no_locks.cache_clear()
+    with (tmp_path / "lock").open("a") as file:
+        assert take_lock(file)
+        assert take_lock(file)
+    assert len(caplog.messages) == 1
+
+
+def test_a_lock_that_fails_for_another_reason_is_an_error(tmp_path: Path) -> None:
+    file = (tmp_path / "lock").open("a")
+    file.close()
+    with pytest.raises(ValueError, match="closed"):
+        take_lock(file)
 
 
 def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
