@@ -78,14 +78,38 @@ def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None
     # A compressed answer would have other bytes, and another length, than the file.
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
     try:
-        with httpx.stream("GET", url, headers=headers, follow_redirects=True, timeout=_TIMEOUT_S) as response:
+        with _client(url) as client, client.stream("GET", url, headers=headers) as response:
             if start and response.status_code == HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
                 return  # nothing is missing: it was cut after the last byte
             _append(response, partial, _first_byte(response, url, start), progress)
+    except (httpx.ConnectError, httpx.ProxyError) as error:
+        raise VfoaError(
+            f"{url}: cannot be reached: {_in_a_line(error)}; expected a connection, behind a proxy with HTTPS_PROXY set"
+        ) from None
     except httpx.HTTPError as error:
         kept = partial.stat().st_size if partial.exists() else 0
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise VfoaError(f"{url}: cut after {kept} bytes: {reason}; expected the whole file (try again)") from None
+        raise VfoaError(
+            f"{url}: cut after {kept} bytes: {_in_a_line(error)}; expected the whole file (try again)"
+        ) from None
+
+
+def _client(url: str) -> httpx.Client:
+    """A client with the proxies and certificates of the surroundings; raises a :class:`VfoaError` if it takes none."""
+    try:
+        return httpx.Client(follow_redirects=True, timeout=_TIMEOUT_S)
+    except (ValueError, httpx.InvalidURL) as error:
+        raise VfoaError(
+            f"{url}: not asked for: {_in_a_line(error)}; expected proxies as http://HOST:PORT or socks5://HOST:PORT "
+            "(ALL_PROXY, HTTPS_PROXY, NO_PROXY)"
+        ) from None
+    except OSError as error:
+        raise VfoaError(
+            f"{url}: not asked for: SSL_CERT_FILE or SSL_CERT_DIR: {error.strerror or error}; expected certificates"
+        ) from None
+
+
+def _in_a_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _first_byte(response: httpx.Response, url: str, start: int) -> int:

@@ -121,9 +121,29 @@ def test_a_server_that_does_not_answer_is_one_line(target: Path, monkeypatch: py
     monkeypatch.delenv("http_proxy", raising=False)
     with serve() as site:
         gone = site.url("/model.onnx")
-    with pytest.raises(VfoaError, match="cut after 0 bytes") as caught:
+    with pytest.raises(VfoaError, match=r"cannot be reached: .*HTTPS_PROXY") as caught:
         download(gone, target, checksum=None)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("ALL_PROXY", "socks5://127.0.0.1:9", "cannot be reached: "),  # understood; nobody is there
+        ("ALL_PROXY", "http://127.0.0.1:9", "cannot be reached: "),
+        ("ALL_PROXY", "socks://127.0.0.1:9", "socks://127.0.0.1:9.*socks5://HOST:PORT"),
+        ("HTTP_PROXY", "gopher://ann:secret@127.0.0.1:9", "gopher://.*http://HOST:PORT"),
+        ("NO_PROXY", "[::1],localhost", r":1\].*NO_PROXY"),
+        ("SSL_CERT_FILE", "/absent", "SSL_CERT_FILE"),
+    ],
+)
+def test_what_the_surroundings_say_of_proxies_and_certificates_is_used_or_named(
+    name: str, value: str, said: str, site: Site, target: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(name, value)
+    with pytest.raises(VfoaError, match=rf"/model\.onnx: .*{said}") as caught:
+        download(site.url("/model.onnx").replace("127.0.0.1", "example.org"), target, checksum=None)
+    assert "secret" not in str(caught.value)
 
 
 def test_a_git_lfs_pointer_is_not_taken_for_the_model(site: Site, target: Path) -> None:
