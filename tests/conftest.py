@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 # compile all that it imports.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+os.environ.pop("SSH_CONNECTION", None)  # whoever is logged in from elsewhere is told one line more
 
 # Properties are tried on the same examples in every run of the suite, and on many others by `make explore`.
 PROPERTIES = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_folder
-from harness.cli.terminal import ended_by_signals, say, say_unknown_names
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names
 
 
 def annotate(
@@ -39,6 +39,7 @@ def annotate(
     server = PageServer(session, port)
     before = session.digest()
     say("\n".join(filter(None, (str(session.path), server.address, session.advice))))
+    say_forwarding(server.port)
     if not no_open:
         open_browser(server.address)
     try:

@@ -180,6 +180,14 @@ def say_unknown_names(scores: Scores) -> None:
             )
 
 
+def say_forwarding(port: int) -> None:
+    """Tell somebody who is logged in by SSH how to open what is served here."""
+    from harness.server.local_server import forwarding
+
+    if command := forwarding(port):
+        say(f"From where you sit, first: {command}", err=True)
+
+
 LINE_EVERY_S = 60.0
 """Seconds between two lines of progress where stderr is no terminal: a log of a cluster or of CI."""
 

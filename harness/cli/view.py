@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_folder
-from harness.cli.terminal import ended_by_signals, say, signals_as_ctrl_c
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -257,6 +257,7 @@ def browse(
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]
         say("\n".join(["Serving until Ctrl-C:", *addresses]))
+        say_forwarding(server.port)
         if not no_open:
             open_browser(addresses[0])
         server.run()

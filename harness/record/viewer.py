@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 _CONNECT_S = 30.0
 _DRAWN_S = 120.0
 _POLL_S = 0.3
+_ENDS_S = 5.0
+"""Time in which a viewer that does not answer any more has ended."""
 _NOTEBOOK_PX = 640
 _NOWHERE = "http://127.0.0.1:9"
 """A proxy that does not answer, so that network requests fail at once."""
@@ -195,6 +197,8 @@ def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[su
     with tempfile.TemporaryFile() as said, started(arguments, said) as process:
         try:
             yield process, _connect(process, port, said, instead)
+        except ConnectionError as error:
+            raise _ended(process, said, instead) or VfoaError(f"the Rerun viewer: found no answer ({error})") from None
         except TimeoutError as error:
             raise VfoaError(
                 f"the Rerun viewer: found no answer ({error}); try again when the machine is idle"
@@ -204,18 +208,26 @@ def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[su
 def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO, instead: str) -> ViewerClient:
     deadline = time.monotonic() + _CONNECT_S
     while time.monotonic() < deadline:
-        if process.poll() is not None:
-            said.seek(0)
-            lines = said.read().decode(errors="replace").strip().splitlines()
-            said_last = lines[-1] if lines else ""
-            if "DISPLAY" in said_last:
-                raise VfoaError(f"the Rerun viewer: found no display to open its window on; {instead}")
-            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
         try:
             return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except Exception:  # the client has no error type of its own for "not yet there"
-            time.sleep(_POLL_S)
+            if ended := _ended(process, said, instead, _POLL_S):
+                raise ended from None
     raise VfoaError(f"the Rerun viewer: expected an answer within {_CONNECT_S:.0f} s, found none")
+
+
+def _ended(process: subprocess.Popen[bytes], said: BinaryIO, instead: str, wait_s: float = _ENDS_S) -> VfoaError | None:
+    """Why the viewer has ended; None if it runs ``wait_s`` seconds later: it may answer before it has a window."""
+    try:
+        process.wait(wait_s)
+    except subprocess.TimeoutExpired:
+        return None
+    said.seek(0)
+    lines = said.read().decode(errors="replace").strip().splitlines()
+    said_last = lines[-1] if lines else ""
+    if "DISPLAY" in said_last:
+        return VfoaError(f"the Rerun viewer: found no display to open its window on; {instead}")
+    return VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
 
 
 def free_port() -> int:

@@ -90,6 +90,12 @@ def _listen(port: int) -> socket.socket:
     return listener
 
 
+def forwarding(port: int) -> str | None:
+    """The command that brings a port to the machine of somebody who is logged in by SSH; None for whoever is not."""
+    connection = os.environ.get("SSH_CONNECTION", "").split()  # the client's address and port, then this machine's
+    return f"ssh -N -L {port}:{HOST}:{port} {connection[2]}" if len(connection) == 4 else None
+
+
 def open_browser(address: str) -> None:
     """Open the person's own browser, if there is a display."""
     if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -95,6 +96,20 @@ def test_it_serves_on_this_machine_until_it_is_told_to_end(
     process.send_signal(sign)
     _, complaints = process.communicate(timeout=30)
     assert (process.returncode, complaints) == (0, "")
+
+
+def test_whoever_is_logged_in_by_ssh_is_told_how_to_open_it(run: Path) -> None:
+    command = [sys.executable, "-c", MAIN, "report", str(run), "--serve", "--no-open"]
+    env = {**os.environ, "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.7 22"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
+        try:
+            assert process.stderr is not None
+            assert process.stdout is not None
+            said = process.stderr.readline()
+            port = httpx.URL(process.stdout.readlines(30)[1].strip()).port
+        finally:
+            process.kill()
+    assert f"ssh -N -L {port}:127.0.0.1:{port} 192.0.2.7\n" in said
 
 
 def test_sigterm_ends_it_where_ctrl_c_is_ignored_as_in_the_background() -> None:

@@ -74,6 +74,20 @@ class SlowClient:
         return picture
 
 
+@needs_vulkan
+def test_a_viewer_that_ended_is_said_although_it_has_answered():
+    """One without a display answers for a moment before it ends."""
+
+    def use() -> None:
+        with viewer._viewer(["--headless"]) as (process, client):
+            process.kill()
+            process.wait()
+            client.set_time("frame", sequence=1)
+
+    with pytest.raises(VfoaError, match="ended with status -9"):
+        use()
+
+
 def test_a_picture_that_is_late_is_awaited(monkeypatch):
     monkeypatch.setattr(viewer, "_POLL_S", 0.0)
     client = SlowClient(None, b"first", None, b"last", b"last")
