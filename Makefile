@@ -11,6 +11,8 @@ TORCH  := torch==2.13.0
 
 # Modules are compiled when they are first imported, and kept: the suite starts hundreds of processes.
 unexport PYTHONDONTWRITEBYTECODE
+# A shell that has sourced ROS puts its packages, pytest plug-ins among them, before those of the environment.
+unexport PYTHONPATH
 
 .PHONY: demo test test-versions explore fuzz test-export export-extra coverage check lint types format lock figures docs release-notes wheel clean
 
