@@ -1,4 +1,4 @@
-"""Debian's Chromium without a display, driven by its own driver: no downloads and no outside requests."""
+"""Chromium, or Chrome, without a display, driven by its own driver: no downloads and no outside requests."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ WEBGL = (
 
 @contextmanager
 def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome]:
-    """A browser with a profile of its own; skips the test if Chromium or its driver is missing."""
-    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    """A browser with a profile of its own; skips the test if it or its driver is missing."""
+    program = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    driver = shutil.which("chromedriver")
     if program is None or driver is None:
-        pytest.skip("needs Debian's chromium and chromium-driver")
+        pytest.skip("needs chromium (or google-chrome) and chromedriver; Debian: chromium chromium-driver")
     from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
     options = ChromeOptions()
