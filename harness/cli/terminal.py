@@ -99,7 +99,8 @@ def print_reports(tables: Iterable[Table]) -> None:
         notes = RichTable.grid(padding=(0, 1, 0, 0))
         for note in table.notes:
             notes.add_row("-", Text(note))
-        console.print(notes)
+        if table.notes:
+            console.print(notes)
         console.print()
 
 
