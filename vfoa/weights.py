@@ -24,12 +24,14 @@ def platform_cache() -> Path:
     VfoaError
         If the user has no home directory, as one of a container that its system does not know.
     """
-    try:
-        return Path(platformdirs.user_cache_dir("vfoa"))
-    except RuntimeError:
+    folder = Path()
+    with suppress(RuntimeError):
+        folder = Path(platformdirs.user_cache_dir("vfoa"))
+    if not folder.is_absolute():  # early versions leave the sign for the home as it is
         raise VfoaError(
             "the user has no home directory, where the cache would be; expected HOME or XDG_CACHE_HOME to name a folder"
-        ) from None
+        )
+    return folder
 
 
 def cache_directory() -> Path:

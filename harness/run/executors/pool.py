@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+import zlib
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -140,6 +142,10 @@ class Pool:
                     futures[number] = processes.submit(_in_worker, work, job)
         except BrokenProcessPool:
             broken = True
+        except OSError:  # a worker died while others were started: what they would be given is closed by then
+            if self._code_of_death() is None:
+                raise
+            broken = True
         try:
             for number, future in futures.items():
                 try:
@@ -158,11 +164,15 @@ class Pool:
 
     def _note_death(self) -> None:
         """Say how a worker died, the first time: the others were ended because of it."""
-        codes = (process.exitcode for process in self._context.started)
-        code = next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), None)
+        code = self._code_of_death()
         if code is not None and not self._death:
             self._death = _how_it_died(code)
             _log.warning("a worker process was %s; unfinished clips are run again", self._death)
+
+    def _code_of_death(self) -> int | None:
+        """The exit code of a worker that died; None if none did. Those that were ended because of it do not count."""
+        codes = (process.exitcode for process in self._context.started)
+        return next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), None)
 
     def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
         """Start enough processes for this many jobs; running ones are reused."""
@@ -173,7 +183,8 @@ class Pool:
         self._listener.progress = progress
         if self._processes is None:
             self._started = wanted
-            given = self._listener.told, self._ending, IMPORTED
+            # compressed: what does not fit into a pipe, 64 kB, is awaited forever from a process that dies at its start
+            given = self._listener.told, self._ending, zlib.compress(pickle.dumps(IMPORTED))
             self._processes = ProcessPoolExecutor(wanted, mp_context=self._context, initializer=_begin, initargs=given)
         return self._processes, self._listener
 
@@ -253,11 +264,11 @@ class _Listener:
         self.told.close()
 
 
-def _begin(pipe: Connection, stop: c_bool, imported: Mapping[tuple[str, str], tuple[str, ...]]) -> None:
+def _begin(pipe: Connection, stop: c_bool, imported: bytes) -> None:
     """Begin a worker. ``imported`` is what the parent's :data:`IMPORTED` has: code is parsed once for all workers."""
     global _told, _stop
     _told, _stop = pipe, stop
-    IMPORTED.update(imported)
+    IMPORTED.update(pickle.loads(zlib.decompress(imported)))
     for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends them to all processes; the parent decides
         signal.signal(number, signal.SIG_IGN)
     compute_with(1)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -113,6 +114,26 @@ def test_a_job_that_kills_every_worker_is_given_up_alone(tmp_path: Path) -> None
         outcomes = list(pool.run(tasks.die, [tmp_path / n for n in ("a", "deadly", "b")], lambda word: None, _give_up))
     assert outcomes[::2] == ["a", "b"]
     assert outcomes[1].startswith("deadly: its worker process died 3 times over: killed by SIGKILL")
+
+
+def test_workers_that_die_at_their_start_are_not_awaited_forever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that the system kills for memory before it has read what it is given: what the code imports is long."""
+    monkeypatch.setattr("harness.run.executors.pool.IMPORTED", _imports_of(1000))
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\ncase "$*" in *resource_tracker*) exec {sys.executable} "$@";; *) exit 1;; esac\n')
+    python.chmod(0o755)
+    monkeypatch.setattr("multiprocessing.spawn._python_exe", os.fsencode(python))
+    with executor(2) as pool:
+        outcomes = list(pool.run(tasks.die, [tmp_path / "a", tmp_path / "b"], lambda word: None, _give_up))
+    assert [each.partition(":")[0] for each in outcomes] == ["a", "b"]
+    assert all("died 3 times over: ended with exit code 1" in each for each in outcomes)
+
+
+def _imports_of(modules: int) -> dict[tuple[str, str], tuple[str, ...]]:
+    digests = (hashlib.sha256(str(module).encode()).hexdigest() for module in range(modules))
+    return {(f"harness.module_{number}", digest): (f"vfoa.part_{number}",) for number, digest in enumerate(digests)}
 
 
 def test_a_worker_does_not_run_what_lies_in_the_working_directory(
