@@ -186,7 +186,7 @@ def say_forwarding(port: int) -> None:
     from harness.server.local_server import forwarding
 
     if command := forwarding(port):
-        say(f"From where you sit, first: {command}", err=True)
+        say(f"On your own machine, first: {command}", err=True)
 
 
 LINE_EVERY_S = 60.0

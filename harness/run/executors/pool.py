@@ -164,10 +164,9 @@ class Pool:
 
     def _note_death(self) -> None:
         """Say how a worker died, the first time: the others were ended because of it."""
-        code = self._code_of_death()
-        if code is not None and not self._death:
-            self._death = _how_it_died(code)
-            _log.warning("a worker process was %s; unfinished clips are run again", self._death)
+        if not self._death:
+            self._death = _how_it_died(self._code_of_death() or -signal.SIGTERM)
+            _log.warning("a worker process died: %s; unfinished clips are run again", self._death)
 
     def _code_of_death(self) -> int | None:
         """The exit code of a worker that died; None if none did. Those that were ended because of it do not count."""
@@ -213,7 +212,7 @@ def _how_it_died(code: int) -> str:
     """The exit code of a process in words."""
     if code >= 0:
         return f"ended with exit code {code}"
-    name = signal.Signals(-code).name
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
     hint = ", as a system does that runs out of memory: fewer --workers need less" if code == -signal.SIGKILL else ""
     return f"killed by {name}{hint}"
 
