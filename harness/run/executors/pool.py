@@ -163,13 +163,15 @@ class Pool:
                 self._note_death()
 
     def _note_death(self) -> None:
-        """Say how a worker died, the first time: the others were ended because of it."""
-        if not self._death:
-            self._death = _how_it_died(self._code_of_death() or -signal.SIGTERM)
+        """Note how a worker died, and say so the first time: the others were ended because of it."""
+        is_first = not self._death
+        self._death = _how_it_died(self._code_of_death() or -signal.SIGTERM)
+        if is_first:
             _log.warning("a worker process died: %s; unfinished clips are run again", self._death)
+        self._context.started.clear()
 
     def _code_of_death(self) -> int | None:
-        """The exit code of a worker that died; None if none did. Those that were ended because of it do not count."""
+        """The exit code of a worker that died since the last death; None if none did, or all were ended with it."""
         codes = (process.exitcode for process in self._context.started)
         return next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), None)
 
