@@ -109,8 +109,8 @@ def read_labelled(
     reference = run.reference()
     of_clips = {clip.name: reference.labels.get(clip.name) for clip in run.manifest.clips}
     check_labelled(run.manifest.experiment, of_clips, known.values())
-    pairs = _labelled_pairs(run, reference, chosen)
-    return labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), bar)[0]
+    pairs, answers = _labelled_pairs(run, reference, chosen), _answers(run, reference)
+    return labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), answers, bar)[0]
 
 
 def check_labelled(
@@ -168,8 +168,7 @@ class LabelledPair:
     """A labelled clip under a configuration, to be read.
 
     ``tables`` are the files of its scene and directions, ``settings`` filter them and look for their features.
-    ``alone`` are directions: there are also the features as if only this one had been measured. ``answers`` are those
-    of all configurations; without them, those of two cones are left out, too.
+    ``alone`` are directions: there are also the features as if only this one had been measured.
     """
 
     clip: str
@@ -178,11 +177,10 @@ class LabelledPair:
     settings: AttendSettings
     truths: LabelTruths
     alone: Collection[Case] = ()
-    answers: Answers | None = None
 
 
 def _labelled_pairs(run: FinishedRun, reference: Reference, configuration: str) -> Iterator[LabelledPair]:
-    tables, answers = dict(find_tables(run.directory, manifest=run.manifest)), _answers(run, reference)
+    tables = dict(find_tables(run.directory, manifest=run.manifest))
     settings = LogitSettings(method="logit")
     for each in run.columns([configuration]):
         if each.clip in reference.labels:
@@ -194,7 +192,6 @@ def _labelled_pairs(run: FinishedRun, reference: Reference, configuration: str) 
                 settings=with_method(plain, settings, f"{run.directory.manifest}: {each.configuration}"),
                 truths=truths_of(each.scene, each.looks, reference.labels[each.clip], each.words),
                 alone=[case for case in ROWS if case != "both"] if "both" in cases_of(each.looks) else (),
-                answers=answers.get(each.clip, {}),
             )
 
 
@@ -210,9 +207,12 @@ def labelled_runs(
     pairs: Iterable[LabelledPair],
     configurations: Collection[str],
     executor: Executor,
+    answers: Mapping[str, Answers] | None = None,
     bar: Bar = no_bar,
 ) -> list[LabelledRun]:
     """Return the features and labels of configurations, by their names without seeds; workers read the features.
+
+    ``answers`` are those of all configurations, by clip. Without them, those of two cones are left out, too.
 
     Raises
     ------
@@ -220,14 +220,16 @@ def labelled_runs(
         If no labelled frame of a configuration has a measured direction, or as :func:`read_features`.
     """
     pairs = list(pairs)
-    parts = [PairCase(pair, case) for pair in pairs for case in (None, *pair.alone)]
-    frames = sum(count_rows(part.pair.tables["frames"], "frames") for part in parts)
+    cases: list[tuple[LabelledPair, Case | None]] = [(pair, case) for pair in pairs for case in (None, *pair.alone)]
+    parts = [PairCase(pair, case, asks_cones=case is None and answers is not None) for pair, case in cases]
+    frames = sum(count_rows(pair.tables["frames"], "frames") * (1 + len(pair.alone)) for pair in pairs)
     with bar(frames, f"{experiment}: features") as progress:
         found = dict(zip(parts, executor.run(read_features, parts, progress, _given_up), strict=True))
     people: dict[str, list[list[LabelledPerson]]] = {name: [] for name in configurations}
     for pair in pairs:
         of_pair = {part.case: features for part, features in found.items() if part.pair is pair}
-        people[base_of(pair.configuration)].append(labelled_people(pair, of_pair))
+        of_clip = (answers or {}).get(pair.clip, {})
+        people[base_of(pair.configuration)].append(labelled_people(pair, of_pair, of_clip))
     runs = []
     for name, by_pair in people.items():
         seeds = len({pair.configuration for pair in pairs if base_of(pair.configuration) == name})
@@ -243,10 +245,14 @@ def labelled_runs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairCase:
-    """A job: the features of a pair, of the directions as they were measured (None) or as if only one had been."""
+    """A job: the features of a pair, of the directions as they were measured (None) or as if only one had been.
+
+    ``asks_cones``: also what two cones answer.
+    """
 
     pair: LabelledPair
     case: Case | None
+    asks_cones: bool = False
 
 
 class FoundFeatures(NamedTuple):
@@ -308,7 +314,6 @@ def features_of(
 ) -> FoundFeatures:
     """Return the features in the frames of a clip that are needed; ``advance`` is called after each of them."""
     pair, found = part.pair, FoundFeatures({}, {name: {} for name in part.pair.truths}, {})
-    asks_cones = part.case is None and pair.answers is not None
     for frame, attentions in _attended(_needed(frames, pair.truths), pair.settings, part.case):
         number = frame.scene.index
         found.times_s[number] = frame.scene.time_ns / 1e9
@@ -317,20 +322,23 @@ def features_of(
             if name not in people or (seen := _seen(people[name])) is None:
                 continue
             found.seen[name][number] = seen
-            if asks_cones and _target(truth_of[number], seen) != UNKNOWN:
+            if part.asks_cones and _target(truth_of[number], seen) != UNKNOWN:
                 cones = pay_attention(people[name].subject, frame.scene.targets, _CONES)
                 found.cones.setdefault(name, {})[number] = cones.focus
         advance()
     return found
 
 
-def labelled_people(pair: LabelledPair, found: Mapping[Case | None, FoundFeatures]) -> list[LabelledPerson]:
-    """Return everyone's features and labels in a clip, each of the weight 1.
+def labelled_people(
+    pair: LabelledPair, found: Mapping[Case | None, FoundFeatures], answers: Answers
+) -> list[LabelledPerson]:
+    """Return everyone's features and labels in a clip, each of the weight 1, and the answers of other methods.
 
     A frame whose true target has no box counts as unlabelled.
     """
     names = [name for name, seen in found[None].seen.items() if seen]
-    return [_person(pair, name, found) for name in sorted(names, key=lambda name: min(found[None].seen[name]))]
+    by_first_frame = sorted(names, key=lambda name: min(found[None].seen[name]))
+    return [_person(pair, name, found, answers) for name in by_first_frame]
 
 
 def _attended(
@@ -371,11 +379,13 @@ def _target(truth: LabelTruth, seen: FrameFeatures) -> int | None:
     return next((answer for answer in truth.answers if answer in (None, *seen.ids)), UNKNOWN)
 
 
-def _person(pair: LabelledPair, name: str, found: Mapping[Case | None, FoundFeatures]) -> LabelledPerson:
+def _person(
+    pair: LabelledPair, name: str, found: Mapping[Case | None, FoundFeatures], of_clip: Answers
+) -> LabelledPerson:
     measured, truth_of = found[None], pair.truths[name]
     seen = measured.seen[name]
     cones = measured.cones.get(name, {})
-    answers = [dict((pair.answers or {}).get((name, number), {})) for number in seen]
+    answers = [dict(of_clip.get((name, number), {})) for number in seen]
     for number, of_frame in zip(seen, answers, strict=True):
         if number in cones:
             of_frame[TWO_CONES] = cones[number] in truth_of[number].answers, math.nan, math.nan

@@ -490,7 +490,7 @@ def of_the_second_cup(course: Sequence[SceneFrame], alone: Collection[Case] = ()
     truths = {"ann": {number: LabelTruth((2,), 0.1, True) for number in range(1, 31)}}
     settings = AttendSettings(attention=LogitSettings(method="logit"))
     pair = LabelledPair(clip="talk", configuration="one", tables={}, settings=settings, truths=truths, alone=alone)
-    (ann,) = labelled_people(pair, {case: features_of(PairCase(pair, case), course) for case in (None, *alone)})
+    (ann,) = labelled_people(pair, {case: features_of(PairCase(pair, case), course) for case in (None, *alone)}, {})
     return ann
 
 
