@@ -94,7 +94,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep stage outputs apart from the user's; rendered frames stay in place, since rendering is slow."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
-        patch.setattr("harness.files.folders._of_platform", lambda: str(folder))
+        patch.setattr("harness.files.folders.platform_cache", lambda: folder)
         yield
 
 

@@ -96,10 +96,10 @@ def print_reports(tables: Iterable[Table]) -> None:
             print_report(table)
         else:
             console.print(f"{table.title}: nothing to show\n", highlight=False)
-        notes = RichTable.grid(padding=(0, 1, 0, 0))
-        for note in table.notes:
-            notes.add_row("-", Text(note))
         if table.notes:
+            notes = RichTable.grid(padding=(0, 1, 0, 0))
+            for note in table.notes:
+                notes.add_row("-", Text(note))
             console.print(notes)
         console.print()
 

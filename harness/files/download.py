@@ -13,7 +13,7 @@ from typing import Literal
 import httpx
 
 from harness.files.io import opened, take_lock
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 from vfoa.weights import is_lfs_pointer
 
 _TIMEOUT_S = 30.0
@@ -84,12 +84,12 @@ def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None
             _append(response, partial, _first_byte(response, url, start), progress)
     except (httpx.ConnectError, httpx.ProxyError) as error:
         raise VfoaError(
-            f"{url}: cannot be reached: {_in_a_line(error)}; expected a connection, behind a proxy with HTTPS_PROXY set"
+            f"{url}: cannot be reached: {first_line(error)}; expected a connection, behind a proxy with HTTPS_PROXY set"
         ) from None
     except httpx.HTTPError as error:
         kept = partial.stat().st_size if partial.exists() else 0
         raise VfoaError(
-            f"{url}: cut after {kept} bytes: {_in_a_line(error)}; expected the whole file (try again)"
+            f"{url}: cut after {kept} bytes: {first_line(error)}; expected the whole file (try again)"
         ) from None
 
 
@@ -99,17 +99,13 @@ def _client(url: str) -> httpx.Client:
         return httpx.Client(follow_redirects=True, timeout=_TIMEOUT_S)
     except (ValueError, httpx.InvalidURL) as error:
         raise VfoaError(
-            f"{url}: not asked for: {_in_a_line(error)}; expected proxies as http://HOST:PORT or socks5://HOST:PORT "
+            f"{url}: not asked for: {first_line(error)}; expected proxies as http://HOST:PORT or socks5://HOST:PORT "
             "(ALL_PROXY, HTTPS_PROXY, NO_PROXY)"
         ) from None
     except OSError as error:
         raise VfoaError(
             f"{url}: not asked for: SSL_CERT_FILE or SSL_CERT_DIR: {error.strerror or error}; expected certificates"
         ) from None
-
-
-def _in_a_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _first_byte(response: httpx.Response, url: str, start: int) -> int:

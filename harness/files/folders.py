@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from harness.files.io import is_file_or_link, replacing
+from vfoa.weights import platform_cache
 
 if TYPE_CHECKING:
     import msgspec
@@ -28,13 +29,7 @@ _log = logging.getLogger(__name__)
 
 def cache_root() -> Path:
     """``$VFOA_CACHE``, or the cache folder of the platform. Raises as :func:`vfoa.weights.platform_cache`."""
-    return Path(os.environ.get(VARIABLE) or _of_platform())
-
-
-def _of_platform() -> str:
-    from vfoa.weights import platform_cache
-
-    return str(platform_cache())
+    return Path(os.environ.get(VARIABLE) or platform_cache())
 
 
 def read_value(path: Path, kind: Any) -> Any | None:
