@@ -41,6 +41,8 @@ from harness.run.executors import (
 _log = logging.getLogger(__name__)
 
 _FLUSH, _END = b"\0flush", b"\0end"
+_ENDED = (None, 0, -signal.SIGTERM)
+"""Exit codes of the processes of a pool that did not break it: they went on, or were ended because another one died."""
 _told: Connection | None = None
 _stop: c_bool | None = None
 
@@ -135,17 +137,16 @@ class Pool:
         if not jobs:
             return
         broken, futures = False, dict[int, Future[Result]]()
+        processes, listener = self._start(len(jobs), progress)
         try:
-            processes, listener = self._start(len(jobs), progress)
             with _ignored_by_children():
                 for number, job in jobs.items():
                     futures[number] = processes.submit(_in_worker, work, job)
         except BrokenProcessPool:
             broken = True
-        except OSError:  # a worker died while others were started: what they would be given is closed by then
-            if self._code_of_death() is None:
+        except OSError:  # perhaps a worker died while others were started: what they would be given is closed then
+            if not (broken := _is_broken(processes)):
                 raise
-            broken = True
         try:
             for number, future in futures.items():
                 try:
@@ -164,16 +165,12 @@ class Pool:
 
     def _note_death(self) -> None:
         """Note how a worker died, and say so the first time: the others were ended because of it."""
+        codes = [process.exitcode for process in self._context.started]
+        self._context.started.clear()
         is_first = not self._death
-        self._death = _how_it_died(self._code_of_death() or -signal.SIGTERM)
+        self._death = _how_it_died(next((code for code in codes if code not in _ENDED), -signal.SIGTERM))
         if is_first:
             _log.warning("a worker process died: %s; unfinished clips are run again", self._death)
-        self._context.started.clear()
-
-    def _code_of_death(self) -> int | None:
-        """The exit code of a worker that died since the last death; None if none did, or all were ended with it."""
-        codes = (process.exitcode for process in self._context.started)
-        return next((code for code in codes if code not in (None, 0, -signal.SIGTERM)), None)
 
     def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
         """Start enough processes for this many jobs; running ones are reused."""
@@ -208,6 +205,17 @@ class Pool:
             for worker in workers:
                 worker.kill()
                 worker.join(GRACE_S)
+
+
+def _is_broken(processes: ProcessPoolExecutor) -> bool:
+    """Whether a process of a pool has died."""
+    try:
+        processes.submit(int)
+    except BrokenProcessPool:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def _how_it_died(code: int) -> str:

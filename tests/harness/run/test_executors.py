@@ -5,12 +5,16 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from harness.processes import spawning
 from harness.run.executors import InProcess, cores
+from harness.run.executors.pool import _is_broken
 from harness.run.runner import executor
 from tests import tasks
 from tests.repository import REPOSITORY
@@ -122,13 +126,23 @@ def test_workers_that_die_at_their_start_are_not_awaited_forever(
     """As one that the system kills for memory before it has read what it is given: what the code imports is long."""
     monkeypatch.setattr("harness.run.executors.pool.IMPORTED", _imports_of(1000))
     python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\ncase "$*" in *resource_tracker*) exec {sys.executable} "$@";; *) exit 1;; esac\n')
+    # not at once: Python 3.11 does not expect that a process dies while others are started
+    dies = "sleep 1; exit 1"
+    python.write_text(f'#!/bin/sh\ncase "$*" in *resource_tracker*) exec {sys.executable} "$@";; *) {dies};; esac\n')
     python.chmod(0o755)
     monkeypatch.setattr("multiprocessing.spawn._python_exe", os.fsencode(python))
     with executor(2) as pool:
         outcomes = list(pool.run(tasks.die, [tmp_path / "a", tmp_path / "b"], lambda word: None, _give_up))
     assert [each.partition(":")[0] for each in outcomes] == ["a", "b"]
     assert all("died 3 times over: ended with exit code 1" in each for each in outcomes)
+
+
+def test_a_pool_is_broken_from_the_death_of_a_process_on() -> None:
+    with ProcessPoolExecutor(1, mp_context=spawning()) as processes:
+        assert not _is_broken(processes)
+        with pytest.raises(BrokenProcessPool):
+            processes.submit(os._exit, 3).result()
+        assert _is_broken(processes)
 
 
 def _imports_of(modules: int) -> dict[tuple[str, str], tuple[str, ...]]:
