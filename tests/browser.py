@@ -29,6 +29,9 @@ WEBGL = (
 )
 """WebGL computed by the processor, for pages that draw with it; their 40 MB of WebAssembly are compiled as needed."""
 
+GONE = "aborted by navigation"
+"""What the driver says if the page that it asks something is left meanwhile, and be it on its own order."""
+
 
 @contextmanager
 def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome]:
@@ -37,18 +40,39 @@ def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome
     driver = shutil.which("chromedriver")
     if program is None or driver is None:
         pytest.skip("needs chromium (or google-chrome) and chromedriver; Debian: chromium chromium-driver")
-    from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+    from selenium.webdriver import ChromeOptions, ChromeService
 
     options = ChromeOptions()
     options.binary_location = program
     for flag in (*FLAGS, *graphics, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    browser = Chrome(options=options, service=ChromeService(driver))
+    browser = _driven()(options=options, service=ChromeService(driver))
     try:
         yield browser
     finally:
         browser.quit()
+
+
+def _driven() -> type[Chrome]:
+    """Chrome that is told a second time to open or reload a page where its driver lost the page before on the way.
+
+    The driver asks the page that it leaves how far it has loaded, and now and then has no answer but that it has gone.
+    """
+    from selenium.common.exceptions import WebDriverException
+    from selenium.webdriver import Chrome
+    from selenium.webdriver.remote.command import Command
+
+    class Driven(Chrome):
+        def execute(self, driver_command: str, params: dict[str, Any] | None = None) -> dict[str, Any]:
+            try:
+                return super().execute(driver_command, params)
+            except WebDriverException as error:
+                if driver_command not in (Command.GET, Command.REFRESH) or GONE not in str(error.msg):
+                    raise
+            return super().execute(driver_command, params)
+
+    return Driven
 
 
 Held = TypeVar("Held")
