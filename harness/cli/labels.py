@@ -34,7 +34,11 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option("--format", metavar="FORMAT", help="elan, csv; to import: boris, table, idiap_vfoa; or a package's."),
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        help="elan, csv; to import: boris, praat, table, idiap_vfoa; or another package's.",
+    ),
 ]
 Fps = Annotated[
     float | None,

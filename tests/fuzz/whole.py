@@ -75,6 +75,11 @@ ELAN_TEXT = (
     "girl\t\t00:00:00.030\t0.03\t00:00:00.130\t0.13\t00:00:00.100\t0.1\tbird\n",
     "Begin Time - msec\tEnd Time - msec\tDuration - msec\tgirl\tboy\n30\t130\t100\tbird\t\n0\t40\t40\t\tgirl\n",
 )
+TEXT_GRID = (
+    'File type = "ooTextFile"\nObject class = "TextGrid"\nxmin = 0\nxmax = 2\ntiers? <exists>\nsize = 1\n'
+    'class = "IntervalTier"\nname = "girl"\nxmin = 0\nxmax = 2\nintervals: size = 1\n'
+    'intervals [1]:\nxmin = 0.1\nxmax = 0.9\ntext = "bird"\n'
+)
 
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '

@@ -66,6 +66,7 @@ FORMATS = Registry(
         "csv": "harness.labels.formats:AnnotationCsv",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
+        "praat": "harness.labels.formats.praat:Praat",
         "table": "harness.labels.formats.own_table:OwnTable",
     },
     group="vfoa.annotation_formats",

@@ -1,16 +1,14 @@
-"""ELAN (.eaf; also its exported text, read only): a tier per subject, an annotation per range, its value the target.
+"""ELAN (.eaf; also its exported text, read only): labels in tiers.
 
-Notes, image points, tags and suggestions are in tiers of their own beside a subject's (``girl:note``,
-``girl:point_px``, ``girl:tag``, ``girl:state``), in annotations of the same times. Written through pympi (Lubbers and
-Torreira, pympi-ling), which reads fewer documents than ELAN writes: those with a schema's address, and annotations with
-a value and a number in their id.
+Written through pympi (Lubbers and Torreira, pympi-ling), which reads fewer documents than ELAN writes: those with a
+schema's address, and annotations with a value and a number in their id.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -18,18 +16,14 @@ from xml.etree.ElementTree import Element
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml
 from harness.labels.formats.elan_text import TextAnnotation, is_elan_text, read_elan_text
-from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line, to_spans
-from harness.labels.labels import Label, Labels
-from harness.labels.rows import SUGGESTED, parse_point, parse_tags
+from harness.labels.formats.exchange import Exchange, Imported, to_spans
+from harness.labels.formats.tiers import NOTE, POINT, STATE, TAG, from_tiers
+from harness.labels.labels import Labels
+from harness.labels.rows import SUGGESTED
 from vfoa.errors import VfoaError
 
-_NOTE, _POINT, _TAG, _STATE = ":note", ":point_px", ":tag", ":state"
 _DATE = "1970-01-01T00:00:00+00:00"
 """The format needs a date; a constant one gives the same bytes for the same labels."""
-
-
-_FARTHEST_MS = 2**53
-"""Beyond it, seconds as a floating point number are not exact."""
 
 
 class Elan:
@@ -38,24 +32,9 @@ class Elan:
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file's annotations; referring annotations have the times of the ones they refer to."""
         document = _parse(path, exchange)
-        names = {tier: exchange.names.translate(tier) for tier in document.tiers}
-        tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
-        beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _TAG, _STATE)}
-        others = [tier for tier, held in document.tiers.items() if held and tier not in tiers and tier not in beside]
-        if not tiers:
-            present = ", ".join(map(repr, document.tiers)) or "none"
-            raise VfoaError(
-                f"{path}: no tier is named after a subject; found {present}; "
-                f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
-            )
         origin_ms, notes = exchange.media_offset(_film_offset_ms(document, exchange), path)
-        spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange)]
-        moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
-        imported = from_spans(moved, exchange, path)
-        for tier in tiers:
-            if empty := sum(not annotation.value for annotation in document.tiers[tier].values()):
-                notes.append(f"{path}: tier {tier!r}: {empty} annotations without a value are left out.")
-        notes += [f"{path}: tier {tier!r} belongs to no subject and is left out." for tier in others]
+        sizes = {tier: len(held) for tier, held in document.tiers.items()}
+        imported = from_tiers(sizes, document.annotations, exchange, path, origin_ms=origin_ms)
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
@@ -71,7 +50,7 @@ class Elan:
             label = row.label
             point = "" if label.point_px is None else ",".join(repr(coordinate) for coordinate in label.point_px)
             state = SUGGESTED if label.is_suggested else ""
-            beside = {_NOTE: label.note, _POINT: point, _TAG: " ".join(label.tags), _STATE: state}
+            beside = {NOTE: label.note, POINT: point, TAG: " ".join(label.tags), STATE: state}
             document.add_annotation(row.subject, start, end, label.target)
             for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
                 if tier not in document.tiers:
@@ -117,10 +96,6 @@ class _Document:
             if start is None or end is None:
                 raise VfoaError(
                     f"{self.path}: tier {tier!r} has an annotation without times; expected time-aligned annotations"
-                )
-            if max(abs(start), abs(end)) > _FARTHEST_MS:
-                raise VfoaError(
-                    f"{self.path}: tier {tier!r} has an annotation at {start} to {end} ms; expected a time in a film"
                 )
             annotations.append((start, end, annotation.value))
         return annotations
@@ -221,24 +196,6 @@ def _share_times(annotations: Iterable[_Annotation], times: dict[str, int | None
         start, end = times[first], times.get(next_from.get(last, ""))
         if len(chain) > 1 and start is not None and end is not None:
             times.update({slot: start + (end - start) * place // len(chain) for place, slot in enumerate(chain)})
-
-
-def _spans(document: _Document, tier: str, subject: str, exchange: Exchange) -> Iterator[Span]:
-    notes, points, tags, states = (
-        {(start, end): value for start, end, value in document.annotations(tier + suffix)}
-        for suffix in (_NOTE, _POINT, _TAG, _STATE)
-    )
-    for start, end, value in document.annotations(tier):
-        if value:
-            where = f"{document.path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
-            label = Label(
-                target=exchange.target(value, subject, where),
-                note=one_line(notes.get((start, end))),
-                point_px=parse_point(points.get((start, end), "").split(","), where),
-                is_suggested=states.get((start, end)) == SUGGESTED,
-                tags=parse_tags(tags.get((start, end), ""), where),
-            )
-            yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
 
 
 def _film_offset_ms(document: _Document, exchange: Exchange) -> int:

@@ -1,0 +1,99 @@
+"""Labels in tiers: a tier for each subject, in it an annotation for each range, whose value is the target.
+
+Notes, image points, tags and suggestions are in tiers of their own beside a subject's (``girl:note``,
+``girl:point_px``, ``girl:tag``, ``girl:state``), in annotations of the same times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line
+from harness.labels.labels import Label
+from harness.labels.rows import SUGGESTED, parse_point, parse_tags
+from vfoa.errors import VfoaError
+
+NOTE, POINT, TAG, STATE = ":note", ":point_px", ":tag", ":state"
+"""What follows a subject's name in the names of the tiers beside it."""
+
+_FARTHEST_MS = 2**53
+"""Beyond it, seconds as a floating point number are not exact."""
+
+Annotation = tuple[int, int, str]
+"""Start and end, ms, and value."""
+Read = Callable[[str], Sequence[Annotation]]
+"""The annotations of a tier by its name; none of an unknown one."""
+
+
+def from_tiers(
+    sizes: Mapping[str, int], read: Read, exchange: Exchange, path: Path, *, origin_ms: int = 0, kind: str = "tier"
+) -> Imported:
+    """Return the labels of the tiers named after subjects; others are left out, with a note.
+
+    Parameters
+    ----------
+    sizes, read
+        The number of annotations of each tier by name, and their reader, which is asked for subjects' tiers alone.
+    origin_ms
+        What is added to their times.
+    kind
+        What the program calls a tier.
+
+    Raises
+    ------
+    VfoaError
+        If no tier is a subject's, or an annotation has no time in a film, or is no label.
+    """
+    names = {tier: exchange.names.translate(tier) for tier in sizes}
+    tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
+    if not tiers:
+        present = ", ".join(map(repr, sizes)) or "none"
+        raise VfoaError(
+            f"{path}: no {kind} is named after a subject; found {present}; "
+            f"expected {', '.join(map(repr, exchange.subjects))} (--rename {kind.upper()}=OURS)"
+        )
+
+    held = {tier: read(tier) for tier in tiers}
+    spans = [
+        span
+        for tier, subject in tiers.items()
+        for span in _spans(held[tier], tier, subject, read, exchange, f"{path}: {kind} {tier!r}", origin_ms)
+    ]
+    imported = from_spans(spans, exchange, path)
+    notes = [
+        f"{path}: {kind} {tier!r}: {empty} annotations without a value are left out."
+        for tier, annotations in held.items()
+        if (empty := sum(not value for *_, value in annotations))
+    ]
+    beside = {f"{tier}{suffix}" for tier in tiers for suffix in (NOTE, POINT, TAG, STATE)}
+    others = (tier for tier, size in sizes.items() if size and tier not in tiers and tier not in beside)
+    notes += [f"{path}: {kind} {tier!r} belongs to no subject and is left out." for tier in others]
+    return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
+
+
+def _spans(
+    annotations: Sequence[Annotation],
+    tier: str,
+    subject: str,
+    read: Read,
+    exchange: Exchange,
+    place: str,
+    origin_ms: int,
+) -> Iterator[Span]:
+    notes, points, tags, states = (
+        {(start, end): value for start, end, value in read(tier + suffix)} for suffix in (NOTE, POINT, TAG, STATE)
+    )
+    for start, end, value in annotations:
+        if max(abs(start), abs(end)) > _FARTHEST_MS:
+            raise VfoaError(f"{place} has an annotation at {start} to {end} ms; expected a time in a film")
+        if value:
+            where = f"{place}, {start / 1000:.3f} to {end / 1000:.3f} s"
+            label = Label(
+                target=exchange.target(value, subject, where),
+                note=one_line(notes.get((start, end))),
+                point_px=parse_point(points.get((start, end), "").split(","), where),
+                is_suggested=states.get((start, end)) == SUGGESTED,
+                tags=parse_tags(tags.get((start, end), ""), where),
+            )
+            yield Span(start_ms=start + origin_ms, end_ms=end + origin_ms, subject=subject, label=label, where=where)
