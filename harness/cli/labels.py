@@ -37,7 +37,7 @@ Format = Annotated[
     typer.Option(
         "--format",
         metavar="FORMAT",
-        help="elan, csv; to import: boris, praat, table, idiap_vfoa; or another package's.",
+        help="elan, csv; to import: boris, datavyu, praat, table, idiap_vfoa; or another package's.",
     ),
 ]
 Fps = Annotated[
@@ -75,12 +75,14 @@ def import_(
         str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
     ] = None,
     film: Annotated[
-        str | None, typer.Option(metavar="NAME", help="ELAN, BORIS: film that shows the clip, if the file has several.")
+        str | None,
+        typer.Option(metavar="NAME", help="ELAN, BORIS, Datavyu: film that shows the clip, if the file has several."),
     ] = None,
     modifier: Annotated[
         str | None,
         typer.Option(
-            metavar="SET", help='BORIS: set of modifiers that names the targets; "none": leave modifiers out.'
+            metavar="NAME",
+            help='What names the targets. BORIS: set of modifiers, "none": leave modifiers out. Datavyu: code.',
         ),
     ] = None,
     confirm: Annotated[

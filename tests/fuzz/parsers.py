@@ -136,6 +136,7 @@ PARSERS: Sequence[Parser] = (
     Parser("labels of a table", "theirs.csv", whole.LOOKS, _labels("table")),
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
+    Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),

@@ -80,6 +80,11 @@ TEXT_GRID = (
     'class = "IntervalTier"\nname = "girl"\nxmin = 0\nxmax = 2\nintervals: size = 1\n'
     'intervals [1]:\nxmin = 0.1\nxmax = 0.9\ntext = "bird"\n'
 )
+DATAVYU = (
+    "#4\ngirl (MATRIX,true,)-target|NOMINAL,how|NOMINAL\n00:00:00:100,00:00:00:900,(bird,well\\, so)\n",
+    "girl.ordinal,girl.onset,girl.offset,girl.target,girl.how,\n1,100,900,bird,so,\n",
+    "file,column,onset,offset,ordinal,code01\na,girl,100,900,1,bird\n",
+)
 
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '

@@ -64,6 +64,7 @@ FORMATS = Registry(
     builtin={
         "boris": "harness.labels.formats.boris:Boris",
         "csv": "harness.labels.formats:AnnotationCsv",
+        "datavyu": "harness.labels.formats.datavyu:Datavyu",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
         "praat": "harness.labels.formats.praat:Praat",

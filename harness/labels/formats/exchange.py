@@ -120,11 +120,12 @@ class Exchange:
     gaps
         Meaning of frames without a label between two labels of a subject.
     film
-        In ELAN and BORIS: the film that shows the clip, if a file has several.
+        In ELAN, BORIS and Datavyu: the film that shows the clip, if a file has several.
     observation
         In BORIS: the observation to read, if a file has several.
     modifier
-        In BORIS: the set of modifiers that names the targets; "none" for behaviours with modifiers that do not count.
+        What names the targets. In BORIS: the set of modifiers, "none" for behaviours with modifiers that do not count.
+        In Datavyu: the code, of columns with several.
     """
 
     timeline: Timeline

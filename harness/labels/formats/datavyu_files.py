@@ -1,0 +1,196 @@
+"""Files of Datavyu: its spreadsheets (``.opf``), and the CSV that it and its scripts export.
+
+A spreadsheet is a ZIP archive: ``db`` has a line for each column and one for each of its cells, ``project`` (YAML) the
+films that were open. CSV has the columns side by side (``looks.onset``), with a row for each of their cells or for each
+frame, or a row for each cell of one column (``column``, ``onset``). The forms are those of Datavyu's own code
+(``OpenDataStoreFileController``, ``ExportDatabaseFileController``, ``DatavyuProjectConstructor``) and of the script
+``datavyu2csv.rb``; read, not used.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.files.dialects import table_rows, table_text
+from harness.files.io import read_bytes
+from harness.files.parsing import check_archive, parse_yaml
+from harness.files.tables import whole_number
+from harness.labels.formats.exchange import file_name
+from vfoa.errors import VfoaError
+
+_EXPECTED = "expected Datavyu's spreadsheet (.opf), or the CSV that it exports"
+_COLUMN = re.compile(r"(?P<name>(?:[^\\(]|\\.)+) \((?P<kind>[A-Za-z]+)[^)]*\)(?:-(?P<codes>.*))?")
+_CELL = re.compile(r"(?P<onset>[0-9:]{8,13}),(?P<offset>[0-9:]{8,13}),(?P<values>.*)")
+_CLOCK = re.compile(r"([0-9]{1,4}):([0-9]{2}):([0-9]{2}):([0-9]{3})")
+_CLASS = re.compile(rb"(?m)(?:^|(?<= ))!(?:project|vs|ts)(?=\s*(?:$|\{))")
+"""The tag of a table in ``project``, by which Datavyu knows its class."""
+_NO_CODES = ("file", "column", "ordinal", "onset", "offset")
+"""What an exported row has beside the codes of a cell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """From ``onset_ms`` to ``offset_ms``, both included, with its text for each code of its column, "" for none."""
+
+    onset_ms: int
+    offset_ms: int
+    codes: Mapping[str, str]
+
+
+Columns = dict[str, list[Cell]]
+
+
+def read_columns(path: Path) -> tuple[Columns, dict[str, int]]:
+    """Return the cells of each column, and the time at which each film begins in them, ms, by its path.
+
+    Raises
+    ------
+    VfoaError
+        If it is no such file, or a cell of it has no times.
+    """
+    data = read_bytes(path)
+    if data.startswith(b"PK\x03\x04"):
+        return _of_spreadsheet(data, path)
+    if re.match(rb"(\xef\xbb\xbf)?(#[0-9]\r?\n|[^,\n]+ \((MATRIX|TEXT|NOMINAL)[,)])", data):
+        return _of_database(table_text(path), str(path)), {}
+    return _of_table(path), {}
+
+
+def _of_spreadsheet(data: bytes, path: Path) -> tuple[Columns, dict[str, int]]:
+    check_archive(data, path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            held = {name: archive.read(name) for name in archive.namelist() if name in ("db", "project")}
+    except Exception as error:  # errors of zipfile for damaged archives have no common base class
+        raise VfoaError(f"{path}: a damaged archive: {error}; {_EXPECTED}") from None
+    if "db" not in held:
+        raise VfoaError(f"{path}: an archive without 'db'; {_EXPECTED}")
+    try:
+        text = held["db"].decode()
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise VfoaError(f"{path}: db:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+    project = parse_yaml(_CLASS.sub(b"", held.get("project", b"")), f"{path}: project")
+    return _of_database(text, f"{path}: db"), _films(project, f"{path}: project")
+
+
+def _films(project: Any, where: str) -> dict[str, int]:
+    """The beginning of each film, ms, which the project has as text."""
+    settings = project.get("viewerSettings") if isinstance(project, dict) else None
+    films = dict[str, int]()
+    for each in settings if isinstance(settings, list) else []:
+        if isinstance(each, dict) and isinstance(feed := each.get("feed"), str):
+            text = str(each.get("offset") or 0)
+            if (number := whole_number(text.removeprefix("-"))) is None:
+                raise VfoaError(f"{where}: {file_name(feed)}: offset: found {text[:40]!r}; expected milliseconds")
+            films[feed] = -number if text.startswith("-") else number
+    return films
+
+
+def _of_database(text: str, where: str) -> Columns:
+    """The columns of ``db``, in every version of it."""
+    columns, names, is_matrix = Columns(), list[str](), False
+    cells: list[Cell] | None = None
+    for number, line in _joined(text):
+        if (cell := _CELL.fullmatch(line)) and cells is not None:
+            values = (
+                _parts(cell["values"].removeprefix("(").removesuffix(")")) if is_matrix else [_plain(cell["values"])]
+            )
+            onset_ms, offset_ms = (_clock_ms(cell[name], f"{where}:{number}: {name}") for name in ("onset", "offset"))
+            cells.append(_cell(onset_ms, offset_ms, zip(names, values, strict=False)))
+        elif column := _COLUMN.fullmatch(line):
+            is_matrix = column["kind"].upper() == "MATRIX"
+            codes = _parts(column["codes"] or "") if is_matrix else ["value"]
+            names = [code.partition("|")[0].strip() for code in codes]
+            cells = columns.setdefault(_plain(column["name"]).strip(), [])
+        elif number > 1 or not re.fullmatch(r"\ufeff?#[0-9]", line):
+            raise VfoaError(f"{where}:{number}: found {line[:60]!r}; expected a column or a cell of Datavyu")
+    return columns
+
+
+def _joined(text: str) -> Iterator[tuple[int, str]]:
+    """Number and content of each line that is not blank; a backslash at its end takes the next one to it."""
+    lines = enumerate(text.replace("\r\n", "\n").split("\n"), start=1)
+    for number, line in lines:
+        whole = line
+        while (len(whole) - len(whole.rstrip("\\"))) % 2 and (more := next(lines, None)):
+            whole = f"{whole[:-1]} {more[1]}"
+        if whole.strip():
+            yield number, whole
+
+
+def _parts(text: str) -> list[str]:
+    """The parts between commas; a backslash takes the sign after it as it is."""
+    parts, signs = [""], iter(text)
+    for sign in signs:
+        if sign == ",":
+            parts.append("")
+        else:
+            parts[-1] += next(signs, "") if sign == "\\" else sign
+    return parts
+
+
+def _plain(text: str) -> str:
+    return ",".join(_parts(text))
+
+
+def _clock_ms(text: str, where: str) -> int:
+    if (found := _CLOCK.fullmatch(text)) is None:
+        raise VfoaError(f"{where}: found {text!r}; expected a time, such as 00:01:02:345")
+    hours, minutes, seconds, ms = map(int, found.groups())
+    return 1000 * (3600 * hours + 60 * minutes + seconds) + ms
+
+
+def _cell(onset_ms: int, offset_ms: int, values: Iterable[tuple[str, str]]) -> Cell:
+    """A cell; ``<code>`` is what earlier versions wrote for a code without a text."""
+    codes = {name: "" if text.strip() == f"<{name}>" else text.strip() for name, text in values}
+    return Cell(onset_ms=onset_ms, offset_ms=offset_ms, codes=codes)
+
+
+def _of_table(path: Path) -> Columns:
+    """The columns of exported CSV; a cell that has a row for each of its frames counts once."""
+    rows = table_rows(path)
+    if not rows:
+        raise VfoaError(f"{path}: an empty table; {_EXPECTED}")
+    (line, header), *below = rows
+    named = [name.removesuffix(".onset") for name in header if name.endswith(".onset")]
+    if not named and not {"column", "onset", "offset"} <= {*header}:
+        raise VfoaError(f"{path}:{line}: found {', '.join(header)[:120]}; {_EXPECTED}")
+    columns: Columns = {name: [] for name in named}
+    for number, cells in below:
+        where = f"{path}:{number}"
+        if len(cells) != len(header):
+            raise VfoaError(
+                f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header (Datavyu's export by "
+                "frame leaves out columns without cells: export the cells, or import the .opf)"
+            )
+        row = dict(zip(header, cells, strict=True))
+        for name in named or [row["column"]]:
+            own = _of_column(row, name) if named else row
+            if own["onset"] or own["offset"]:
+                onset_ms, offset_ms = (_whole(own[key], f"{where}: {name}: {key}") for key in ("onset", "offset"))
+                codes = ((key, text) for key, text in own.items() if key not in _NO_CODES)
+                columns.setdefault(name, []).append(_cell(onset_ms, offset_ms, codes))
+    return {name: _once(cells) for name, cells in columns.items()}
+
+
+def _of_column(row: Mapping[str, str], name: str) -> dict[str, str]:
+    """The cells of one of the columns that are side by side, without its name before theirs."""
+    return {key.removeprefix(f"{name}."): text for key, text in row.items() if key.startswith(f"{name}.")}
+
+
+def _whole(text: str, where: str) -> int:
+    if (number := whole_number(text)) is None:
+        raise VfoaError(f"{where}: found {text[:40]!r}; expected milliseconds")
+    return number
+
+
+def _once(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells without those that are equal to the one before."""
+    return [cell for place, cell in enumerate(cells) if place == 0 or cell != cells[place - 1]]
