@@ -37,7 +37,7 @@ Format = Annotated[
     typer.Option(
         "--format",
         metavar="FORMAT",
-        help="elan, csv; to import: boris, datavyu, praat, table, idiap_vfoa; or another package's.",
+        help="elan, csv; to import: boris, datavyu, observer, praat, table, idiap_vfoa; or another package's.",
     ),
 ]
 Fps = Annotated[
@@ -72,7 +72,7 @@ def import_(
         Literal["ignore", "none"], typer.Option(help="Meaning of frames without a label between two labels.")
     ] = "ignore",
     observation: Annotated[
-        str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
+        str | None, typer.Option(metavar="NAME", help="BORIS, Observer: observation to read, if the file has several.")
     ] = None,
     film: Annotated[
         str | None,
@@ -82,7 +82,7 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help='What names the targets. BORIS: set of modifiers, "none": leave modifiers out. Datavyu: code.',
+            help='What names targets. BORIS, Observer: set of modifiers, "none": leave modifiers out. Datavyu: code.',
         ),
     ] = None,
     confirm: Annotated[

@@ -137,6 +137,7 @@ PARSERS: Sequence[Parser] = (
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
+    Parser("Observer log", "theirs.txt", whole.OBSERVER, _labels("observer")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),

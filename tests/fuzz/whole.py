@@ -85,6 +85,10 @@ DATAVYU = (
     "girl.ordinal,girl.onset,girl.offset,girl.target,girl.how,\n1,100,900,bird,so,\n",
     "file,column,onset,offset,ordinal,code01\na,girl,100,900,1,bird\n",
 )
+OBSERVER = (
+    "Time_Relative_sf,Observation,Subject,Behavior,Modifier_1,Event_Type,Comment\n"
+    "0.1,talk,girl,bird,,State start,so\n0.4,talk,girl,nods,,Point,\n0.9,talk,girl,bird,,State stop,\n"
+)
 
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '

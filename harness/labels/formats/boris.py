@@ -64,43 +64,49 @@ class Boris(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the state events of one observation of a project."""
-        project = _load(path)
-        observation, where = _choose_observation(project, exchange.observation, path)
-        behaviours = _behaviours(project)
-        events = _events(observation, where)
-        states = [event for event in events if not behaviours.get(event.behaviour, _Behaviour()).is_point]
-        notes = (
-            [f"{path}: {n} point events have no length and are left out."] if (n := len(events) - len(states)) else []
-        )
-        _check_modifiers(states, behaviours, exchange.modifier, where)
-        if _is_of_pictures(observation):
-            shown, offset_ms = _numbered(exchange.frames), 0
-        else:
-            shown = exchange.shown
-            offset_ms, added = exchange.media_offset(_film_offset_ms(observation, exchange, where), path)
-            notes += added
-        end = shown.span_ns(shown.frames[0], shown.frames[-1])[1] // MS
-        spans = []
-        for event, stop in _pairs(states):
-            here = f"{where}: {'picture ' if _is_of_pictures(observation) else ''}{_shown(event.at, observation)}"
-            start = event.at + offset_ms
-            if stop is None:
-                notes.append(
-                    f"{here}: {event.behaviour!r} of {event.subject!r} never stops: it lasts to the clip's end."
-                )
-            subject = exchange.subject(event.subject, here)
-            target = exchange.target(_target(event, behaviours, exchange.modifier), subject, here)
-            spans.append(
-                Span(
-                    start_ms=start,
-                    end_ms=max(start, end) if stop is None else stop + offset_ms,
-                    subject=subject,
-                    label=Label(target=target, note=event.comment),
-                    where=here,
-                )
+        return from_project(_load(path), exchange, path)
+
+
+def from_project(project: Mapping[str, Any], exchange: Exchange, path: Path) -> Imported:
+    """Return the labels of the state events of one observation.
+
+    Raises
+    ------
+    VfoaError
+        If it is not told which observation, film or modifiers, or something in it is no event or no label.
+    """
+    observation, where = _choose_observation(project, exchange.observation, path)
+    behaviours = _behaviours(project)
+    events = _events(observation, where)
+    states = [event for event in events if not behaviours.get(event.behaviour, _Behaviour()).is_point]
+    notes = [f"{path}: {n} point events have no length and are left out."] if (n := len(events) - len(states)) else []
+    _check_modifiers(states, behaviours, exchange.modifier, where)
+    if _is_of_pictures(observation):
+        shown, offset_ms = _numbered(exchange.frames), 0
+    else:
+        shown = exchange.shown
+        offset_ms, added = exchange.media_offset(_film_offset_ms(observation, exchange, where), path)
+        notes += added
+    end = shown.span_ns(shown.frames[0], shown.frames[-1])[1] // MS
+    spans = []
+    for event, stop in _pairs(states):
+        here = f"{where}: {'picture ' if _is_of_pictures(observation) else ''}{_shown(event.at, observation)}"
+        start = event.at + offset_ms
+        if stop is None:
+            notes.append(f"{here}: {event.behaviour!r} of {event.subject!r} never stops: it lasts to the clip's end.")
+        subject = exchange.subject(event.subject, here)
+        target = exchange.target(_target(event, behaviours, exchange.modifier), subject, here)
+        spans.append(
+            Span(
+                start_ms=start,
+                end_ms=max(start, end) if stop is None else stop + offset_ms,
+                subject=subject,
+                label=Label(target=target, note=event.comment),
+                where=here,
             )
-        imported = from_spans(spans, exchange, path, shown=shown)
-        return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
+        )
+    imported = from_spans(spans, exchange, path, shown=shown)
+    return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -122,10 +122,10 @@ class Exchange:
     film
         In ELAN, BORIS and Datavyu: the film that shows the clip, if a file has several.
     observation
-        In BORIS: the observation to read, if a file has several.
+        In BORIS and The Observer XT: the observation to read, if a file has several.
     modifier
-        What names the targets. In BORIS: the set of modifiers, "none" for behaviours with modifiers that do not count.
-        In Datavyu: the code, of columns with several.
+        What names the targets. In BORIS and The Observer XT: the set of modifiers, "none" for behaviours with
+        modifiers that do not count. In Datavyu: the code, of columns with several.
     """
 
     timeline: Timeline
