@@ -32,14 +32,6 @@ Annotator = Annotated[
     str | None,
     typer.Option(metavar="ANNOTATOR", help="Labels of this annotator, CLIP@ANNOTATOR.csv. Default: CLIP.csv."),
 ]
-Format = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        metavar="FORMAT",
-        help="elan, csv; to import: boris, datavyu, observer, praat, table, idiap_vfoa; or another package's.",
-    ),
-]
 Fps = Annotated[
     float | None,
     typer.Option(metavar="HZ", min=0.001, help="Frames per second in the other program. Default: the clip's."),
@@ -56,8 +48,16 @@ Offset = Annotated[
 @app.command(name="import", short_help="Read the labels of another program.")
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The other program's file.")],
-    format_: Format,
     clip: ClipOption,
+    format_: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="boris, csv, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: as the "
+            "file's name says (.boris, .eaf, .opf, .TextGrid).",
+        ),
+    ] = None,
     annotator: Annotator = None,
     fps: Fps = None,
     offset: Offset = None,
@@ -93,7 +93,9 @@ def import_(
     """Read the labels of another program; print what is left out, and what is replaced."""
     from harness.annotate.convert import import_labels, open_exchange
     from harness.clips.manifest import load_manifest
+    from harness.labels.formats import format_of
 
+    name = format_of(file) if format_ is None else format_
     manifest, renamed = load_manifest(clip), dict(_pair(text) for text in rename or ())
     exchange = open_exchange(
         manifest,
@@ -106,7 +108,7 @@ def import_(
         modifier=modifier,
     )
     place = manifest.annotations.place(annotator)
-    imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
+    imported = import_labels(file, name, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
         say(f"- {note}", err=True)
     say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
@@ -121,7 +123,7 @@ def export(
         Path | None, typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
     ] = None,
     *,
-    format_: Format,
+    format_: Annotated[str, typer.Option("--format", metavar="FORMAT", help="elan, csv, or a package's.")],
     annotator: Annotator = None,
     clip: Annotated[str | None, typer.Option(metavar="CLIP", help="Of a run: only this clip.")] = None,
     fps: Fps = None,

@@ -76,3 +76,21 @@ FORMATS = Registry(
 
 SUFFIXES = {"csv": ".csv", "elan": ".eaf"}
 """Default suffix of a file in each format; formats of other distributions have none."""
+
+_OWN = {".eaf": "elan", ".boris": "boris", ".boris.gz": "boris", ".opf": "datavyu", ".textgrid": "praat"}
+"""Suffixes that files of one format alone have."""
+
+
+def format_of(path: Path) -> str:
+    """The format of a file whose name ends as only files of this format do.
+
+    Raises
+    ------
+    VfoaError
+        If the end of its name does not tell.
+    """
+    name = next((name for suffix, name in _OWN.items() if path.name.lower().endswith(suffix)), None)
+    if name is None:
+        listed = ", ".join(FORMATS.names())
+        raise VfoaError(f"{path}: its name does not tell what wrote it; expected --format, one of: {listed}")
+    return name

@@ -87,7 +87,7 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     write_text(anna, "\n".join([head, columns, *of("anna", rows)]) + "\n")
     words = ("labels", "export", CLIP, "anna.eaf", "--format", "elan", "--annotator", "new")
     assert vfoa(monkeypatch, capsys, *words)[0] == 0
-    words = ("labels", "import", "anna.eaf", "--clip", CLIP, "--format", "elan")
+    words = ("labels", "import", "anna.eaf", "--clip", CLIP)
     ignored = f"{rows[0].split(',')[0]},{rows[-1].split(',')[1]}"
     todo = [f"{ignored},{subject},ignore,not labelled yet" for subject in ("anna", "ben")]
     write_text(own, "\n".join([head, columns, *todo]) + "\n")
@@ -204,6 +204,8 @@ def test_a_pipe_is_not_written_over(
         (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
         (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
+        (("import", "gone.csv", "--clip", CLIP), "gone.csv: its name does not tell what wrote it; expected --format"),
+        (("import", "gone.TextGrid", "--clip", CLIP), "gone.TextGrid: no such file"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (
