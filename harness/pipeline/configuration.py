@@ -173,6 +173,7 @@ _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
         {
             "truth": "ground_truth:TruthSegmenter",
             "coco_panoptic": "stage_files.maps:CocoPanoptic",
+            "id_maps": "stage_files.id_maps:IdMaps",
             DRAWN: "drawn_stage:DrawnMasks",
         },
     ),

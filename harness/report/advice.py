@@ -121,7 +121,7 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
         is_drawn = all(run.values("drawn", "targets"))
         use = "" if is_drawn else ", then use the drawing (--set drawn.targets=true)"
         yield f"draw it on some frames (vfoa annotate CLIP, key p){use}"
-        yield 'take another model, or masks of your own (segmentation.model = "coco_panoptic")'
+        yield 'take another model, or masks of your own (segmentation.model = "id_maps")'
     else:
         yield "the target was not measured in these frames"
 

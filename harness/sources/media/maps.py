@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
+import PIL.Image
 from numpy.typing import NDArray
 
 from harness.files.io import read_bytes
@@ -162,6 +163,31 @@ def _read_exr(path: Path) -> NDArray[Any]:
 
 
 _LARGEST = np.iinfo(np.uint16).max
+LARGEST_ID = (1 << 24) - 1
+"""Of a segment in a file, as in COCO's panoptic format."""
+
+
+def read_ids(path: Path) -> NDArray[np.uint32]:
+    """Read a map (H, W) of segment ids, 0 = none: a gray PNG, the numbers of a palette's colours, or an ``.npy``.
+
+    Raises
+    ------
+    VfoaError
+        If it cannot be read, holds colours instead of numbers, or a number outside 0 to :data:`LARGEST_ID`.
+    """
+    is_array = path.suffix.lower() == ".npy"
+    ids = read_npy(path) if is_array else read_raw(path)
+    if ids.ndim == 3 and not is_array:
+        with reported_as(f"{path}: not a readable image"), PIL.Image.open(path) as image:
+            ids = np.asarray(image) if image.mode == "P" else ids
+    if ids.ndim != 2 or not (np.issubdtype(ids.dtype, np.integer) or ids.dtype == np.bool_):
+        raise VfoaError(
+            f"{path}: found shape {ids.shape} of {ids.dtype}; expected a number a pixel: a PNG with a palette, or "
+            "gray of 8 or 16 bits, or an .npy of whole numbers"
+        )
+    if ids.size and not 0 <= ids.min() <= ids.max() <= LARGEST_ID:
+        raise VfoaError(f"{path}: found the numbers {ids.min()} to {ids.max()}; expected 0 to {LARGEST_ID}")
+    return ids.astype(np.uint32)
 
 
 def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
