@@ -19,6 +19,7 @@ from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.pipeline.stage_files.answer_tables import read_answers
 from harness.pipeline.stage_files.heads import read_heads, read_table
+from harness.pipeline.stage_files.id_maps import IdMaps, IdMapsSettings
 from harness.run.experiment import load_experiment
 from harness.run.fitted import read_fitted
 from harness.sources.calibration_files.one_camera import read_one_camera
@@ -26,7 +27,7 @@ from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
 from harness.sources.foreign import refuse_foreign
 from harness.sources.media.images import read_raw, read_rgb
-from harness.sources.media.maps import read_depth_file, read_disparity
+from harness.sources.media.maps import read_depth_file, read_disparity, read_ids
 from harness.sources.media.video import Video
 from harness.sources.sintel import read_camera, read_segments
 from tests import calibrations
@@ -117,6 +118,10 @@ def _labels(name: str) -> Read:
     return lambda path: FORMATS.load(name)().read(path, exchange())
 
 
+def _ids(path: Path) -> object:
+    return IdMaps(IdMapsSettings(root=str(path.parent), objects=path.name, partial=True), PlainClip())
+
+
 _IMAGE = whole.array(picture(1, 20, 10))
 _ONES, _PNG_16 = whole.array(np.ones((4, 5))), whole.array(np.full((4, 5), 700, np.uint16))
 _IDENTITY = json.dumps({"stage": "bm", "clip": "mine", "settings": {"a": 1}, "code": "x", "versions": {"n": "2"}})
@@ -137,6 +142,7 @@ PARSERS: Sequence[Parser] = (
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
+    Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),
     Parser("Observer log", "theirs.txt", whole.OBSERVER, _labels("observer")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),
@@ -166,6 +172,7 @@ PARSERS: Sequence[Parser] = (
     Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),
     Parser("answers of another system", "answers.csv", whole.THEIR_ANSWERS, _their_answers),
     Parser("COCO panoptic", "panoptic.json", states.write_coco, states.read_coco),
+    Parser("ids of masks", "ids.csv", "id,category,name\n7,person,\n9,robot,pepper\n70000,,\n", _ids),
     Parser(
         "measured people",
         "people.csv",
@@ -217,6 +224,8 @@ PARSERS: Sequence[Parser] = (
     # Images and maps
     Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_disparity),
     Parser("Sintel segments", "frame.png", whole.array(picture(3, 5, 4)), read_segments),
+    Parser("map of ids, palette", "frame.png", whole.palette, read_ids),
+    Parser("map of ids, numbers", "frame.npy", whole.array(np.full((4, 5), 7)), read_ids),
     Parser("KITTI disparity", "frame.png", _PNG_16, read_disparity),
     *(Parser(f"{each} disparity", f"frame.{each}", _ONES, read_disparity) for each in ("npy", "pfm")),
     *(

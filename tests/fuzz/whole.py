@@ -5,12 +5,14 @@ from __future__ import annotations
 import gzip
 import json
 import struct
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
+import PIL.Image
 from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
@@ -137,6 +139,15 @@ def exported(name: str) -> Write:
     return write
 
 
+def datavyu_packed(path: Path) -> None:
+    """A spreadsheet that is not compressed, so that damage reaches what is in it."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(zipfile.ZipInfo("db"), DATAVYU[0])
+        archive.writestr(
+            zipfile.ZipInfo("project"), "!project\nviewerSettings:\n- !vs\n  feed: a.mp4\n  offset: '40'\n"
+        )
+
+
 def boris_packed(path: Path) -> None:
     path.write_bytes(gzip.compress(BORIS_PROJECT.encode(), mtime=0))
 
@@ -192,6 +203,13 @@ def euroc(side: int) -> Write:
 
 
 # Images and maps
+
+
+def palette(path: Path) -> None:
+    """A picture whose pixels are the numbers of a palette's colours."""
+    image = PIL.Image.fromarray(np.full((4, 5), 7, np.uint8))
+    image.putpalette([*range(256)] * 3)
+    image.save(path)
 
 
 def array(values: np.ndarray) -> Write:

@@ -160,7 +160,8 @@ def _of_table(path: Path) -> Columns:
         raise VfoaError(f"{path}: an empty table; {_EXPECTED}")
     (line, header), *below = rows
     named = [name.removesuffix(".onset") for name in header if name.endswith(".onset")]
-    if not named and not {"column", "onset", "offset"} <= {*header}:
+    needed = {f"{name}.offset" for name in named} or {"column", "onset", "offset"}
+    if len({*header}) < len(header) or not needed <= {*header}:
         raise VfoaError(f"{path}:{line}: found {', '.join(header)[:120]}; {_EXPECTED}")
     columns: Columns = {name: [] for name in named}
     for number, cells in below:

@@ -153,6 +153,10 @@ def test_other_files_are_named(tmp_path: Path) -> None:
     for path, found in (
         (tmp_path / "book.xlsx", "without 'db'"),
         (write_text(tmp_path / "looks.csv", "start,end,target\n0,1,bird\n"), "looks.csv:1: found start, end, target"),
+        (
+            write_text(tmp_path / "ends.csv", CELLS.replace("girl.offset", "girl.ofset")),
+            "ends.csv:1: found boy.ord",
+        ),
         (write_text(tmp_path / "frames.csv", shifted), "frames.csv:2: found 6 cells; expected 11"),
     ):
         with pytest.raises(VfoaError, match=found):
