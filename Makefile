@@ -99,17 +99,29 @@ release-notes:
 wheel: $(DEV)
 	$(BIN)/python -m hatchling build --target wheel
 
+# The locked Open3D needs glibc 2.35. An older system, such as RHEL 9 or Ubuntu 20.04, takes the lock without it, and then the
+# newest one that it can run.
+OLD_GLIBC := $(shell getconf GNU_LIBC_VERSION 2>/dev/null | awk '{ split($$2, v, "."); if (v[1] == 2 && v[2] < 35) print "yes" }')
+ifeq ($(OLD_GLIBC),yes)
+install_lock = awk '/^open3d/ { drop = 1 } !drop; !/\\$$/ { drop = 0 }' $(1) > $(VENV)/$(1) && $(call install,$(VENV)/$(1))
+INSTALL_VFOA := $(PIP) --no-compile --editable ".[harness]"
+else
+install_lock = $(call install,$(1))
+INSTALL_VFOA := $(PIP) --no-deps --editable .
+endif
+install = $(PIP) --no-compile --require-hashes --requirement $(1)
+
 # Modules are compiled when they are first imported: to compile all of them takes longer than to install them.
 $(READY): requirements.lock pyproject.toml system-libraries.sh
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "vfoa needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --no-compile --require-hashes --requirement requirements.lock
-	$(PIP) --no-deps --editable .
+	$(call install_lock,requirements.lock)
+	$(INSTALL_VFOA)
 	sh system-libraries.sh $(BIN)/python
 	touch $@
 
 $(DEV): $(READY) requirements-dev.lock
-	$(PIP) --no-compile --require-hashes --requirement requirements-dev.lock
+	$(call install_lock,requirements-dev.lock)
 	sh system-libraries.sh $(BIN)/python --dev
 	touch $@
 
