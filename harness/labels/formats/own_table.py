@@ -3,7 +3,8 @@
 Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, in seconds,
 milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in one frame, which is that of
-the number ``frame``, or nearest to ``time_s``, or to ``time_ns`` by the clip's own stamps.
+the number ``frame``, or nearest to ``time_s``, or to ``time_ns`` by the clip's own stamps. In place of ``subject`` and
+``target`` there may be a column named after each subject, with the subject's targets.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.files.dialects import is_missing, number_hint, table_rows
+from harness.files.dialects import Row, is_missing, number_hint, table_rows
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, without
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
@@ -52,7 +53,7 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        (line, header), *lines = table_rows(path) or [(1, [])]
+        (line, header), *lines = _by_subject(_checked(table_rows(path), path), exchange)
         columns, left_out = _columns(header, f"{path}:{line}")
         place = _place(columns, f"{path}:{line}")
         if "subject" not in columns and len(exchange.subjects) != 1:
@@ -60,7 +61,7 @@ class OwnTable(ReadOnly):
                 f"{path}:{line}: no column of subjects; expected subject, since the clip has "
                 f"{', '.join(exchange.subjects) or 'none'}"
             )
-        rows = [_row(cells, header, columns, f"{path}:{line}") for line, cells in lines]
+        rows = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
         known = [row for row in rows if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
         if place[0] in ("time_s", "time_ns"):
             imported = _moments(known, place[0], exchange, path)
@@ -74,6 +75,34 @@ class OwnTable(ReadOnly):
         return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
+def _checked(rows: Sequence[Row], path: Path) -> Sequence[Row]:
+    """The rows, all as long as the header."""
+    if not rows:
+        return [(1, [])]
+    (_, header), *lines = rows
+    for line, cells in lines:
+        if len(cells) != len(header):
+            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
+    return rows
+
+
+def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
+    """Rows with a subject and a target each, of those with a column for each subject; others as they are."""
+    (line, header), *lines = rows
+    subjects = [place for place, name in enumerate(header) if exchange.names.translate(name) in exchange.subjects]
+    if not subjects or {"subject", "target"} & {_column(name) for name in header}:
+        return rows
+    others = [place for place in range(len(header)) if place not in subjects]
+    return [
+        (line, [*(header[place] for place in others), "subject", "target"]),
+        *(
+            (number, [*(cells[place] for place in others), header[subject], cells[subject]])
+            for subject in subjects
+            for number, cells in lines
+        ),
+    ]
+
+
 _Row = tuple[str, Mapping[str, str]]
 """The place of a row, and its cells by column."""
 
@@ -82,24 +111,28 @@ def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[st
     """The position of each known column, and the names of the others."""
     found, left_out = dict[str, int](), list[str]()
     for at, name in enumerate(header):
-        plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-        column = next((column for column, names in COLUMNS.items() if plain in names), None)
-        if column is None:
+        if (column := _column(name)) is None:
             left_out.append(name)
         elif column in found:
             raise VfoaError(f"{where}: {header[found[column]]} and {name} both are {column}; expected one of them")
         else:
             found[column] = at
     if "target" not in found:
-        names = ", ".join(COLUMNS["target"])
-        raise VfoaError(f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({names})")
+        raise VfoaError(
+            f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({', '.join(COLUMNS['target'])}), "
+            "or one for each person"
+        )
     return found, left_out
 
 
-def _row(cells: Sequence[str], header: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
+def _column(name: str) -> str | None:
+    """The column that is meant by a name; None for any other."""
+    plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    return next((column for column, names in COLUMNS.items() if plain in names), None)
+
+
+def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
     """The cells by column. The word ``none`` is a target, however it is written: no program fills it in there."""
-    if len(cells) != len(header):
-        raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header")
     row = {name: cells[at] for name, at in columns.items()}
     return where, {**row, "target": NOWHERE} if row["target"].lower() == NOWHERE else row
 

@@ -73,6 +73,22 @@ def test_names_are_translated_and_a_note_is_kept(tmp_path: Path) -> None:
     assert labels == Labels([row(1, 1, "bird", note="a smile")])
 
 
+@pytest.mark.parametrize(
+    ("text", "blanks"),
+    [
+        ("frame,girl,rater,Ben\n1,bird,A,\n2,bird,A,girl\n3,none,A,\n4,none,A,\n5,None,A,\n", 4),
+        ("start;end;girl;rater;Ben\n0;0,2;bird;A;\n0,1;0,2;;A;girl\n0,2;0,5;none;A;\n", 3),
+    ],
+)
+def test_each_person_may_have_a_column(tmp_path: Path, text: str, blanks: int) -> None:
+    labels, (columns, blank) = _read(tmp_path, text, renamed={"Ben": "boy"})
+    assert labels == EXPECTED
+    assert "rater" in columns
+    assert f"{blanks} rows" in blank
+    with pytest.raises(VfoaError, match=r"mine\.csv:3: unknown target 'brid'"):
+        _read(tmp_path, "frame,girl\n1,bird\n2,brid\n")
+
+
 def test_the_only_person_of_a_clip_needs_no_column(tmp_path: Path) -> None:
     path = write_text(tmp_path / "mine.csv", "frame,target\n1,bird\n")
     alone = Exchange(timeline=timeline_of(FIVE), rate_hz=10.0, subjects=("girl",), targets=("bird",))
