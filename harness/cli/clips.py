@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json, clip_and_family_names
-from harness.cli.terminal import bytes_bar, print_json, print_table, say
+from harness.cli.terminal import bytes_bar, frames_bar, print_json, print_table, say, told_if_interrupted
 from vfoa.errors import VfoaError, check_known, listed
 
 if TYPE_CHECKING:
@@ -309,6 +309,31 @@ def check_clips(
             say(f"not checked: {line}")
     if any(check.problems for check in checks):
         raise typer.Exit(2)
+
+
+@app.command(name="export", short_help="Write a clip's rectified images for other programs.")
+def export_clip(
+    clip: Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New folder.")],
+    right: Annotated[bool, typer.Option("--right", help="The right images, too.")] = False,
+    jpeg: Annotated[bool, typer.Option("--jpg", help="JPEG (quality 95) in place of PNG.")] = False,
+    limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Only the first N frames.")] = None,
+) -> None:
+    """Write the rectified images as files named by frame, and the camera: masks, faces and disparities are of them.
+
+    What other programs make of them is read as stage outputs (datasets/README.md).
+    """
+    from harness.clips.export import export_images
+    from harness.clips.manifest import load_manifest
+    from harness.sources import MeasuredClip
+
+    opened = load_manifest(clip).open()
+    if isinstance(opened, MeasuredClip):
+        raise VfoaError(f"{clip}: a clip of measurements, without images")
+    frames = opened.frames[:limit]
+    with told_if_interrupted([f"interrupted; nothing is left in {folder}"]), frames_bar(len(frames), clip) as advance:
+        export_images(opened, folder, frames, as_jpeg=jpeg, with_right=right, progress=lambda: advance(clip))
+    say(f"{folder}: {len(frames)} frames, {frames[0]} to {frames[-1]}, rectified")
 
 
 @app.command(name="fetch", short_help="Download clips: MPI Sintel, or real people of three sources.")

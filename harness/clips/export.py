@@ -1,0 +1,86 @@
+"""The rectified images of a clip as files: what other programs need to make masks, faces, disparity or answers for it.
+
+FOLDER/
+    left/00001.png      by the clip's own frame numbers
+    right/00001.png     on demand
+    calib.txt           the rectified pair, in Middlebury's format
+    K.txt               in its place, of a clip without right images: the camera's matrix
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+
+from harness.files.io import atomic_write, new_folder
+from harness.sources import Clip
+from vfoa.errors import VfoaError
+from vfoa.types import Image, StereoFrame, StereoRig
+
+_JPEG_QUALITY = 95
+_WRITERS = 4
+"""Threads that compress images, while one reads: films and recordings are decoded in order."""
+
+
+def export_images(
+    clip: Clip,
+    folder: Path,
+    frames: Sequence[int],
+    *,
+    as_jpeg: bool = False,
+    with_right: bool = False,
+    progress: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the images of some frames, and the camera, to a new folder; ``progress`` is called after each frame.
+
+    Raises
+    ------
+    VfoaError
+        If the folder has something in it, a frame cannot be read, or a right image is asked for and there is none. Then
+        nothing is written.
+    """
+    pending, suffix = deque[Future[None]](), ".jpg" if as_jpeg else ".png"
+    with new_folder(folder) as draft, ThreadPoolExecutor(_WRITERS) as pool:
+        for number in frames:
+            frame = clip.frame(number)
+            for view, image in _views(frame, with_right=with_right):
+                (draft / view).mkdir(exist_ok=True)
+                pending.append(pool.submit(_write, draft / view / f"{number:05d}{suffix}", image))
+            while len(pending) > 2 * _WRITERS:
+                pending.popleft().result()
+            progress()
+        for each in pending:
+            each.result()
+        name, text = ("K.txt", _camera(frame.rig)) if frame.right is None else ("calib.txt", _pair(frame.rig))
+        atomic_write(draft / name, text)
+
+
+def _views(frame: StereoFrame, *, with_right: bool) -> Iterator[tuple[str, Image]]:
+    yield "left", frame.left
+    if with_right:
+        if frame.right is None:
+            raise VfoaError(f"frame {frame.index}: no right image; expected a clip of two cameras, or no --right")
+        yield "right", frame.right
+
+
+def _write(path: Path, image: Image) -> None:
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if path.suffix == ".jpg" else []
+    _, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+    path.write_bytes(data.tobytes())
+
+
+def _pair(rig: StereoRig) -> str:
+    """A rectified pair in Middlebury's format, its baseline in mm."""
+    left, right = (f"[{rig.fx_px} 0 {cx}; 0 {rig.fy_px} {rig.cy_px}; 0 0 1]" for cx in (rig.cx_px, rig.cx_right_px))
+    doffs_px, baseline_mm = rig.cx_right_px - rig.cx_px, 1000 * rig.baseline_m
+    size = f"width={rig.width_px}\nheight={rig.height_px}\n"
+    return f"cam0={left}\ncam1={right}\ndoffs={doffs_px}\nbaseline={baseline_mm}\n{size}"
+
+
+def _camera(rig: StereoRig) -> str:
+    """A camera matrix, as nine numbers."""
+    return "".join(" ".join(map(str, row)) + "\n" for row in rig.camera_matrix.tolist())
