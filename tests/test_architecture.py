@@ -48,6 +48,7 @@ DOORS = {
         "harness/sources/media/images.py",
         "harness/sources/media/video.py",
         "harness/record/images.py",
+        "harness/clips/export.py",
     ),
     "mcap_protobuf": ("harness/sources/recordings/messages.py",),
     "onnxruntime": ("vfoa/onnx.py",),

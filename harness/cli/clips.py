@@ -314,26 +314,33 @@ def check_clips(
 @app.command(name="export", short_help="Write a clip's rectified images for other programs.")
 def export_clip(
     clip: Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")],
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New folder.")],
+    to: Annotated[Path, typer.Argument(metavar="FOLDER|FILM", help="New folder; or a film (.mp4) of the left view.")],
     right: Annotated[bool, typer.Option("--right", help="The right images, too.")] = False,
     jpeg: Annotated[bool, typer.Option("--jpg", help="JPEG (quality 95) in place of PNG.")] = False,
     limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Only the first N frames.")] = None,
 ) -> None:
     """Write the rectified images as files named by frame, and the camera: masks, faces and disparities are of them.
 
-    What other programs make of them is read as stage outputs (datasets/README.md).
+    What other programs make of them is read as stage outputs (datasets/README.md). A film of them is labelled in ELAN
+    or BORIS where the clip itself is none.
     """
-    from harness.clips.export import export_images
+    from harness.clips.export import export_film, export_images
     from harness.clips.manifest import load_manifest
     from harness.sources import MeasuredClip
 
+    is_film = to.suffix.lower() == ".mp4"
+    if is_film and (right or jpeg):
+        raise VfoaError(f"{to}: a film has neither right images nor JPEG; expected a folder, or no such option")
     opened = load_manifest(clip).open()
     if isinstance(opened, MeasuredClip):
         raise VfoaError(f"{clip}: a clip of measurements, without images")
     frames = opened.frames[:limit]
-    with told_if_interrupted([f"interrupted; nothing is left in {folder}"]), frames_bar(len(frames), clip) as advance:
-        export_images(opened, folder, frames, as_jpeg=jpeg, with_right=right, progress=lambda: advance(clip))
-    say(f"{folder}: {len(frames)} frames, {frames[0]} to {frames[-1]}, rectified")
+    with told_if_interrupted([f"interrupted; nothing is left in {to}"]), frames_bar(len(frames), clip) as advance:
+        if is_film:
+            export_film(opened, to, frames, progress=lambda: advance(clip))
+        else:
+            export_images(opened, to, frames, as_jpeg=jpeg, with_right=right, progress=lambda: advance(clip))
+    say(f"{to}: {len(frames)} frames, {frames[0]} to {frames[-1]}, rectified")
 
 
 @app.command(name="fetch", short_help="Download clips: MPI Sintel, or real people of three sources.")

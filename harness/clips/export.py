@@ -5,6 +5,7 @@ FOLDER/
     right/00001.png     on demand
     calib.txt           the rectified pair, in Middlebury's format
     K.txt               in its place, of a clip without right images: the camera's matrix
+FILM.mp4                or the left images alone, each at its time in the clip
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
 
-from harness.files.io import atomic_write, new_folder
+from harness.files.io import atomic_write, check_new, new_folder, replacing
 from harness.sources import Clip
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame, StereoRig
 
 _JPEG_QUALITY = 95
+_H264 = {"crf": "16", "preset": "veryfast"}
+_TICK_S = Fraction(1, 90_000)
+"""What times in films are multiples of."""
 _WRITERS = 4
 """Threads that compress images, while one reads: films and recordings are decoded in order."""
 
@@ -57,6 +62,41 @@ def export_images(
             each.result()
         name, text = ("K.txt", _camera(frame.rig)) if frame.right is None else ("calib.txt", _pair(frame.rig))
         atomic_write(draft / name, text)
+
+
+def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Callable[[], None] = lambda: None) -> None:
+    """Write a film (H.264) of the left images of some frames, which begins with the first of them.
+
+    A film has an even number of rows and columns: the last ones are repeated where the images have not.
+
+    Raises
+    ------
+    VfoaError
+        If the file exists, the clip does not know its times, or a frame cannot be read. Then nothing is written.
+    """
+    import av
+
+    check_new(path, replace=False)
+    if (rate_hz := clip.rate_hz) is None:
+        raise VfoaError("the clip does not know its rate; expected rate_hz in its manifest, under [source]")
+    height, width = clip.frame(frames[0]).left.shape[:2]
+    with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=_H264)
+        stream.codec_context.time_base, stream.pix_fmt = _TICK_S, "yuv420p"
+        stream.height, stream.width = height + height % 2, width + width % 2
+        begin_ns = clip.time_ns(frames[0])
+        for number in frames:
+            image = clip.frame(number).left
+            if image.shape[:2] != (height, width):
+                raise VfoaError(
+                    f"frame {number} has another size than frame {frames[0]}; expected a folder, not a film"
+                )
+            even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+            picture = av.VideoFrame.from_ndarray(even, format="rgb24")
+            picture.time_base, picture.pts = _TICK_S, round((clip.time_ns(number) - begin_ns) / (_TICK_S * 10**9))
+            film.mux(stream.encode(picture))
+            progress()
+        film.mux(stream.encode())
 
 
 def _views(frame: StereoFrame, *, with_right: bool) -> Iterator[tuple[str, Image]]:

@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.clips.export import export_images
+from harness.clips.export import export_film, export_images
 from harness.clips.manifest import load_manifest
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.media.images import read_rgb
+from harness.sources.media.video import Video
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from tests.command import vfoa
-from tests.disk import write_text
+from tests.disk import moving_picture, write_text
 from tests.exchanges import PlainClip
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -78,6 +79,45 @@ def test_a_jpeg_has_the_colours_of_its_picture(tmp_path: Path) -> None:
     assert means[0] == pytest.approx(means[1], abs=3)
 
 
+@dataclass
+class Uneven(PlainClip):
+    """Smooth pictures of 63 x 47 pixels at times that are not evenly apart; the size of the last one can differ."""
+
+    frames: tuple[int, ...] = (2, 3, 5, 6, 9)
+    last: tuple[int, int] = (63, 47)
+
+    def frame(self, number: int) -> StereoFrame:
+        size = self.last if number == 9 else (63, 47)
+        left = moving_picture(number, *size)
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=left, rig=make_rig(*size))
+
+
+def test_a_film_has_every_picture_at_its_time(tmp_path: Path) -> None:
+    clip = Uneven(rate_hz=29.97)
+    export_film(clip, tmp_path / "left.mp4", clip.frames)
+    film = Video(tmp_path / "left.mp4")
+    assert len(film.frames) == 5
+    for place, number in zip(film.frames, clip.frames, strict=True):
+        assert film.times_ns[place] == pytest.approx(clip.time_ns(number) - clip.time_ns(2), abs=20_000)
+        found = film.read(place)[:47, :63].astype(float)
+        apart = {other: np.abs(found - moving_picture(other, 63, 47)).mean() for other in clip.frames}
+        assert min(apart, key=lambda other: apart[other]) == number
+        assert apart[number] < 4
+
+
+def test_what_no_film_can_be_made_of_is_refused(tmp_path: Path) -> None:
+    write_text(tmp_path / "mine.mp4", "mine")
+    for clip, name, what in (
+        (Uneven(), "mine.mp4", "exists already"),
+        (Uneven(rate_hz=None), "new.mp4", "rate_hz"),
+        (Uneven(last=(64, 48)), "new.mp4", "frame 9 has another size than frame 2"),
+    ):
+        with pytest.raises(VfoaError, match=what):
+            export_film(clip, tmp_path / name, clip.frames)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.mp4"]
+    assert (tmp_path / "mine.mp4").read_text() == "mine"
+
+
 def test_nothing_is_left_of_an_export_that_fails_and_nothing_is_replaced(tmp_path: Path) -> None:
     clip = Pictures(damaged=7)
     (tmp_path / "empty").mkdir()
@@ -104,6 +144,9 @@ def test_the_command_writes_the_frames_of_a_clip_by_name(
         frame = clip.frame(number)
         for view, expected in (("left", frame.left), ("right", frame.right)):
             assert np.array_equal(read_rgb(tmp_path / "out" / view / f"{number:05d}.png"), expected), view
+    assert vfoa(monkeypatch, capsys, "clips", "export", "demo_1", "left.mp4", "--limit", "2")[0] == 0
+    assert len(Video(tmp_path / "left.mp4").frames) == 2
+    assert vfoa(monkeypatch, capsys, "clips", "export", "demo_1", "both.mp4", "--right")[0] == 2
     code, _, said = vfoa(monkeypatch, capsys, "clips", "export", "demo_1", "out")
     assert (code, said) == (2, "vfoa: out: exists already; expected a new folder, or an empty one\n")
     head = 'name = "people"\nadapter = "measured"\nroot = "."\n[source]\npeople_file = "people.csv"\n'
