@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+from urllib.parse import urlsplit
 
 import typer
 
@@ -276,6 +277,7 @@ def catalog(
         for run in catalogue.unmarked:
             say(f"vfoa: {run}: its recordings have no error types; `vfoa score {run}` adds them", err=True)
         say(f"Serving until Ctrl-C: {', '.join(catalogue.datasets)}")
+        say_forwarding(urlsplit(catalogue.address).port or port)
         say(f"Viewer: rerun {catalogue.address}")
         say("Python:")
         say("  from rerun.catalog import CatalogClient")

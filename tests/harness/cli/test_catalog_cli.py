@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import shutil
 import signal
@@ -200,6 +201,7 @@ def test_the_command_prints_three_lines_of_python_and_ends_with_ctrl_c(tmp_path:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env={**os.environ, "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.7 22"},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a suite in the background ignores it
     )
     try:
@@ -210,11 +212,13 @@ def test_the_command_prints_three_lines_of_python_and_ends_with_ctrl_c(tmp_path:
         program = "\n".join([*imports, f"print(*{table})"])
         assert "property:run:clip" in _printed(program).split()
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=180) == ("", "")
-        assert process.returncode == 0
+        rest, complaints = process.communicate(timeout=180)
+        assert (process.returncode, rest) == (0, "")
     finally:
         process.kill()
         process.communicate()
     port = int(said[1].rpartition(":")[2])
+    assert complaints.endswith(f"ssh -N -L {port}:127.0.0.1:{port} 192.0.2.7\n")
+    assert complaints.count("\n") == 1
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port)) != 0  # nothing listens there any more
