@@ -55,6 +55,8 @@ class IdMaps:
         self._settings, self._table = settings, self._root / settings.objects
         check_printf(settings.pattern, "segmentation.pattern")
         self._frames = tuple(clip.frames)
+        if not self._table.is_file():
+            raise VfoaError(f"{self._table}: no such file; expected what the maps' numbers are: id,category,name")
         self._small, self._objects = _read_objects(self._table, file_digest(self._table))
         missing = [number for number in self._frames if not self._path(number).is_file()]
         if missing and not settings.partial:

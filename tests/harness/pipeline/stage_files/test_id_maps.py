@@ -105,6 +105,11 @@ def test_mistakes_are_one_line(clip: StereoFolderClip, tmp_path: Path, table: st
     assert "\n" not in str(caught.value)
 
 
+def test_a_missing_table_is_explained(clip: StereoFolderClip, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"ids\.csv: no such file; .*id,category,name"):
+        _segmenter(clip, tmp_path)
+
+
 @pytest.mark.parametrize(
     ("ids", "place"),
     [
