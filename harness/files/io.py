@@ -198,9 +198,10 @@ def new_folder(path: Path) -> Iterator[Path]:
     Raises
     ------
     VfoaError
-        If ``path`` exists, and is not an empty folder.
+        If ``path`` exists, and is not an empty folder, or is the working directory.
     """
-    if path.is_symlink() or (path.exists() and not (path.is_dir() and not any(path.iterdir()))):
+    is_free = not path.exists() or (path.is_dir() and not any(path.iterdir()) and not path.samefile(Path.cwd()))
+    if path.is_symlink() or not is_free:
         raise VfoaError(f"{path}: exists already; expected a new folder, or an empty one")
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))

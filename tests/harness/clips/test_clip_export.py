@@ -134,6 +134,14 @@ def test_nothing_is_left_of_an_export_that_fails_and_nothing_is_replaced(tmp_pat
     assert (tmp_path / "empty" / "left" / "00003.png").is_file()
 
 
+def test_the_working_directory_is_no_new_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for here in (Path(), tmp_path):
+        with pytest.raises(VfoaError, match="exists already"):
+            export_images(Pictures(), here, (3,))
+    assert [*tmp_path.iterdir()] == []
+
+
 def test_the_command_writes_the_frames_of_a_clip_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
