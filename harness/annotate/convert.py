@@ -14,7 +14,7 @@ import numpy as np
 from harness.annotate.clip_stores import open_store, undo_command
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
-from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
+from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat, own_format
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import (
     IGNORED,
@@ -73,7 +73,12 @@ def import_labels(
     place = manifest.annotations.place(annotator)
     check_new(place, replace=True, inputs=[source])
     chosen: AnnotationFormat = FORMATS.load(name)()
-    imported = chosen.read(source, exchange)
+    try:
+        imported = chosen.read(source, exchange)
+    except VfoaError as error:
+        if (own := own_format(source)) in (None, name):
+            raise
+        raise VfoaError(f"{error} (by its name, a file of --format {own})") from None
     if not imported.labels.ranges:
         raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
     new, notes = imported.labels, list(imported.notes)

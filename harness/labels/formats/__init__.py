@@ -81,16 +81,14 @@ _OWN = {".eaf": "elan", ".boris": "boris", ".boris.gz": "boris", ".opf": "datavy
 """Suffixes that files of one format alone have."""
 
 
-def format_of(path: Path) -> str:
-    """The format of a file whose name ends as only files of this format do.
+def own_format(path: Path) -> str | None:
+    """The format of a file whose name ends as only files of this format do; None for any other name."""
+    return next((name for suffix, name in _OWN.items() if path.name.lower().endswith(suffix)), None)
 
-    Raises
-    ------
-    VfoaError
-        If the end of its name does not tell.
-    """
-    name = next((name for suffix, name in _OWN.items() if path.name.lower().endswith(suffix)), None)
-    if name is None:
+
+def format_of(path: Path) -> str:
+    """As :func:`own_format`; raises a :class:`VfoaError` that lists all formats where the name does not tell."""
+    if (name := own_format(path)) is None:
         listed = ", ".join(FORMATS.names())
         raise VfoaError(f"{path}: its name does not tell what wrote it; expected --format, one of: {listed}")
     return name

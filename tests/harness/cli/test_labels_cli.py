@@ -198,6 +198,17 @@ def test_a_pipe_is_not_written_over(
     assert (folder / "pipe").is_fifo()
 
 
+def test_a_wrong_format_is_told_by_the_files_name(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_text(folder / "anna.TextGrid", 'File type = "ooTextFile"\nObject class = "TextGrid"\n')
+    for chosen, is_told in (("elan", True), ("boris", True), ("praat", False)):
+        words = ("labels", "import", "anna.TextGrid", "--clip", CLIP, "--format", chosen)
+        code, _, said = vfoa(monkeypatch, capsys, *words)
+        assert (code, said.count("\n")) == (2, 1)
+        assert ("--format praat" in said) == is_told
+
+
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
