@@ -5,6 +5,7 @@ FOLDER/
     right/00001.png     on demand
     calib.txt           the rectified pair, in Middlebury's format
     K.txt               in its place, of a clip without right images: the camera's matrix
+    calib/00001.txt     in its place, one for each frame, where the frames are of several cameras (KITTI's)
 FILM.mp4                or the left images alone, each at its time in the clip
 """
 
@@ -49,19 +50,25 @@ def export_images(
         nothing is written.
     """
     pending, suffix = deque[Future[None]](), ".jpg" if as_jpeg else ".png"
+    cameras = dict[int, str]()
     with new_folder(folder) as draft, ThreadPoolExecutor(_WRITERS) as pool:
         for number in frames:
             frame = clip.frame(number)
             for view, image in _views(frame, with_right=with_right):
                 (draft / view).mkdir(exist_ok=True)
                 pending.append(pool.submit(_write, draft / view / f"{number:05d}{suffix}", image))
+            cameras[number] = _camera(frame.rig) if frame.right is None else _pair(frame.rig)
             while len(pending) > 2 * _WRITERS:
                 pending.popleft().result()
             progress()
         for each in pending:
             each.result()
-        name, text = ("K.txt", _camera(frame.rig)) if frame.right is None else ("calib.txt", _pair(frame.rig))
-        atomic_write(draft / name, text)
+        name = "K" if frame.right is None else "calib"
+        if len({*cameras.values()}) == 1:
+            atomic_write(draft / f"{name}.txt", cameras[frames[0]])
+        else:
+            for number, text in cameras.items():
+                atomic_write(draft / name / f"{number:05d}.txt", text)
 
 
 def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Callable[[], None] = lambda: None) -> None:

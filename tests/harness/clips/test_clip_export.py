@@ -12,6 +12,7 @@ import pytest
 from harness.clips.export import export_film, export_images
 from harness.clips.manifest import load_manifest
 from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.media.images import read_rgb
 from harness.sources.media.video import Video
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
@@ -69,6 +70,20 @@ def test_without_right_images_there_is_the_camera_alone(tmp_path: Path) -> None:
     assert np.array_equal(camera.k, RIG.camera_matrix)
     with pytest.raises(VfoaError, match="frame 3: no right image"):
         export_images(clip, tmp_path / "other", clip.frames, with_right=True)
+
+
+def test_frames_of_several_cameras_have_one_each(tmp_path: Path) -> None:
+    @dataclass
+    class OfTwoCameras(Pictures):
+        def frame(self, number: int) -> StereoFrame:
+            frame = super().frame(number)
+            return replace(frame, rig=replace(RIG, fx_px=50.0 + number)) if number == 7 else frame
+
+    export_images(OfTwoCameras(), tmp_path / "out", (3, 7))
+    names = sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.txt"))
+    assert names == ["calib/00003.txt", "calib/00007.txt"]
+    found = [read_cameras([tmp_path / "out" / name], lambda: (64, 48), Options()) for name in names]
+    assert [cameras.rig(64, 48).fx_px for cameras in found] == [RIG.fx_px, 57.0]
 
 
 def test_a_jpeg_has_the_colours_of_its_picture(tmp_path: Path) -> None:
