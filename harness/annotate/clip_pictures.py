@@ -18,6 +18,7 @@ from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_instances
 from harness.run.records import BoxPx, FrameRecord
 from harness.sources import Clip, LeftClip
+from harness.sources.media.images import encode_rgb
 from vfoa.stereo import MATCHERS
 from vfoa.types import Disparity, Image, Instance, Instances, Mask, StereoFrame
 
@@ -172,8 +173,7 @@ def _rectangle(box_px: BoxPx) -> Outline:
 
 def jpeg(image: Image) -> bytes:
     """An image (H, W, 3) RGB as JPEG."""
-    _, coded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    return coded.tobytes()
+    return encode_rgb(image, ".jpg", cv2.IMWRITE_JPEG_QUALITY, _QUALITY)
 
 
 def shrunk(image: Image, region: RegionPx | None, width: int | None) -> Image:

@@ -53,11 +53,11 @@ def calibrate(
     from harness.files.io import check_new, write_together
     from harness.sources.calibrate.solve import (
         format_calibration,
-        preview_png,
         rectified_preview,
         solve,
     )
     from harness.sources.calibrate.views import charuco_board, chessboard, find_views
+    from harness.sources.media.images import encode_rgb
     from harness.sources.rectification import Rectifier
     from harness.sources.stereo_pairs import PairFiles
     from vfoa.errors import VfoaError
@@ -90,7 +90,7 @@ def calibrate(
     rectifier = Rectifier(calibration.rectification)
     shown = next(iter(calibration.errors))
     picture = rectified_preview(rectifier, *views.read(shown))
-    write_together({out: format_calibration(calibration), preview: preview_png(picture)})
+    write_together({out: format_calibration(calibration), preview: encode_rgb(picture, ".png")})
     _print_result(out, preview, shown, calibration, rectifier.calibration.baseline_m)
 
 

@@ -21,6 +21,7 @@ import cv2
 
 from harness.files.io import atomic_write, check_new, new_folder, replacing
 from harness.sources import Clip
+from harness.sources.media.images import encode_rgb
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame, StereoRig
 
@@ -115,9 +116,8 @@ def _views(frame: StereoFrame, *, with_right: bool) -> Iterator[tuple[str, Image
 
 
 def _write(path: Path, image: Image) -> None:
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if path.suffix == ".jpg" else []
-    _, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
-    path.write_bytes(data.tobytes())
+    options = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else ()
+    path.write_bytes(encode_rgb(image, path.suffix, *options))
 
 
 def _pair(rig: StereoRig) -> str:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from harness.record import entities
 from harness.record.appearance import Colour, Colours
 from harness.record.frame_log import FrameLog
+from harness.sources.media.images import encode_rgb
 from vfoa.types import Image, Percepts, StereoFrame, StereoRig
 
 if TYPE_CHECKING:
@@ -163,8 +164,7 @@ def _pinhole(rig: StereoRig) -> rr.Pinhole:
 
 def _jpeg(image: Image) -> bytes:
     # OpenCV's encoder writes the same bytes as Rerun's own path through Pillow, several times faster
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+    return encode_rgb(image, ".jpg", cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
 
 
 class VideoEncoder:

@@ -160,12 +160,6 @@ def format_calibration(calibration: StereoCalibration) -> str:
     return str(storage.releaseAndGetString())
 
 
-def preview_png(picture: Image) -> bytes:
-    """An RGB picture as PNG."""
-    _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    return data.tobytes()
-
-
 def rectified_preview(rectifier: Rectifier, left: Image, right: Image) -> Image:
     """The rectified pair side by side (H, 2 W, 3) RGB, with 16 green rows."""
     picture = np.hstack(rectifier.rectify(left, right))

@@ -111,6 +111,11 @@ def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     return image
 
 
+def encode_rgb(image: Image, suffix: str, *options: int) -> bytes:
+    """An image (H, W, 3) uint8 RGB as the bytes of a file with this suffix, under OpenCV's options."""
+    return cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+
+
 def _damage(data: bytes) -> str | None:
     """A description of the damage in the bytes of an image file; None if none is visible."""
     if not data:
