@@ -83,6 +83,17 @@ def table_rows(path: Path) -> list[Row]:
     return rows
 
 
+def check_width(cells: Sequence[str], header: Sequence[str], where: str, hint: str = "") -> None:
+    """Raise a :class:`VfoaError`, which ends with ``hint``, if a row is not as long as the header."""
+    if len(cells) != len(header):
+        raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header{hint}")
+
+
+def plain_name(name: str) -> str:
+    """The name of a column in small letters and digits, with ``_`` for everything between them."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
 def table_text(path: Path) -> str:
     """The text of a table, decoded.
 

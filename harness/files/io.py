@@ -66,11 +66,16 @@ def read_text(path: Path) -> str:
     VfoaError
         If it cannot be read, or is not UTF-8 (with the line).
     """
+    return decoded(read_bytes(path), path)
+
+
+def decoded(data: bytes, where: object) -> str:
+    """The text of bytes in UTF-8; raises as :func:`read_text`."""
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+        raise VfoaError(f"{where}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
 
 
 is_file = os.path.isfile

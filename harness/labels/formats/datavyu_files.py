@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.files.dialects import table_rows, table_text
-from harness.files.io import read_bytes
+from harness.files.dialects import check_width, table_rows, table_text
+from harness.files.io import decoded, read_bytes
 from harness.files.parsing import check_archive, parse_yaml
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import file_name
@@ -30,6 +30,7 @@ _CELL = re.compile(r"(?P<onset>[0-9:]{8,13}),(?P<offset>[0-9:]{8,13}),(?P<values
 _CLOCK = re.compile(r"([0-9]{1,4}):([0-9]{2}):([0-9]{2}):([0-9]{3})")
 _CLASS = re.compile(rb"(?m)(?:^|(?<= ))!(?:project|vs|ts)(?=\s*(?:$|\{))")
 """The tag of a table in ``project``, by which Datavyu knows its class."""
+_SHIFTED = " (Datavyu's export by frame leaves out columns without cells: export the cells, or import the .opf)"
 _NO_CODES = ("file", "column", "ordinal", "onset", "offset")
 """What an exported row has beside the codes of a cell."""
 
@@ -71,13 +72,8 @@ def _of_spreadsheet(data: bytes, path: Path) -> tuple[Columns, dict[str, int]]:
         raise VfoaError(f"{path}: a damaged archive: {error}; {_EXPECTED}") from None
     if "db" not in held:
         raise VfoaError(f"{path}: an archive without 'db'; {_EXPECTED}")
-    try:
-        text = held["db"].decode()
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise VfoaError(f"{path}: db:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
     project = parse_yaml(_CLASS.sub(b"", held.get("project", b"")), f"{path}: project")
-    return _of_database(text, f"{path}: db"), _films(project, f"{path}: project")
+    return _of_database(decoded(held["db"], f"{path}: db"), f"{path}: db"), _films(project, f"{path}: project")
 
 
 def _films(project: Any, where: str) -> dict[str, int]:
@@ -109,7 +105,7 @@ def _of_database(text: str, where: str) -> Columns:
             codes = _parts(column["codes"] or "") if is_matrix else ["value"]
             names = [code.partition("|")[0].strip() for code in codes]
             cells = columns.setdefault(_plain(column["name"]).strip(), [])
-        elif number > 1 or not re.fullmatch(r"\ufeff?#[0-9]", line):
+        elif number > 1 or not re.fullmatch(r"#[0-9]", line):
             raise VfoaError(f"{where}:{number}: found {line[:60]!r}; expected a column or a cell of Datavyu")
     return columns
 
@@ -166,11 +162,7 @@ def _of_table(path: Path) -> Columns:
     columns: Columns = {name: [] for name in named}
     for number, cells in below:
         where = f"{path}:{number}"
-        if len(cells) != len(header):
-            raise VfoaError(
-                f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header (Datavyu's export by "
-                "frame leaves out columns without cells: export the cells, or import the .opf)"
-            )
+        check_width(cells, header, where, _SHIFTED)
         row = dict(zip(header, cells, strict=True))
         for name in named or [row["column"]]:
             own = _of_column(row, name) if named else row

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.files.dialects import is_missing, number_hint, table_rows
+from harness.files.dialects import check_width, is_missing, number_hint, plain_name, table_rows
 from harness.labels.formats.boris import from_project
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
 from vfoa.errors import VfoaError
@@ -63,7 +63,7 @@ class _LoggedEvent:
 def _rows(path: Path) -> list[_LoggedEvent]:
     """The events. The rows of the beginning and end of an observation, which have no type, are none."""
     (line, header), *rows = table_rows(path) or [(1, [])]
-    plain = [re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") for name in header]
+    plain = [plain_name(name) for name in header]
     columns = {name: plain.index(each) for name, known in _COLUMNS.items() for each in known if each in plain}
     if missing := [_COLUMNS[name][0] for name in _NEEDED if name not in columns]:
         raise VfoaError(
@@ -74,8 +74,7 @@ def _rows(path: Path) -> list[_LoggedEvent]:
     events = []
     for number, cells in rows:
         where = f"{path}:{number}"
-        if len(cells) != len(header):
-            raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header")
+        check_width(cells, header, where)
         row = {name: cells[place] for name, place in columns.items()}
         kind = row["type"].lower()
         if kind not in ("", _START, _STOP, *_POINTS):

@@ -14,7 +14,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.files.dialects import Row, is_missing, number_hint, table_rows
+from harness.files.dialects import Row, check_width, is_missing, number_hint, plain_name, table_rows
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, without
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
@@ -35,7 +35,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
     "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
 }
-"""The names of each column, in lower case, with ``_`` for everything but letters and digits."""
+"""The names of each column, as :func:`plain_name` has them."""
 
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("first_frame", "last_frame")),
@@ -53,7 +53,7 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        (line, header), *lines = _by_subject(_checked(table_rows(path), path), exchange)
+        (line, header), *lines = _by_subject(_even_rows(path), exchange)
         columns, left_out = _columns(header, f"{path}:{line}")
         place = _place(columns, f"{path}:{line}")
         if "subject" not in columns and len(exchange.subjects) != 1:
@@ -75,14 +75,11 @@ class OwnTable(ReadOnly):
         return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
-def _checked(rows: Sequence[Row], path: Path) -> Sequence[Row]:
-    """The rows, all as long as the header."""
-    if not rows:
-        return [(1, [])]
-    (_, header), *lines = rows
-    for line, cells in lines:
-        if len(cells) != len(header):
-            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
+def _even_rows(path: Path) -> Sequence[Row]:
+    """The header, which may be empty, and the rows, all as long as it is."""
+    rows = table_rows(path) or [(1, [])]
+    for line, cells in rows:
+        check_width(cells, rows[0][1], f"{path}:{line}")
     return rows
 
 
@@ -127,8 +124,7 @@ def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[st
 
 def _column(name: str) -> str | None:
     """The column that is meant by a name; None for any other."""
-    plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-    return next((column for column, names in COLUMNS.items() if plain in names), None)
+    return next((column for column, names in COLUMNS.items() if plain_name(name) in names), None)
 
 
 def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from harness.files.dialects import check_width
 from harness.files.digests import file_digest
 from harness.sources import Recognised
 from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
@@ -131,8 +132,7 @@ def read_openface(path: Path) -> FaceTable:
     }
     for line, cells in rows:
         where = f"{path}:{line}"
-        if len(cells) != len(header):
-            raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header")
+        check_width(cells, header, where)
         try:
             frame = int(float(cells[columns["frame"]]))
             confidence, success = (float(cells[columns[name]]) for name in ("confidence", "success"))
