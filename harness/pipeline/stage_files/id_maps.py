@@ -10,10 +10,11 @@ from harness.files.digests import digest_files, file_digest
 from harness.files.remote import expand
 from harness.files.safe_names import check_name
 from harness.files.tables import read_columns
+from harness.pipeline.stage_files.maps import MapFiles, check_size
 from harness.sources import Clip
-from harness.sources.media.frame_files import check_printf, printf_name
+from harness.sources.media.frame_files import check_printf
 from harness.sources.media.maps import LARGEST_ID, present_ids, read_ids, relabel, small_ids
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, reported_as
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame
 
@@ -51,19 +52,21 @@ class IdMaps:
     Settings = IdMapsSettings
 
     def __init__(self, settings: IdMapsSettings, clip: Clip) -> None:
-        self._root = expand(settings.root, Path.cwd(), "segmentation.root")
-        self._settings, self._table = settings, self._root / settings.objects
+        root = expand(settings.root, Path.cwd(), "segmentation.root")
+        self._table = root / settings.objects
         check_printf(settings.pattern, "segmentation.pattern")
-        self._frames = tuple(clip.frames)
         if not self._table.is_file():
             raise VfoaError(f"{self._table}: no such file; expected what the maps' numbers are: id,category,name")
         self._small, self._objects = _read_objects(self._table, file_digest(self._table))
-        missing = [number for number in self._frames if not self._path(number).is_file()]
-        if missing and not settings.partial:
-            raise VfoaError(
-                f"{self._path(missing[0])}: no such file; expected the map of frame {missing[0]} ({len(missing)} of "
-                f"{len(self._frames)} frames are missing; segmentation.frame_offset = 1 for maps from 0)"
-            )
+        self._maps = MapFiles(
+            root,
+            settings.pattern,
+            clip.frames,
+            what="map",
+            partial=settings.partial,
+            offset=settings.frame_offset,
+            hint="; segmentation.frame_offset = 1 for maps from 0",
+        )
 
     def segment(self, frame: StereoFrame) -> Instances:
         """Read one frame's map.
@@ -73,13 +76,9 @@ class IdMaps:
         VfoaError
             If it cannot be read, its size is not the image's, or it holds a number that is not in the table.
         """
-        path = self._path(frame.index)
+        path = self._maps.path(frame.index)
         ids = read_ids(path)
-        if ids.shape != frame.left.shape[:2]:
-            raise VfoaError(
-                f"{path}: the map is {ids.shape[1]} x {ids.shape[0]} pixels, the left image {frame.rig.width_px} x "
-                f"{frame.rig.height_px}"
-            )
+        check_size(ids.shape, frame, path)
         present = [number for number in present_ids(ids).tolist() if number]
         if unknown := next((number for number in present if number not in self._objects), None):
             raise VfoaError(f"{path}: holds the number {unknown}; expected a row of it in {self._table}")
@@ -88,13 +87,7 @@ class IdMaps:
 
     def digest(self) -> str:
         """Hexadecimal sha256 of the table and every map."""
-        present = (number for number in self._frames if not self._settings.partial or self._path(number).is_file())
-        return digest_files(
-            chain([("objects", self._table)], ((str(number), self._path(number)) for number in present))
-        )
-
-    def _path(self, frame: int) -> Path:
-        return self._root / printf_name(self._settings.pattern, frame - self._settings.frame_offset)
+        return digest_files(chain([("objects", self._table)], self._maps.parts()))
 
 
 @lru_cache(maxsize=2)
@@ -112,19 +105,15 @@ def _read_objects(path: Path, digest: str) -> tuple[dict[int, int], dict[int, In
             raise VfoaError(f"{where}: id: found {number}; expected a number from 1 to {LARGEST_ID} that occurs once")
         objects[number] = None
         if category:
+            with reported_as(where):
+                for word in filter(None, (category, name)):
+                    check_name(word)
             objects[number] = Instance(
                 id=small[number],
-                label=_checked(category, where),
+                label=category,
                 category_id=places[category],
                 is_thing=True,
                 score=1.0,
-                name=_checked(name, where) if name else None,
+                name=name or None,
             )
     return small, objects
-
-
-def _checked(name: str, where: str) -> str:
-    try:
-        return check_name(name)
-    except ValueError as error:
-        raise VfoaError(f"{where}: {error}") from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -48,16 +48,9 @@ class FileMatcher:
     Settings = FileMatcherSettings
 
     def __init__(self, settings: FileMatcherSettings, clip: Clip) -> None:
-        self._root = expand(settings.root, Path.cwd(), "stereo.root")
-        self._settings = settings
+        root = expand(settings.root, Path.cwd(), "stereo.root")
         check_printf(settings.pattern, "stereo.pattern")
-        self._frames = tuple(clip.frames)
-        missing = [number for number in self._frames if not self._path(number).is_file()]
-        if missing and not settings.partial:
-            raise VfoaError(
-                f"{self._path(missing[0])}: no such file; expected the disparity of frame {missing[0]} "
-                f"({len(missing)} of {len(self._frames)} frames are missing)"
-            )
+        self._maps = MapFiles(root, settings.pattern, clip.frames, what="disparity", partial=settings.partial)
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Read one frame's map.
@@ -67,22 +60,56 @@ class FileMatcher:
         VfoaError
             If it cannot be read, or its size is not the image's.
         """
-        path = self._path(frame.index)
+        path = self._maps.path(frame.index)
         disparity = read_disparity(path)
-        if disparity.shape != frame.left.shape[:2]:
-            raise VfoaError(
-                f"{path}: the map is {disparity.shape[1]} x {disparity.shape[0]} pixels, "
-                f"the left image {frame.rig.width_px} x {frame.rig.height_px}"
-            )
+        check_size(disparity.shape, frame, path)
         return Disparity(disparity_px=disparity)
 
     def digest(self) -> str:
         """Hexadecimal sha256 of every map."""
-        present = (number for number in self._frames if not self._settings.partial or self._path(number).is_file())
-        return digest_files((str(number), self._path(number)) for number in present)
+        return digest_files(self._maps.parts())
 
-    def _path(self, number: int) -> Path:
-        return self._root / printf_name(self._settings.pattern, number)
+
+class MapFiles:
+    """A map for each frame, in a file named by its number less ``offset``.
+
+    One that is missing is a :class:`VfoaError`, unless ``partial``: its message says ``what`` it is, and a ``hint``.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        pattern: str,
+        frames: Sequence[int],
+        *,
+        what: str,
+        partial: bool,
+        offset: int = 0,
+        hint: str = "",
+    ) -> None:
+        self._root, self._pattern, self._offset, self._partial = root, pattern, offset, partial
+        self._frames = tuple(frames)
+        missing = [] if partial else [number for number in self._frames if not self.path(number).is_file()]
+        if missing:
+            raise VfoaError(
+                f"{self.path(missing[0])}: no such file; expected the {what} of frame {missing[0]} "
+                f"({len(missing)} of {len(self._frames)} frames are missing{hint})"
+            )
+
+    def path(self, frame: int) -> Path:
+        """The file of a frame."""
+        return self._root / printf_name(self._pattern, frame - self._offset)
+
+    def parts(self) -> Iterator[tuple[str, Path]]:
+        """Each file that there is, with its frame, for a digest."""
+        paths = ((str(number), self.path(number)) for number in self._frames)
+        return ((number, path) for number, path in paths if not self._partial or path.is_file())
+
+
+def check_size(shape: tuple[int, ...], frame: StereoFrame, path: Path, what: str = "map is") -> None:
+    """Raise a :class:`VfoaError` if what a file holds has not the size of the left image."""
+    if shape != frame.left.shape[:2]:
+        raise VfoaError(f"{path}: the {what} {_size(shape)} pixels, the left image {_size(frame.left.shape)}")
 
 
 _Entry = TypeVar("_Entry", bound=Struct)
@@ -142,10 +169,7 @@ class CocoPanoptic:
         path = self._png / self._masks.files[frame.index]
         segments = self._masks.segments(frame.index)
         ids = _read_ids(path)
-        if ids.shape != frame.left.shape[:2]:
-            raise VfoaError(
-                f"{path}: the masks are {_size(ids.shape)} pixels, the left image {_size(frame.left.shape)}"
-            )
+        check_size(ids.shape, frame, path, "masks are")
         drawn = set(present_ids(ids).tolist()) - {0}
         if unknown := drawn - {segment.id for segment in segments}:
             raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
