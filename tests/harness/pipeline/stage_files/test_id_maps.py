@@ -9,8 +9,9 @@ import PIL.Image
 import pytest
 
 from harness.pipeline.stage_files.id_maps import IdMaps, IdMapsSettings
-from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from tests.disk import HEIGHT, WIDTH, stereo_pair_folder, write_image, write_text
+from harness.sources.stereo_folder import StereoFolderClip
+from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.pairs import open_pairs
 from vfoa.errors import VfoaError
 
 PALETTE = np.random.default_rng(1).integers(0, 256, (256, 3), dtype=np.uint8)
@@ -21,9 +22,7 @@ TABLE = "id,category,name\n7,person,\n9,robot,\n200,robot,pepper\n201,,\n"
 
 @pytest.fixture
 def clip(tmp_path: Path) -> StereoFolderClip:
-    camera = {"fx_px": 50, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
-    settings = StereoFolderSettings.model_validate({"left": "left", "right": "right", "camera": camera})
-    return StereoFolderClip(settings, stereo_pair_folder(tmp_path, (1, 2)))
+    return open_pairs(tmp_path, (1, 2))
 
 
 def _map() -> np.ndarray:

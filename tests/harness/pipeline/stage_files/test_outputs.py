@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings, FileMatcher, FileMatcherSettings
 from harness.sources.media.maps import read_disparity, read_pfm, relabel, small_ids
 from harness.sources.sintel import SintelClip, SintelSettings
-from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
+from harness.sources.stereo_folder import StereoFolderClip
 from tests.disk import (
     HEIGHT,
     WIDTH,
     sintel_disparity,
     sintel_scene,
-    stereo_pair_folder,
     write_bytes,
     write_image,
     write_text,
 )
+from tests.pairs import open_pairs
 from vfoa.errors import VfoaError
 
 CATEGORIES = [
@@ -42,9 +42,7 @@ SEGMENTS = [
 
 @pytest.fixture
 def clip(tmp_path: Path) -> StereoFolderClip:
-    camera = {"fx_px": 50, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
-    settings = StereoFolderSettings.model_validate({"left": "left", "right": "right", "camera": camera})
-    return StereoFolderClip(settings, stereo_pair_folder(tmp_path, (4, 7)))
+    return open_pairs(tmp_path, (4, 7))
 
 
 def _map() -> np.ndarray:
