@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 
 from harness.files.io import atomic_write, check_new, new_folder, replacing
-from harness.sources import Clip
+from harness.sources import Clip, LeftClip
 from harness.sources.media.images import encode_rgb
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame, StereoRig
@@ -87,14 +87,14 @@ def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Call
     check_new(path, replace=False)
     if (rate_hz := clip.rate_hz) is None:
         raise VfoaError("the clip does not know its rate; expected rate_hz in its manifest, under [source]")
-    height, width = clip.frame(frames[0]).left.shape[:2]
+    height, width = _left(clip, frames[0]).shape[:2]
     with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=_H264)
         stream.codec_context.time_base, stream.pix_fmt = _TICK_S, "yuv420p"
         stream.height, stream.width = height + height % 2, width + width % 2
         begin_ns = clip.time_ns(frames[0])
         for number in frames:
-            image = clip.frame(number).left
+            image = _left(clip, number)
             if image.shape[:2] != (height, width):
                 raise VfoaError(
                     f"frame {number} has another size than frame {frames[0]}; expected a folder, not a film"
@@ -105,6 +105,10 @@ def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Call
             film.mux(stream.encode(picture))
             progress()
         film.mux(stream.encode())
+
+
+def _left(clip: Clip, number: int) -> Image:
+    return clip.left(number) if isinstance(clip, LeftClip) else clip.frame(number).left
 
 
 def _views(frame: StereoFrame, *, with_right: bool) -> Iterator[tuple[str, Image]]:

@@ -21,7 +21,7 @@ from tests.disk import moving_picture, write_text
 from tests.exchanges import PlainClip
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
-from vfoa.types import StereoFrame
+from vfoa.types import Image, StereoFrame
 
 RIG = replace(make_rig(64, 48), fy_px=51.25, cx_right_px=30.1, baseline_m=0.0601)
 
@@ -118,6 +118,18 @@ def test_a_film_has_every_picture_at_its_time(tmp_path: Path) -> None:
         apart = {other: np.abs(found - moving_picture(other, 63, 47)).mean() for other in clip.frames}
         assert min(apart, key=lambda other: apart[other]) == number
         assert apart[number] < 4
+
+
+def test_a_film_needs_no_right_image(tmp_path: Path) -> None:
+    class OnlyLeft(Uneven):
+        def left(self, number: int) -> Image:
+            return moving_picture(number, 63, 47)
+
+        def frame(self, number: int) -> StereoFrame:
+            raise VfoaError("the right image is missing")
+
+    export_film(OnlyLeft(), tmp_path / "left.mp4", (2, 3))
+    assert len(Video(tmp_path / "left.mp4").frames) == 2
 
 
 def test_what_no_film_can_be_made_of_is_refused(tmp_path: Path) -> None:
