@@ -126,6 +126,10 @@ def _file_name(frame: int | None, inputs: Sequence[object]) -> str:
     return f"{name}-{content_digest(*inputs)}.bin"
 
 
+NOT_STORED = "not in the cache"
+"""Why outputs are computed of a stage that has others: new frames, other inputs, or files that were removed."""
+
+
 def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
     """Say why there are no outputs yet: how the most similar stored identity differs."""
     of_stage = [identity for identity in stored if identity["stage"] == parts["stage"]]
@@ -213,7 +217,7 @@ class Account:
                 "stage": total.identity.parts["stage"],
                 "reused": len(total.reused - total.computed),
                 "computed": len(total.computed),
-                "why": (total.absent or "missing or damaged") if total.computed else None,
+                "why": (total.absent or NOT_STORED) if total.computed else None,
             }
             for (clip, _), total in self._totals.items()
         ]

@@ -41,11 +41,11 @@ def plain(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDire
     return _run(experiment, tmp_path_factory.mktemp("runs") / "plain", None)
 
 
-def _run(experiment: Path, out: Path, store: Store | None, *overrides: str) -> RunDirectory:
+def _run(experiment: Path, out: Path, store: Store | None, *overrides: str, limit: int = FRAMES) -> RunDirectory:
     """A run that finds outputs of stages alone: scenes of an earlier run are removed from the cache."""
     if store:
         shutil.rmtree(store.stages / "scene", ignore_errors=True)
-    plan = prepare(load_experiment(str(experiment), overrides=overrides), limit=FRAMES)
+    plan = prepare(load_experiment(str(experiment), overrides=overrides), limit=limit)
     return run_plan(plan, out, workers=1, progress=lambda clip: None, cache=store)
 
 
@@ -77,6 +77,12 @@ def test_a_changed_setting_computes_its_stage_again_and_no_other(experiment: Pat
     assert set(changed.values()) == {(FRAMES, 0, None)}
 
 
+def test_frames_that_no_earlier_run_had_are_not_called_missing(experiment: Path, tmp_path: Path) -> None:
+    store = Store(tmp_path / "cache", 10**9)
+    _run(experiment, tmp_path / "first", store, limit=1)
+    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (1, FRAMES - 1, "not in the cache")
+
+
 def test_a_damaged_result_is_named_and_made_again(
     experiment: Path, plain: RunDirectory, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -86,7 +92,7 @@ def test_a_damaged_result_is_named_and_made_again(
     victim.write_bytes(victim.read_bytes()[:-7])
     second = _run(experiment, tmp_path / "second", store)
     assert f"{victim}: damaged; its result is computed again" in caplog.text
-    assert _uses(second)["stereo bm"] == (FRAMES - 1, 1, "missing or damaged")
+    assert _uses(second)["stereo bm"] == (FRAMES - 1, 1, "not in the cache")
     assert tables_of(second) == tables_of(plain)
     assert _uses(_run(experiment, tmp_path / "third", store))["stereo bm"] == (FRAMES, 0, None)
 
@@ -105,7 +111,7 @@ def test_beyond_the_limit_results_are_removed_and_computed_again(experiment: Pat
     store = Store(tmp_path / "cache", 1)
     _run(experiment, tmp_path / "first", store)
     assert list(store.stages.rglob("*.bin")) == []
-    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (0, FRAMES, "missing or damaged")
+    assert _uses(_run(experiment, tmp_path / "second", store))["stereo bm"] == (0, FRAMES, "not in the cache")
 
 
 def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
