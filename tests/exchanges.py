@@ -44,6 +44,28 @@ def row(first: int, last: int, target: str, subject: str = "girl", **more: Any) 
     return LabelRange(first_frame=first, last_frame=last, subject=subject, label=Label(target=target, **more))
 
 
+Box = tuple[float, float, float, float]
+
+
+def cvat_document(*elements: str, size: tuple[int, int] = (64, 48)) -> str:
+    width, height = size
+    return (
+        "<?xml version='1.0' encoding='utf-8'?>\n<annotations><version>1.1</version><meta><job><size>50</size></job>"
+        f"<original_size><width>{width}</width><height>{height}</height></original_size></meta>{''.join(elements)}"
+        "</annotations>"
+    )
+
+
+def cvat_box(frame: int, place: Box, *, key: bool = True, outside: bool = False, **attributes: str) -> str:
+    sides = " ".join(f'{name}="{value}"' for name, value in zip(("xtl", "ytl", "xbr", "ybr"), place, strict=True))
+    inside = "".join(f'<attribute name="{name}">{value}</attribute>' for name, value in attributes.items())
+    return f'<box frame="{frame}" keyframe="{key:d}" outside="{outside:d}" occluded="0" {sides}>{inside}</box>'
+
+
+def cvat_track(label: str, *shapes: str, number: int = 0) -> str:
+    return f'<track id="{number}" label="{label}" source="manual">{"".join(shapes)}</track>'
+
+
 NOTES = st.text("ab,;'\"#<&>é漢 ", max_size=8).map(lambda text: " ".join(text.split()))
 POINTS = st.none() | st.tuples(*[st.floats(0, 4096, allow_nan=False)] * 2)
 TAGS = st.sets(st.sampled_from(["child", "far", "x-1.5"])).map(sorted).map(tuple)

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from harness.annotate.clip_stores import open_store, undo_command
+from harness.annotate.clip_stores import undo_command
+from harness.annotate.history import History
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
+from harness.labels.drawn_shapes import Drawn
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat, own_format
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import (
@@ -79,23 +81,52 @@ def import_labels(
         if (own := own_format(source)) in (None, name):
             raise
         raise VfoaError(f"{error} (by its name, a file of --format {own})") from None
-    if not imported.labels.ranges:
+    if not imported.labels.ranges and not imported.drawn.tracks:
         raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
+    _check_size(imported, manifest, source)
     new, notes = imported.labels, list(imported.notes)
     if confirm:
         new = Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in new.ranges)
     if suggested := sum(row.label.is_suggested for row in new.ranges):
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
-    with closing(open_store(manifest, annotator, exchange.timeline)) as store:
-        given = {subject: sum(mark is not None for mark in store.track(subject)) for subject in new.subjects}
-        taken = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
-        if taken and not replace:
-            present = manifest.annotations.find(annotator) or place  # it may have come with the program
-            raise VfoaError(f"{present}: has labels of {taken} already; expected --replace, or another --annotator")
-        store.put_labels(new, new.subjects)
-    if taken:
-        notes.append(f"{place}: replaced the labels of {taken}; {undo_command(manifest, annotator)} brings them back.")
-    return Imported(labels=new, notes=tuple(notes))
+    with closing(History(manifest, annotator, exchange.timeline)) as history:
+        for path, taken in _taken(history, new, imported.drawn).items():
+            if not replace:
+                present = (
+                    manifest.annotations.find(annotator) if path == place else path
+                )  # it may come with the program
+                raise VfoaError(f"{present or path}: has {taken} already; expected --replace, or another --annotator")
+            notes.append(f"{path}: replaced the {taken}; {undo_command(manifest, annotator)} brings them back.")
+        for shape in imported.drawn.tracks:
+            history.drawing.put_shape(shape)
+        if new.ranges:
+            history.labels.put_labels(new, new.subjects)
+    return replace_fields(imported, labels=new, notes=tuple(notes))
+
+
+def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> None:
+    """Reject shapes that were drawn on images of another size than the clip's, or of a clip without images."""
+    if not imported.drawn.tracks:
+        return
+    clip = manifest.open_images()
+    rig = clip.frame(clip.frames[0]).rig
+    own = (rig.width_px, rig.height_px)
+    if imported.size_px is not None and imported.size_px != own:
+        found, expected = (f"{width} x {height}" for width, height in (imported.size_px, own))
+        raise VfoaError(
+            f"{source}: has shapes in images of {found} pixels; expected {expected}, the clip's rectified left images "
+            f"(vfoa clips export {manifest.name} FOLDER writes them)"
+        )
+
+
+def _taken(history: History, labels: Labels, drawn: Drawn) -> dict[Path, str]:
+    """What an import replaces, in words by file: labels of its subjects, and shapes."""
+    given = {subject: sum(mark is not None for mark in history.labels.track(subject)) for subject in labels.subjects}
+    subjects = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
+    present = {(track.name, track.kind) for track in history.drawing.content().tracks}
+    shapes = ", ".join(f"{each.kind} of {each.name}" for each in drawn.tracks if (each.name, each.kind) in present)
+    found = {history.labels.path: subjects and f"labels of {subjects}", history.drawing.path: shapes}
+    return {path: words for path, words in found.items() if words}
 
 
 def export_labels(

@@ -121,10 +121,13 @@ class DrawingStore(JournaledStore[Drawn]):
         """Apply a person's action. Raises as :meth:`commit`, or if a name, a position or a place is wrong."""
         self._check(draw)
         before = self._tracks.get((draw.name, draw.kind), ())
-        after = _changed(before, self.frames[draw.at], draw)
-        if after != before:
-            change = {"name": draw.name, "kind": draw.kind, "before": _plain(before), "after": _plain(after)}
-            self.commit({"draw": change})
+        self._put(draw.name, draw.kind, _changed(before, self.frames[draw.at], draw))
+
+    def put_shape(self, shape: KeyedShape) -> None:
+        """Draw a whole shape, in place of one of the same name and kind; one step. Raises as :meth:`commit`."""
+        others = [kind for name, kind in self._tracks if name == shape.name]
+        check_kind(shape.name, shape.kind, self.subjects, others, str(self.path))
+        self._put(shape.name, shape.kind, shape.keys)
 
     def tracks(self) -> list[list[Any]]:
         """The drawing as JSON: name, kind and key frames of each track."""
@@ -134,6 +137,11 @@ class DrawingStore(JournaledStore[Drawn]):
         """Replace the drawing after a change of targets; this is no step. Raises as :meth:`commit`."""
         if tracks != self.tracks():
             self.commit({"set": tracks})
+
+    def _put(self, name: str, kind: Kind, after: Keys) -> None:
+        before = self._tracks.get((name, kind), ())
+        if after != before:
+            self.commit({"draw": {"name": name, "kind": kind, "before": _plain(before), "after": _plain(after)}})
 
     def _check(self, draw: Draw) -> None:
         names = [*self.targets, *self.subjects]

@@ -54,7 +54,7 @@ def import_(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="boris, csv, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: as the "
+            help="boris, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: as the "
             "file's name says (.boris, .eaf, .opf, .TextGrid).",
         ),
     ] = None,
@@ -82,7 +82,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help='What names targets. BORIS, Observer: set of modifiers, "none": leave modifiers out. Datavyu: code.',
+            help='What names targets. BORIS, Observer: set of modifiers, "none": leave modifiers out. Datavyu: code. '
+            "CVAT: attribute.",
         ),
     ] = None,
     confirm: Annotated[
@@ -111,7 +112,10 @@ def import_(
     imported = import_labels(file, name, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
         say(f"- {note}", err=True)
-    say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+    if imported.labels.ranges:
+        say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+    if imported.drawn.tracks:
+        say(f"{manifest.annotations.place_drawn()}: {imported.drawn.counts}")
 
 
 @app.command(name="export", short_help="Write labels, or a run's predictions, for another program.")
@@ -178,8 +182,7 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
             counts = ", ".join(f"{subject} {len(labels.of(subject))}" for subject in labels.subjects) or "no ranges"
             say(f"{manifest.annotations.place(name)}: {counts}")
     if drawn is not None:
-        counts = ", ".join(f"{track.name} ({track.kind}) {len(track.keys)}" for track in drawn.tracks) or "nothing"
-        say(f"{manifest.annotations.place_drawn()}: {counts}")
+        say(f"{manifest.annotations.place_drawn()}: {drawn.counts}")
 
 
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")

@@ -89,6 +89,11 @@ class Drawn:
         """The names of all drawn shapes, each once."""
         return tuple(dict.fromkeys(track.name for track in self.tracks))
 
+    @property
+    def counts(self) -> str:
+        """The number of key frames of each shape, in words."""
+        return ", ".join(f"{track.name} ({track.kind}) {len(track.keys)}" for track in self.tracks) or "nothing"
+
     def at(self, frame: int) -> list[tuple[KeyedShape, Place]]:
         """The tracks that are visible in a frame, each with its place there."""
         return [(track, place) for track in self.tracks if (place := track.at(frame)) is not None]

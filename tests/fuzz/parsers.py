@@ -118,6 +118,11 @@ def _labels(name: str) -> Read:
     return lambda path: FORMATS.load(name)().read(path, exchange())
 
 
+def _shapes(path: Path) -> Any:
+    read = FORMATS.load("cvat")().read(path, exchange())
+    return [read.drawn.at(frame) for frame in range(12)]
+
+
 def _ids(path: Path) -> object:
     return IdMaps(IdMapsSettings(root=str(path.parent), objects=path.name, partial=True), PlainClip())
 
@@ -143,6 +148,7 @@ PARSERS: Sequence[Parser] = (
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),
+    Parser("CVAT", "theirs.xml", whole.CVAT, _shapes),
     Parser("Observer log", "theirs.txt", whole.OBSERVER, _labels("observer")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),

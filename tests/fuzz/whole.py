@@ -20,7 +20,7 @@ from harness.labels.labels import Labels
 from harness.run.fitted import FittedWeights, MethodScore, fitted_text
 from tests import calibrations, depth_recordings
 from tests.disk import labels_text, moving_picture, picture, write_bytes, write_image
-from tests.exchanges import exchange, row
+from tests.exchanges import cvat_box, cvat_document, cvat_track, exchange, row
 from tests.harness.damage import project
 from tests.measured import measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
@@ -90,6 +90,19 @@ DATAVYU = (
 OBSERVER = (
     "Time_Relative_sf,Observation,Subject,Behavior,Modifier_1,Event_Type,Comment\n"
     "0.1,talk,girl,bird,,State start,so\n0.4,talk,girl,nods,,Point,\n0.9,talk,girl,bird,,State stop,\n"
+)
+CVAT = (
+    cvat_document(
+        cvat_track(
+            "bird", cvat_box(0, (4, 4, 20, 20)), cvat_box(9, (8, 4, 24, 20)), cvat_box(10, (8, 4, 24, 20), outside=True)
+        ),
+        cvat_track("girl_head", cvat_box(0, (30, 4, 40, 14), looks_at="bird"), '<points frame="1" points="3,4;5,6"/>'),
+    ),
+    cvat_document(
+        '<image id="0" name="a/1.jpg" width="64" height="48"><polygon label="cup" points="1,2;9,3;4,12.5"/></image>',
+        '<image id="1" name="a/2.jpg" width="64" height="48"><ellipse label="cup" cx="9" cy="8" rx="3" ry="2"/>'
+        "</image>",
+    ),
 )
 
 BORIS_PROJECT = (

@@ -64,6 +64,7 @@ FORMATS = Registry(
     builtin={
         "boris": "harness.labels.formats.boris:Boris",
         "csv": "harness.labels.formats:AnnotationCsv",
+        "cvat": "harness.labels.formats.cvat:Cvat",
         "datavyu": "harness.labels.formats.datavyu:Datavyu",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",

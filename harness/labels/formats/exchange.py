@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
 
+from harness.labels.drawn_shapes import Drawn
 from harness.labels.labels import (
     IGNORED,
     RESERVED,
@@ -35,10 +36,16 @@ _LARGEST = 1e10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """Labels that were read, and a note for everything in the file that they do not hold."""
+    """Labels that were read, and a note for everything in the file that they do not hold.
+
+    ``drawn`` are the shapes of a file that has some, drawn on images of the (width, height) ``size_px`` where the file
+    says it.
+    """
 
     labels: Labels
     notes: tuple[str, ...] = ()
+    drawn: Drawn = field(default_factory=Drawn)
+    size_px: tuple[int, int] | None = None
 
 
 class ReadOnly:
@@ -125,7 +132,7 @@ class Exchange:
         In BORIS and The Observer XT: the observation to read, if a file has several.
     modifier
         What names the targets. In BORIS and The Observer XT: the set of modifiers, "none" for behaviours with
-        modifiers that do not count. In Datavyu: the code, of columns with several.
+        modifiers that do not count. In Datavyu: the code, of columns with several. In CVAT: the attribute.
     """
 
     timeline: Timeline

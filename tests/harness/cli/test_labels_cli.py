@@ -15,6 +15,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
 from tests.command import vfoa
 from tests.disk import labels_text, write_text
+from tests.exchanges import cvat_box, cvat_document, cvat_track
 from tests.measured import MANIFEST, measured_tables, true_labels
 from tests.repository import REPOSITORY, copy_clip
 
@@ -109,6 +110,40 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     code, out, _ = vfoa(monkeypatch, capsys, "labels", "undo", CLIP)
     assert (code, out) == (0, f"{own}: labels of anna undone\n")
     assert own.read_text().splitlines()[2:] == theirs
+
+
+def test_shapes_of_another_program_are_drawn_on_the_clip(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CVAT's boxes become drawn shapes, and its attribute labels, beside those that are there."""
+    drawn, own = folder / "annotations" / f"{CLIP}.drawn.csv", folder / "annotations" / f"{CLIP}@new.csv"
+    frame = load_manifest(CLIP).open_images().frame(1)
+    size = (frame.rig.width_px, frame.rig.height_px)
+
+    def written(left: int, size: tuple[int, int], **looks: str) -> Path:
+        boxes = [cvat_box(at, (left, 5, left + 20, 30), **looks) for at in range(3)]
+        return write_text(folder / "annotations.xml", cvat_document(cvat_track("anna", *boxes), size=size))
+
+    words = ("labels", "import", str(written(10, size, looks_at="bear")), "--clip", CLIP, "--format", "cvat")
+    words = (*words, "--annotator", "new")
+    code, out, _ = vfoa(monkeypatch, capsys, *words)
+    assert (code, out) == (0, f"{own}: 1 ranges of anna\n{drawn}: anna (box) 3\n")
+    first = drawn.read_text()
+    assert first.splitlines()[2:] == [f"{at},anna,box,9.5,4.5,29.5,29.5," for at in (1, 2, 3)]
+    assert own.read_text().splitlines()[2:] == ["1,3,anna,bear,"]
+    written(40, size)
+    code, _, said = vfoa(monkeypatch, capsys, *words)
+    assert (code, said.count("\n"), drawn.read_text()) == (2, 1, first)
+    assert said.startswith(f"vfoa: {drawn}: has box of anna already")
+    assert vfoa(monkeypatch, capsys, *words, "--replace")[0] == 0
+    assert "1,anna,box,39.5," in drawn.read_text()
+    assert own.read_text().splitlines()[2:] == ["1,3,anna,bear,"]
+    assert vfoa(monkeypatch, capsys, "labels", "undo", CLIP, "--annotator", "new")[0] == 0
+    assert drawn.read_text() == first
+    written(70, (size[0] // 2, size[1]))
+    code, _, said = vfoa(monkeypatch, capsys, *words, "--replace")
+    assert (code, said.count("\n"), drawn.read_text()) == (2, 1, first)
+    assert f"{size[0] // 2} x {size[1]}" in said
 
 
 @pytest.fixture

@@ -1,0 +1,215 @@
+"""The shapes in a file of CVAT: "CVAT for video 1.1", a track for each object, or "CVAT for images 1.1".
+
+<annotations>
+  <meta><task><original_size><width>, <height>        or <job> in place of <task>; in newer files beside it
+  <track id="0" label="robot">
+    <box frame="0" keyframe="1" outside="0" xtl="411.8" ytl="200.5" xbr="498.0" ybr="301.5">
+      <attribute name="looks_at">cup
+  <image id="0" name="left/00001.jpg" width height>
+    <box label="robot" xtl ytl xbr ybr>
+
+A track is written at every frame; ``keyframe`` are those that a person set, and between them a box without rotation
+moves linearly. Frames of tracks are those of the film, from 0, or places of images in the task. Coordinates begin at
+the corner of a pixel: the middle of the first one is 0.5.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_xml
+from harness.labels.drawn_shapes import Place
+from vfoa.errors import VfoaError
+
+LEFT_OUT = ("skeleton", "cuboid")
+"""Shapes that have no box of their own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """A shape in one frame, by its number in the task, or in one image.
+
+    ``place`` are the pixels of its box, or of its only point, in pixels as in :mod:`harness.labels.drawn_shapes`.
+    ``is_needed``: it is not known from those before and after it.
+    """
+
+    at: int | str
+    place: Place
+    is_needed: bool
+    is_outside: bool
+    attributes: Mapping[str, str]
+    where: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CvatTrack:
+    """The shapes of one object; ``number`` is empty for one of images, which is known by its label and attributes."""
+
+    label: str
+    number: str
+    shapes: list[Shape]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CvatFile:
+    """The tracks of a file, the names of its images, if it has them, and their size (width, height), where it is known.
+
+    ``left_out`` is the number of skeletons and cuboids.
+    """
+
+    tracks: list[CvatTrack]
+    images: list[str]
+    size_px: tuple[int, int] | None
+    left_out: int
+
+    def ats(self) -> Collection[int | str]:
+        """The frames, or images, that the file says something of."""
+        return dict.fromkeys([*self.images, *(shape.at for track in self.tracks for shape in track.shapes)])
+
+
+def read_cvat(path: Path, name_of: Callable[[Mapping[str, str]], str]) -> CvatFile:
+    """Read a file. ``name_of`` gives the name in a shape's attributes, which tells shapes of images with one label.
+
+    Raises
+    ------
+    VfoaError
+        If it is no such file, or a shape's number is missing or is none: file, track or image, found, expected.
+    """
+    data = read_bytes(path)
+    if data.startswith(b"PK"):
+        raise VfoaError(f"{path}: a ZIP archive; expected the annotations.xml in it: unpack it first")
+    root = parse_xml(data, path)
+    if root.tag != "annotations" or root.find("meta") is None:
+        raise VfoaError(
+            f"{path}: found <{root.tag}>; expected <annotations> with <meta>, as CVAT exports it "
+            "(CVAT for video 1.1, CVAT for images 1.1)"
+        )
+    images = [_text(image, "name", str(path)) for image in root.iter("image")]
+    if twice := [name for name, count in Counter(images).items() if count > 1]:
+        raise VfoaError(f"{path}: image {twice[0]} occurs {images.count(twice[0])} times; expected it once")
+    tracks = [*_tracks(root, path), *_of_images(root, name_of, path)]
+    left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag))
+    return CvatFile(tracks=tracks, images=images, size_px=_size(root, path), left_out=left_out)
+
+
+def _tracks(root: Element, path: Path) -> Iterator[CvatTrack]:
+    for element in root.iter("track"):
+        label, number = (_text(element, name, str(path)) for name in ("label", "id"))
+        where = f"{path}: track {number}"
+        shapes = [
+            _shape(shape, int(_number(shape, "frame", where)), f"{where}, frame {shape.get('frame')}")
+            for shape in element
+            if shape.tag in _PLACES
+        ]
+        yield CvatTrack(label=label, number=number, shapes=shapes)
+
+
+def _of_images(root: Element, name_of: Callable[[Mapping[str, str]], str], path: Path) -> Iterator[CvatTrack]:
+    """A track for each label and name."""
+    tracks: dict[tuple[str, str], list[Shape]] = {}
+    for image in root.iter("image"):
+        where = f"{path}: image {image.get('name')}"
+        for element in image:
+            if element.tag in _PLACES:
+                shape = _shape(element, _text(image, "name", where), where)
+                key = _text(element, "label", where), name_of(shape.attributes)
+                tracks.setdefault(key, []).append(shape)
+    for (label, _), shapes in tracks.items():
+        yield CvatTrack(label=label, number="", shapes=shapes)
+
+
+def _shape(element: Element, at: int | str, where: str) -> Shape:
+    is_linear = element.tag in ("box", "points") and not _number(element, "rotation", where, "0")
+    return Shape(
+        at=at,
+        place=tuple(round(coordinate - 0.5, 2) for coordinate in _PLACES[element.tag](element, where)),
+        is_needed=element.get("keyframe", "1") == "1" or not is_linear,
+        is_outside=element.get("outside") == "1",
+        attributes={each.get("name", ""): (each.text or "").strip() for each in element.iter("attribute")},
+        where=where,
+    )
+
+
+def _box(element: Element, where: str) -> Place:
+    u0, v0, u1, v1 = (_number(element, name, where) for name in ("xtl", "ytl", "xbr", "ybr"))
+    turn = math.radians(_number(element, "rotation", where, "0"))
+    half_u, half_v = (u1 - u0) / 2, (v1 - v0) / 2
+    across = half_u * abs(math.cos(turn)) + half_v * abs(math.sin(turn))
+    down = half_u * abs(math.sin(turn)) + half_v * abs(math.cos(turn))
+    return _about((u0 + u1) / 2, (v0 + v1) / 2, across, down)
+
+
+def _ellipse(element: Element, where: str) -> Place:
+    u, v, half_u, half_v = (_number(element, name, where) for name in ("cx", "cy", "rx", "ry"))
+    turn = math.radians(_number(element, "rotation", where, "0"))
+    across = math.hypot(half_u * math.cos(turn), half_v * math.sin(turn))
+    down = math.hypot(half_u * math.sin(turn), half_v * math.cos(turn))
+    return _about(u, v, across, down)
+
+
+def _mask(element: Element, where: str) -> Place:
+    left, top, width, height = (_number(element, name, where) for name in ("left", "top", "width", "height"))
+    return (left, top, left + width, top + height)
+
+
+def _points(element: Element, where: str) -> Place:
+    """The only point, or the box of several."""
+    pairs = [pair.split(",") for pair in _text(element, "points", where).split(";")]
+    if any(len(pair) != 2 for pair in pairs):
+        raise VfoaError(f"{where}: points: found {element.get('points', '')[:40]!r}; expected x,y;x,y")
+    across, down = ([_parsed(text, "points", where) for text in column] for column in zip(*pairs, strict=True))
+    return (across[0], down[0]) if len(pairs) == 1 else (min(across), min(down), max(across), max(down))
+
+
+_PLACES: Mapping[str, Callable[[Element, str], Place]] = {
+    "box": _box,
+    "ellipse": _ellipse,
+    "mask": _mask,
+    "points": _points,
+    "polygon": _points,
+    "polyline": _points,
+}
+"""How the place of each kind of shape is read."""
+
+
+def _about(u: float, v: float, across: float, down: float) -> Place:
+    return (u - across, v - down, u + across, v + down)
+
+
+def _size(root: Element, path: Path) -> tuple[int, int] | None:
+    """Width and height of the film, or of all images."""
+    sides = [(image.get("width", ""), image.get("height", "")) for image in root.iter("image")]
+    sides += [(size.findtext("width", ""), size.findtext("height", "")) for size in root.iter("original_size")]
+    where = str(path)
+    sizes = {(int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides)}
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise VfoaError(f"{path}: images of the sizes {listed}; expected those of one clip")
+    return next(iter(sizes), None)
+
+
+def _text(element: Element, name: str, where: str) -> str:
+    if (text := element.get(name)) is None:
+        raise VfoaError(f"{where}: a <{element.tag}> without {name}; expected it, as CVAT writes it")
+    return text
+
+
+def _number(element: Element, name: str, where: str, otherwise: str | None = None) -> float:
+    text = _text(element, name, where) if otherwise is None else element.get(name, otherwise)
+    return _parsed(text, name, where)
+
+
+def _parsed(text: str, name: str, where: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not abs(number) < 1e9:
+        raise VfoaError(f"{where}: {name}: found {text[:40]!r}; expected a number")
+    return number

@@ -1,0 +1,224 @@
+"""CVAT's tracks and images as drawn shapes, and an attribute of people as their looks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.labels.drawn_shapes import Drawn
+from harness.labels.formats.cvat import Cvat
+from harness.labels.formats.exchange import Imported
+from harness.labels.labels import Labels
+from tests.disk import write_text
+from tests.exchanges import Box, PlainClip, cvat_box, cvat_document, cvat_track, exchange, row
+from vfoa.errors import VfoaError
+
+FIRST, COUNT = 1, 50
+"""The clip's frames are 1 to 50; those of a task are 0 to 49."""
+
+
+def read(tmp_path: Path, *elements: str, **more: object) -> Imported:
+    return Cvat().read(
+        write_text(tmp_path / "annotations.xml", cvat_document(*elements)), exchange(PlainClip(), **more)
+    )
+
+
+def places(drawn: Drawn, frames: Sequence[int] = range(FIRST, FIRST + COUNT)) -> dict[tuple[str, str, int], Box]:
+    return {
+        (shape.name, shape.kind, frame): (place[0], place[1], place[-2], place[-1])
+        for frame in frames
+        for shape, place in drawn.at(frame)
+    }
+
+
+@st.composite
+def stretches(draw: st.DrawFn) -> dict[int, Box]:
+    """Key frames of one stretch in which an object is visible, at least two frames from the next stretch."""
+    coordinates = st.integers(0, 20)
+    keys = sorted(draw(st.sets(st.integers(0, COUNT - 1), min_size=1, max_size=4)))
+    u0, v0 = draw(coordinates), draw(coordinates)
+    return {at: (u0 + draw(coordinates), v0, u0 + 21 + draw(coordinates), v0 + 10) for at in keys}
+
+
+def _as_cvat_writes(keys: Mapping[int, Box], last: int, *, number: int, label: str) -> tuple[str, dict[int, Box]]:
+    """A track up to the frame ``last``, written at every frame, and its place in each."""
+    frames = dict(keys)
+    for before, after in pairwise(keys):
+        for at in range(before + 1, after):
+            share = (at - before) / (after - before)
+            frames[at] = tuple((1 - share) * a + share * b for a, b in zip(keys[before], keys[after], strict=True))
+    for at in range(max(keys) + 1, last + 1):
+        frames[at] = keys[max(keys)]
+    shapes = [cvat_box(at, frames[at], key=at in keys) for at in sorted(frames)]
+    if last + 1 < COUNT:
+        shapes.append(cvat_box(last + 1, frames[last], outside=True))
+    return cvat_track(label, *shapes, number=number), frames
+
+
+@given(st.lists(stretches(), min_size=1, max_size=3), st.booleans())
+def test_tracks_have_their_places_in_every_frame(
+    tmp_path_factory: pytest.TempPathFactory, drawn: list[dict[int, Box]], is_one_name: bool
+) -> None:
+    """Tracks of one name follow each other: those that would overlap are left out."""
+    elements, expected, end = [], dict[tuple[str, str, int], Box](), -1
+    for number, keys in enumerate(drawn):
+        name = "bird" if is_one_name else ("bird", "cup", "girl")[number]
+        if is_one_name and min(keys) <= end:
+            continue
+        end = min(max(keys) + number, COUNT - 1)
+        element, frames = _as_cvat_writes(keys, end, number=number, label=name)
+        elements.append(element)
+        for at, place in frames.items():
+            expected[name, "box", at + FIRST] = place
+    found = places(read(tmp_path_factory.mktemp("cvat"), *elements).drawn)
+    assert found.keys() == expected.keys()
+    for key, place in expected.items():
+        assert found[key] == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
+
+
+def test_only_key_frames_are_kept(tmp_path: Path) -> None:
+    element, _ = _as_cvat_writes({3: (0, 0, 10, 10), 20: (17, 0, 27, 10)}, 30, number=0, label="bird")
+    (shape,) = read(tmp_path, element).drawn.tracks
+    assert [(key.frame, key.outside) for key in shape.keys] == [(4, False), (21, False), (31, False), (32, True)]
+
+
+def test_a_person_s_attribute_has_the_looks(tmp_path: Path) -> None:
+    values = ["bird"] * 3 + ["none"] * 2 + ["__undefined__"] + ["cup"] * 2
+    shapes = [cvat_box(at, (0, 0, 9, 9), looks_at=value, mood="glad") for at, value in enumerate(values)]
+    imported = read(tmp_path, cvat_track("girl", *shapes, cvat_box(8, (0, 0, 9, 9), outside=True, looks_at="bird")))
+    assert imported.labels == Labels(
+        [row(1, 3, "bird"), row(4, 5, "none"), row(6, 6, "ignore", note="not labelled yet"), row(7, 8, "cup")]
+    )
+    assert {(name, kind) for name, kind, _ in places(imported.drawn)} == {("girl", "box")}
+
+
+def test_names_of_objects_and_heads(tmp_path: Path) -> None:
+    elements = [
+        cvat_track("cup", cvat_box(0, (0, 0, 5, 5)), number=3),
+        cvat_track("cup", cvat_box(0, (10, 0, 15, 5)), number=5),
+        cvat_track("head", cvat_box(0, (20, 0, 25, 5), name="girl"), number=6),
+        cvat_track("boy_head", cvat_box(0, (30, 0, 35, 5)), number=7),
+        cvat_track("boy", cvat_box(0, (30, 0, 40, 40)), number=8),
+        cvat_track("chair", cvat_box(0, (40, 0, 45, 5)), number=9),
+        cvat_track("face", cvat_box(0, (40, 0, 45, 5), name="bird"), number=10),
+    ]
+    with pytest.raises(VfoaError, match=r"track 5, frame 0.*cup#5"):
+        read(tmp_path, *elements)
+    imported = read(tmp_path, *elements[:6], renamed={"cup#5": "bird"})
+    assert {(name, kind) for name, kind, _ in places(imported.drawn)} == {
+        ("cup", "box"), ("bird", "box"), ("girl", "head"), ("boy", "head"), ("boy", "box")
+    }  # fmt: skip
+    assert [note for note in imported.notes if "chair#9" in note]
+    assert {(name, kind) for name, kind, _ in places(read(tmp_path, elements[6]).drawn)} == {("bird", "box")}
+
+
+def test_images_are_known_by_their_numbers(tmp_path: Path) -> None:
+    """Between images that are not in the file a shape moves on; it is gone from one that does not have it."""
+
+    def image(number: int, *shapes: str) -> str:
+        name = f'id="{number - 1}" name="left/{number:05d}.jpg" width="64" height="48"'
+        return f"<image {name}>{''.join(shapes)}</image>"
+
+    def shape(left: int, label: str = "bird") -> str:
+        sides = f'xtl="{left}" ytl="0" xbr="{left + 10}" ybr="10"'
+        return f'<box label="{label}" {sides}><attribute name="target">cup</attribute></box>'
+
+    with_shapes = {5: [shape(10)], 9: [shape(14), shape(30, "girl")], 20: [], 30: [shape(40)], 99: []}
+    imported = read(tmp_path, *(image(number, *shapes) for number, shapes in with_shapes.items()))
+    found = {frame: place[0] + 0.5 for (name, _, frame), place in places(imported.drawn).items() if name == "bird"}
+    assert [*found] == [*range(5, 20), *range(30, 51)]
+    assert (found[5], found[7], found[9], found[30]) == (10, 12, 14, 40)
+    assert imported.labels == Labels([row(9, 9, "cup")])
+    assert imported.size_px == (64, 48)
+
+
+@pytest.mark.parametrize(
+    ("element", "kind", "place"),
+    [
+        ('<box frame="0" rotation="90.0" xtl="10" ytl="20" xbr="30" ybr="24"/>', "box", (18, 12, 22, 32)),
+        ('<ellipse frame="0" cx="20" cy="20" rx="8" ry="3" rotation="30"/>', "box", None),
+        ('<mask frame="0" rle="4" left="3" top="4" width="5" height="6"/>', "box", (3, 4, 8, 10)),
+        ('<polygon frame="0" points="1.0,2.0;9.0,3.0;4.0,12.5"/>', "box", (1, 2, 9, 12.5)),
+        ('<polyline frame="0" points="1.0,2.0;9.0,3.0"/>', "box", (1, 2, 9, 3)),
+        ('<points frame="0" points="7.5,8.5"/>', "point", (7.5, 8.5, 7.5, 8.5)),
+    ],
+)
+def test_every_kind_of_shape(tmp_path: Path, element: str, kind: str, place: Box | None) -> None:
+    ((key, found),) = places(read(tmp_path, cvat_track("bird", element)).drawn, [1]).items()
+    assert key == ("bird", kind, 1)
+    if place is None:  # the widest and highest of the ellipse's points
+        turn, steps = math.radians(30), [math.radians(step / 10) for step in range(3600)]
+        across = max(8 * math.cos(at) * math.cos(turn) - 3 * math.sin(at) * math.sin(turn) for at in steps)
+        down = max(8 * math.cos(at) * math.sin(turn) + 3 * math.sin(at) * math.cos(turn) for at in steps)
+        place = (20 - across, 20 - down, 20 + across, 20 + down)
+    assert found == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
+
+
+def test_an_offset_is_in_seconds_of_the_film(tmp_path: Path) -> None:
+    element = cvat_track("bird", *(cvat_box(at, (at, 0, at + 9, 9)) for at in range(100)))
+    found = places(read(tmp_path, element, offset=1.0).drawn)
+    assert found["bird", "box", 1][0] == 25 - 0.5
+    assert found["bird", "box", 50][0] == 74 - 0.5
+
+
+@pytest.mark.parametrize(
+    ("elements", "words"),
+    [
+        ([cvat_track("horse", cvat_box(0, (0, 0, 9, 9)))], ["horse#0", "bird", "girl"]),
+        ([cvat_track("bird", cvat_box(0, (9, 0, 0, 9)), number=4)], ["track 4, frame 0"]),
+        ([cvat_track("bird", '<box frame="x"/>')], ["track 0", "frame", "'x'"]),
+        (
+            [cvat_track("bird", '<box frame="0" xtl="nan" ytl="0" xbr="1" ybr="1"/>')],
+            ["track 0, frame 0", "xtl", "'nan'"],
+        ),
+        ([cvat_track("bird", '<box frame="0" rotation="a" xtl="0" ytl="0" xbr="1" ybr="1"/>')], ["rotation", "'a'"]),
+        ([cvat_track("bird", '<polygon frame="0" points="1,2;3"/>')], ["points", "1,2;3"]),
+        (
+            [
+                cvat_track("bird", cvat_box(0, (0, 0, 9, 9))),
+                cvat_track("bird", '<points frame="1" points="1,2"/>', number=1),
+            ],
+            ["frame 1"],
+        ),
+        ([cvat_track("girl", cvat_box(0, (0, 0, 9, 9), looks_at="horse"))], ["'horse'"]),
+        (
+            [cvat_track("girl", cvat_box(0, (0, 0, 9, 9), looks_at="cup", target="cup"))],
+            ["looks_at, target", "--modifier"],
+        ),
+        (
+            [
+                cvat_track("girl", cvat_box(0, (0, 0, 9, 9), target="cup")),
+                cvat_track("girl_head", cvat_box(0, (0, 0, 9, 9), target="bird"), number=1),
+            ],
+            ["track 1, frame 0", "'bird'", "'cup'"],
+        ),
+        (['<image id="0" name="a.png" width="8" height="8"/>'], ["64 x 48", "8 x 8"]),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_place(tmp_path: Path, elements: list[str], words: list[str]) -> None:
+    with pytest.raises(VfoaError) as error:
+        read(tmp_path, *elements)
+    assert str(error.value).startswith(str(tmp_path / "annotations.xml"))
+    assert [word for word in words if word not in str(error.value)] == []
+
+
+@pytest.mark.parametrize("content", [b"PK\x03\x04", b"<annotation><folder/></annotation>", b"{}", b""])
+def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "annotations.xml"
+    path.write_bytes(content)
+    with pytest.raises(VfoaError, match=str(path)):
+        Cvat().read(path, exchange())
+
+
+def test_the_documents_are_xml() -> None:
+    assert (
+        ElementTree.fromstring(cvat_document(cvat_track("bird", cvat_box(0, (0, 0, 1, 1), a="b"))).encode()).tag
+        == "annotations"
+    )
