@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 THINGS: dict[int, str] = {
     1: "person", 2: "bicycle", 3: "car", 4: "motorcycle", 5: "airplane", 6: "bus", 7: "train", 8: "truck",
     9: "boat", 10: "traffic light", 11: "fire hydrant", 13: "stop sign", 14: "parking meter", 15: "bench",
@@ -37,3 +39,13 @@ THING_IDS: tuple[int, ...] = tuple(THINGS)
 
 STUFF_IDS: tuple[int, ...] = tuple(STUFF)
 """COCO's own number of the i-th stuff class, counted from 0."""
+
+_FIRST_OTHER = 1001
+"""Number of the first label that is not in COCO."""
+
+
+def category_ids(labels: Iterable[str]) -> dict[str, int]:
+    """The number of each of these labels: COCO's, or another one of its own; and those of all COCO's things."""
+    coco = {label: number for number, label in THINGS.items()}
+    others = sorted({*labels} - coco.keys())
+    return {**coco, **{label: number for number, label in enumerate(others, start=_FIRST_OTHER)}}

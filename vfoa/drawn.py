@@ -153,11 +153,7 @@ class DrawnShapes:
         for _, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
             ids[placed.window][mask] = placed.instance_id
         names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
-        lost = {
-            instance.id
-            for instance in instances.instances
-            if instance.id not in names and _drawn_over(instance, instances.ids, ids)
-        }
+        lost = covered_things(instances, ids) - names.keys()
         ids[np.isin(ids, list(lost))] = 0
         kept = [instance for instance in instances.instances if instance.id not in lost]
         named = [replace(instance, name=names.get(instance.id, instance.name)) for instance in kept]
@@ -251,10 +247,14 @@ def _overlap(mask: Mask, box_px: Float) -> float:
     return box_iou(extent, box_px)
 
 
-def _drawn_over(instance: Instance, before: NDArray[np.uint16], after: NDArray[np.uint16]) -> bool:
-    """Whether a thing of the model lost half of its pixels to drawn shapes; stuff is kept, since things stand on it."""
-    had, has = (int(np.count_nonzero(ids == instance.id)) for ids in (before, after))
-    return instance.is_thing and had > 0 and has <= (1 - SAME_OBJECT) * had
+def covered_things(instances: Instances, ids: NDArray[np.uint16]) -> set[int]:
+    """The ids of a model's things that lose half of their pixels where ``ids`` (H, W) has other objects.
+
+    They were the same objects, under another label. Stuff is kept, since things stand on it.
+    """
+    had, has = (np.bincount(each.ravel(), minlength=2**16) for each in (instances.ids, ids))
+    things = (instance.id for instance in instances.instances if instance.is_thing)
+    return {number for number in things if had[number] > 0 and has[number] <= (1 - SAME_OBJECT) * had[number]}
 
 
 def _instance(placed: PlacedShape) -> Instance:

@@ -12,14 +12,11 @@ from harness.clips.manifest import ClipManifest
 from harness.labels.drawn_shapes import Drawn, Kind, format_drawn
 from harness.pipeline.configuration import DRAWN, Configuration
 from harness.sources import Clip
-from vfoa.coco import THINGS
+from vfoa.coco import category_ids
 from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
-
-_FIRST_CATEGORY = 1001
-"""Number of the first label that is not in COCO."""
 
 
 class NothingToSet(Settings):
@@ -96,9 +93,7 @@ class DrawnClip:
 
     @property
     def _category_ids(self) -> dict[str, int]:
-        coco = {label: number for number, label in THINGS.items()}
-        others = sorted({*self.categories.values()} - coco.keys())
-        return {**coco, **{label: number for number, label in enumerate(others, start=_FIRST_CATEGORY)}}
+        return category_ids(self.categories.values())
 
 
 def check_drawn(name: str, drawn: Drawn | None, configuration: Configuration) -> None:

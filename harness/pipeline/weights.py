@@ -361,7 +361,7 @@ def missing_weights(choices: Iterable[StageChoice], beside: Iterable[StageChoice
     need_face = any(STAGES[choice.slot].needs_face(choice) for choice in (*choices, *beside))
     instead = []
     for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in without):
-        ready = ready_stages(STAGES[slot])
+        ready = [] if name in STAGES[slot].of_clip else ready_stages(STAGES[slot])
         if slot == "heads" and need_face:
             ready = [stage for stage in ready if STAGES[slot].finds_faces(stage.name)]
         # the same stage with other weights, else another network, else any

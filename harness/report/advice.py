@@ -65,6 +65,8 @@ class _Run:
 
 
 def _no_subject(run: _Run) -> Iterator[str]:
+    if set(run.values("segmentation", "people")) == {"none"}:
+        yield "people need masks, too: let a segmenter find them (--set segmentation.people=rf_detr_seg)"
     yield "check the subject's rule in the manifest ([subjects.NAME])"
     if run.has_images:
         yield f"see which heads were found ({run.view} --failures)"

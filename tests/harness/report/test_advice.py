@@ -40,6 +40,16 @@ def _methods(folder: Path) -> list[Path]:
     ]
 
 
+def _maps(folder: Path) -> Path:
+    """An experiment with masks of another program."""
+    stages = 'stereo.matcher = "bm"\nsegmentation = { model = "id_maps", root = "masks" }\nheads.detector = "yunet"\n'
+    return write_text(
+        folder / "maps.toml",
+        f'clips = ["studio_table"]\n[defaults]\n{stages}head_pose.model = "none"\ngaze.model = "truth"\n'
+        '[[configuration]]\nname = "own"\n',
+    )
+
+
 @pytest.fixture(autouse=True)
 def _no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in ("VFOA_DATA", "VFOA_MODELS"):
@@ -57,7 +67,7 @@ def _experiments(folder: Path) -> list[tuple[str, str | None]]:
     return [
         *((name, None) for name in names("experiments")),
         *presets,
-        *((str(path), None) for path in _methods(folder)),
+        *((str(path), None) for path in (*_methods(folder), _maps(folder))),
     ]
 
 
@@ -85,6 +95,7 @@ def test_every_option_that_is_advised_is_taken(tmp_path: Path) -> None:
                 changed = _load(name, preset=preset, overrides=(option,))
                 assert _plain(changed, name) != configurations, (name, error_type, option)
     assert len(advised) >= 7
+    assert "segmentation.people=rf_detr_seg" in advised
 
 
 def test_a_run_without_recordings_is_not_viewed_before_there_are_some() -> None:

@@ -7,12 +7,19 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from harness.pipeline.stage_files.id_maps import IdMaps, IdMapsSettings
+from harness.pipeline.stage_files.id_maps import IdMaps, IdMapsSettings, with_people
 from harness.sources.stereo_folder import StereoFolderClip
+from tests import graphs
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.pairs import open_pairs
 from vfoa.errors import VfoaError
+from vfoa.segmentation.rf_detr_seg import RfDetrSeg
+from vfoa.types import Instance, Instances
+from vfoa.weights import weights_of
 
 PALETTE = np.random.default_rng(1).integers(0, 256, (256, 3), dtype=np.uint8)
 PALETTE[9] = PALETTE[7]
@@ -60,8 +67,8 @@ def test_every_kind_of_map_holds_the_same_objects(clip: StereoFolderClip, tmp_pa
     assert np.array_equal(found.ids, np.where(_map() == 201, 0, _map()))
     assert [(each.id, each.label, each.category_id, each.name) for each in found.instances] == [
         (7, "person", 1, None),
-        (9, "robot", 2, None),
-        (200, "robot", 2, "pepper"),
+        (9, "robot", 1001, None),
+        (200, "robot", 1001, "pepper"),
     ]
 
 
@@ -133,3 +140,75 @@ def test_a_picture_of_colours_is_no_map(clip: StereoFolderClip, tmp_path: Path) 
     write_image(tmp_path / "00001.png", PALETTE[_map()])
     with pytest.raises(VfoaError, match=r"00001\.png: found shape .*palette"):
         _segmenter(clip, tmp_path, partial=True).segment(clip.frame(1))
+
+
+def _instance(number: int, label: str) -> Instance:
+    return Instance(id=number, label=label, category_id=1, is_thing=True, score=0.9)
+
+
+def test_people_of_another_segmenter_fill_what_the_maps_leave_free() -> None:
+    """A person behind an object keeps the rest; one who is hidden by half is an object of the maps."""
+    objects = Instances(
+        ids=np.array([[1, 1, 0, 0, 0, 0, 3, 3]], np.uint16), instances=(_instance(1, "robot"), _instance(3, "cup"))
+    )
+    found = Instances(
+        ids=np.array([[0, 1, 1, 1, 2, 4, 4, 4]], np.uint16),
+        instances=(_instance(1, "person"), _instance(2, "cup"), _instance(4, "person")),
+    )
+    both = with_people(objects, found)
+    assert both.ids.tolist() == [[1, 1, 2, 2, 0, 0, 3, 3]]
+    assert both.ids.dtype == np.uint16
+    assert [(each.id, each.label, each.score) for each in both.instances] == [
+        (1, "robot", 0.9), (3, "cup", 0.9), (2, "person", 0.9)
+    ]  # fmt: skip
+
+
+@given(
+    ids=arrays(np.uint16, (4, 6), elements=st.integers(0, 3)),
+    theirs=arrays(np.uint16, (4, 6), elements=st.integers(0, 5)),
+)
+def test_every_pixel_of_the_maps_stays(ids: np.ndarray, theirs: np.ndarray) -> None:
+    objects = Instances(ids=ids, instances=tuple(_instance(number, "cup") for number in (1, 2, 3)))
+    found = Instances(ids=theirs, instances=tuple(_instance(number, "person") for number in range(1, 6)))
+    both = with_people(objects, found)
+    assert np.array_equal(np.where(ids, both.ids, 0), ids)
+    names = {each.id: each.label for each in both.instances}
+    assert len(names) == len(both.instances)
+    free = (ids == 0) & (theirs > 0)
+    for number in range(1, 6):
+        mask = theirs == number
+        kept = 2 * np.count_nonzero(mask & free) > np.count_nonzero(mask)
+        values = {*both.ids[mask & free].tolist()}
+        assert len(values) <= 1
+        assert all((names.get(value) == "person") == kept for value in values)
+
+
+def test_a_network_finds_the_people(clip: StereoFolderClip, tmp_path: Path) -> None:
+    write_text(tmp_path / "ids.csv", TABLE)
+    for number in (1, 2):
+        _write(tmp_path / f"{number:05d}.png", np.where(_map() == 200, 200, 0))
+    one, other = (graphs.yolo_seg(tmp_path / f"{name}.onnx", np.full((1, 116, 9), name)) for name in (0.0, 1.0))
+    plain = _segmenter(clip, tmp_path)
+    with_network = _segmenter(clip, tmp_path, people="yolo_seg", weights=one)
+    assert [each.name for each in with_network.segment(clip.frame(1)).instances] == ["pepper"]
+    digests = {
+        each.digest() for each in (plain, with_network, _segmenter(clip, tmp_path, people="yolo_seg", weights=other))
+    }
+    assert len(digests) == 3
+    assert [*weights_of(IdMapsSettings(root="x"))] == []
+    assert [*weights_of(IdMapsSettings(root="x", people="yolo_seg", weights=one))] == [one]
+    own = IdMapsSettings(root="x", people="rf_detr_seg")
+    assert [*weights_of(own)] == [RfDetrSeg.Settings().weights]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"people": "yolo"}, "did you mean 'yolo_seg'"),
+        ({"weights": "a.onnx"}, "expected people"),
+        ({"people": "yolo_seg"}, "people = 'yolo_seg': weights: missing"),
+    ],
+)
+def test_a_wrong_segmenter_of_people_is_named(settings: dict[str, str], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        IdMapsSettings.model_validate({"root": "x", **settings})
