@@ -230,6 +230,7 @@ def describe(plan: Plan) -> RunManifest:
         If weights are missing: which, how to fetch them, and what would do instead.
     """
     configurations = plan.experiment.configurations
+    weights = locate_weights(plan.stages, _default_fetch(plan))  # before a stage of a clip opens them
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
     return RunManifest(
         experiment=plan.experiment.name,
@@ -241,9 +242,7 @@ def describe(plan: Plan) -> RunManifest:
         methods={configuration.name: _describe_method(configuration, plan.clips) for configuration in configurations},
         left_out_labels_sha256=_labels_of_fits(plan),
         factors={configuration.name: dict(configuration.factors) for configuration in configurations},
-        weights_sha256={
-            name: file_digest(path) for name, path in locate_weights(plan.stages, _default_fetch(plan)).items()
-        },
+        weights_sha256={name: file_digest(path) for name, path in weights.items()},
         versions=versions(),
         source_sha256=code_digest(plan.deciding_modules),
         **{"recording": None, **of_sinks},

@@ -30,7 +30,7 @@ from vfoa.segmentation import SEGMENTERS, Segmenter
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame
 from vfoa.validation import parse
-from vfoa.weights import locate, weights_of
+from vfoa.weights import weights_of
 
 
 class IdMapsSettings(KeyFrameSettings):
@@ -100,7 +100,6 @@ class IdMaps:
         if not self._table.is_file():
             raise VfoaError(f"{self._table}: no such file; expected what the maps' numbers are: id,category,name")
         self._small, self._objects = _read_objects(self._table, file_digest(self._table))
-        self._settings = settings
         self._people: Segmenter | None = None
         if settings.people != OFF:
             self._people = SEGMENTERS.load(settings.people)(settings.of_people())
@@ -136,10 +135,8 @@ class IdMaps:
         return Instances(ids=relabel(ids, self._small), instances=found)
 
     def digest(self) -> str:
-        """Hexadecimal sha256 of the table and every map, and of the segmenter that finds people."""
-        parts = chain([("objects", self._table)], self._maps.parts())
-        weights = [(name, locate(name)) for name in self._settings.used_weights]
-        files = digest_files(chain(parts, weights))
+        """Hexadecimal sha256 of the table and every map, and of the code of the segmenter that finds people."""
+        files = digest_files(chain([("objects", self._table)], self._maps.parts()))
         if self._people is None:
             return files
         code, versions = code_of(type(self._people).__module__)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from harness.clips.add import add_clip
@@ -23,6 +24,7 @@ from harness.run.runner import prepare, run_plan
 from harness.run.timings import read_timings
 from harness.sources.sintel import SintelClip
 from harness.studio import StudioClip
+from tests import graphs
 from tests.alley import write_experiment
 from tests.disk import picture, write_image, write_text
 from tests.drawn_clip import CLIP, DRAWN
@@ -30,6 +32,7 @@ from tests.experiments import BLOCKS, experiment_of
 from tests.measured import measured_tables
 from tests.records import tables_of
 from tests.repository import copy_clip
+from vfoa.errors import VfoaError
 
 FRAMES = 3
 ALLEY = """\
@@ -207,6 +210,36 @@ def test_what_decides_scenes_or_directions_is_perceived_again(
         for place in ("scenes", "directions")
     ]
     assert [one == other for one, other in keys] == [not scenes_too, scenes_too is None]
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> tuple[str, ...]:
+    """Settings that take maps of ids for masks."""
+    write_text(tmp_path / "ids.csv", "id,category\n1,cup\n")
+    height, width = picture(1).shape[:2]
+    for number in range(1, FRAMES + 1):
+        write_image(tmp_path / f"{number:05d}.png", np.zeros((height, width), np.uint8))
+    return ("segmentation.model=id_maps", f"segmentation.root={tmp_path}")
+
+
+def test_missing_weights_beside_maps_are_named_with_the_command_that_fetches_them(
+    alley: Path, maps: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path / "none"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "none"))
+    with pytest.raises(VfoaError, match=r"expected: vfoa models fetch rf-detr-seg-medium$"):
+        _run(alley, tmp_path / "run", None, *maps, "segmentation.people=rf_detr_seg")
+
+
+def test_other_weights_beside_maps_are_perceived_again(
+    alley: Path, maps: tuple[str, ...], tmp_path: Path, store: Store, read: list[int]
+) -> None:
+    """The network that finds people beside maps of ids has another content under the same name."""
+    words = (*maps, "segmentation.people=yolo_seg", f"segmentation.weights={tmp_path / 'people.onnx'}")
+    for runs, content in enumerate((0.0, 0.0, 1.0)):
+        graphs.yolo_seg(tmp_path / "people.onnx", np.full((1, 116, 9), content))
+        _run(alley, tmp_path / f"run{runs}", store, *words)
+    assert read == [1, 2, 3] * 2
 
 
 def _perceives_nothing(*_: object, **__: object) -> Any:

@@ -187,14 +187,11 @@ def test_a_network_finds_the_people(clip: StereoFolderClip, tmp_path: Path) -> N
     write_text(tmp_path / "ids.csv", TABLE)
     for number in (1, 2):
         _write(tmp_path / f"{number:05d}.png", np.where(_map() == 200, 200, 0))
-    one, other = (graphs.yolo_seg(tmp_path / f"{name}.onnx", np.full((1, 116, 9), name)) for name in (0.0, 1.0))
+    one = graphs.yolo_seg(tmp_path / "one.onnx", np.zeros((1, 116, 9)))
     plain = _segmenter(clip, tmp_path)
     with_network = _segmenter(clip, tmp_path, people="yolo_seg", weights=one)
     assert [each.name for each in with_network.segment(clip.frame(1)).instances] == ["pepper"]
-    digests = {
-        each.digest() for each in (plain, with_network, _segmenter(clip, tmp_path, people="yolo_seg", weights=other))
-    }
-    assert len(digests) == 3
+    assert plain.digest() != with_network.digest()
     assert [*weights_of(IdMapsSettings(root="x"))] == []
     assert [*weights_of(IdMapsSettings(root="x", people="yolo_seg", weights=one))] == [one]
     own = IdMapsSettings(root="x", people="rf_detr_seg")
