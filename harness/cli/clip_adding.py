@@ -1,0 +1,262 @@
+"""``vfoa clips add``: recognise recordings, write their manifests, and say what is missing for a table."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from harness.cli.options import Json
+from harness.cli.terminal import print_json, say
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from harness.clips.add import Added
+    from harness.pipeline.stage_files.other_programs import Part, Program
+    from harness.sources import Clip, MeasuredClip
+
+
+def add_clip(
+    path: Annotated[str, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name of the clip. Default: made from the path.")
+    ] = None,
+    adapter: Annotated[
+        str | None, typer.Option(metavar="ADAPTER", help="Adapter to read it with, where several can.")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting of the adapter, such as pass=final."),
+    ] = None,
+    calibration: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="Calibration file; give it twice for one file per camera.")
+    ] = None,
+    fx: Annotated[
+        float | None, typer.Option(metavar="PX", help="Of a rectified pair instead: focal length, pixels.")
+    ] = None,
+    cx: Annotated[float | None, typer.Option(metavar="PX", help="Column of the principal point, pixels.")] = None,
+    cy: Annotated[float | None, typer.Option(metavar="PX", help="Row of the principal point, pixels.")] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(
+            "--fov-deg",
+            metavar="DEGREES",
+            help="Instead of these three: horizontal field of view of one image, degrees (data sheet of the camera).",
+        ),
+    ] = None,
+    baseline: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Distance of the two cameras, metres; alone, it replaces the one of the calibration file.",
+        ),
+    ] = None,
+    subjects: Annotated[
+        list[str] | None, typer.Option("--subject", metavar="NAME", help="A person who looks; several: left to right.")
+    ] = None,
+    targets: Annotated[
+        list[str] | None,
+        typer.Option("--target", metavar="NAME[=CATEGORY]", help="What is looked at, such as mug=cup."),
+    ] = None,
+    openface: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="OpenFace 2's CSV of the left view: its heads and gazes.")
+    ] = None,
+    gaze3d: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="gaze3d's CSV of the left view: its heads and gazes.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Recognise the source at a path; write a manifest and an empty annotation file."""
+    from harness.clips.add import add_clip as add
+    from harness.files.parsing import parse_assignment
+    from harness.files.remote import is_address
+
+    if is_address(path):
+        raise VfoaError(
+            f"clips add: {path}: expected a path on this machine: add a copy there, then set `root` in the manifest to "
+            "the address"
+        )
+    source: dict[str, Any] = dict(parse_assignment(text, "pass=final") for text in overrides or ())
+    numbers = {"fx_px": fx, "cx_px": cx, "cy_px": cy, "baseline_m": baseline}
+    source |= _calibration(calibration, numbers, fov)
+    if openface is not None:
+        _check_images(Path(path), adapter, source, openface)
+    added = add(
+        Path(path),
+        name=name,
+        adapter=adapter,
+        source=source,
+        subjects=_names(subjects, "person"),
+        targets=_names(targets, None),
+        beside=_faces_experiment(openface, gaze3d),
+    )
+    if as_json:
+        print_json(asdict(added))
+    else:
+        _print(added)
+
+
+def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openface: Path) -> None:
+    """Check that a path can be read; for the film of one camera, say that OpenFace's table is a clip by itself."""
+    from harness.clips.add import recognise
+
+    try:
+        recognise(Path(os.path.abspath(path.expanduser())), adapter, source)
+    except VfoaError as error:
+        alone = shlex.join(["vfoa", "clips", "add", str(openface)])
+        raise VfoaError(f"{error}; or, for a film of one camera, a clip without images: {alone}") from None
+
+
+def _faces_experiment(
+    openface: Path | None, gaze3d: Path | None
+) -> Callable[[Added, Clip | MeasuredClip], dict[Path, str]] | None:
+    """Makes the experiment of a clip whose heads and gazes are those of another program; None without one."""
+    from harness.files.io import read_text
+    from harness.files.parsing import toml_value
+    from harness.pipeline.stage_files.other_programs import check_program, parts_in, read_part
+
+    if openface is None and gaze3d is None:
+        return None
+    if openface is not None and gaze3d is not None:
+        raise VfoaError("--openface and --gaze3d: found both; expected one of them")
+    program: Program = "gaze3d" if openface is None else "openface"
+    table = Path(os.path.abspath((openface or gaze3d or Path()).expanduser()))
+    check_program(table, program)
+
+    def experiment(added: Added, clip: Clip | MeasuredClip) -> dict[Path, str]:
+        if added.rig is None:
+            raise VfoaError(f"--{program}: expected a clip with images, found measurements")
+        parts = parts_in(table, program)
+        lines = [
+            f"# Heads, head poses and gazes of {program}, made by `vfoa clips add`",
+            f"clips = [{toml_value(added.name)}]",
+            "[[configuration]]",
+            f'name = "{program}"',
+            f'stereo.matcher = "{"sgbm" if added.has_right else "sensor"}"',
+            'segmentation.model = "rf_detr_seg"',
+            "drawn = { targets = true, heads = true }",
+        ]
+        keys: dict[Part, str] = {"heads": "detector", "head_pose": "model", "gaze": "model"}
+        for part, key in keys.items():
+            if part in parts or part == "heads":
+                read_part(table, program, part, clip.frames)  # for its errors
+                settings = {key: "files", "root": str(table.parent), "file": table.name}
+                settings |= {} if part == "heads" else {"heads": table.name}
+                cells = ", ".join(f"{name} = {toml_value(value)}" for name, value in settings.items())
+                lines.append(f"{part} = {{ {cells} }}")
+            else:
+                lines.append(f'{part}.{key} = "none"')
+        text = "\n".join(lines) + "\n"
+        path = Path.cwd() / "experiments" / f"{added.name}.toml"
+        if path.exists() and read_text(path) != text:
+            raise VfoaError(f"{path}: an experiment of this name exists; expected another name: --name NAME")
+        return {path: text}
+
+    return experiment
+
+
+def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov_deg: float | None) -> dict[str, Any]:
+    """The settings of a calibration given on the command line."""
+    files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
+    missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
+    baseline = {} if numbers["baseline_m"] is None else {"baseline_m": numbers["baseline_m"]}
+    if fov_deg is not None:
+        found = ["--calibration"] if files else [f"--{name}" for name in ("fx", "cx", "cy") if name not in missing]
+        if found:
+            raise VfoaError(f"--fov-deg and {' '.join(found)}: found both; expected one of them")
+        return {"camera": {"fov_deg": fov_deg, **baseline}}
+    if missing == ["fx", "cx", "cy"] or len(missing) == len(numbers):
+        return baseline | ({"calibration": files[0] if len(files) == 1 else files} if files else {})
+    if files:
+        raise VfoaError("--calibration and --fx --cx --cy: found both; expected one of them")
+    if missing and missing != ["baseline"]:
+        raise VfoaError(
+            f"--{missing[0]}: missing; expected all of --fx --cx --cy (or --fov-deg), and --baseline of a pair"
+        )
+    return {"camera": {name: value for name, value in numbers.items() if value is not None}}
+
+
+def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
+    """``NAME`` or ``NAME=CATEGORY`` as name -> category; by default the name itself, or ``category`` if given."""
+    parts = [text.partition("=") for text in given or ()]
+    return {name: own or category or name for name, _, own in parts}
+
+
+def _print(added: Added) -> None:
+    rate = added.rate_hz
+    say(f"{added.adapter}: {added.layout}")
+    say(f"  frames       {added.frames}, {added.first_frame} to {added.last_frame}")
+    say(f"  rate         {'not known' if rate is None else f'{rate:g} Hz'}")
+    _print_rig(added)
+    if added.has_depth:
+        say("  depth        measured; a run takes it with --set stereo.matcher=sensor")
+    for note in added.notes:
+        say(f"  note         {note}")
+    say(f"wrote {added.manifest}\nwrote {added.annotations}")
+    for line in _next_steps(added):
+        say(line)
+
+
+def _next_steps(added: Added) -> Iterator[str]:
+    """What is missing for a table, and the commands that add it, in the order in which they must run."""
+    from harness.labels.formats import FORMATS
+
+    if not added.subjects:
+        yield "missing for a table: people who look, things looked at, labels of who looks at what"
+        yield "next: the same command with names: people from left to right, things by the segmenter's category"
+        yield f"      {shlex.join(['vfoa', *sys.argv[1:]])} --subject anna --target mug=cup"
+        return
+    objects = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
+    yield f"missing for a table: {objects}labels of who looks at what"
+    yield f"next: vfoa clips check {added.name}"
+    if added.rig is None:  # there is nothing to see on the labelling page
+        own = added.adapter if added.adapter in FORMATS else "FORMAT"  # of the program that measured the heads
+        command = f"vfoa labels import FILE --clip {added.name} --format {own}"
+        yield f"next: write {added.annotations} (annotations/README.md), or {command}"
+    else:
+        yield f"next: vfoa annotate {added.name}"
+    options, fetch = _run_options(added)
+    if fetch:
+        yield f"next: {fetch}"
+    yield f"next: vfoa run {added.name}{options}"
+
+
+def _run_options(added: Added) -> tuple[str, str | None]:
+    """Options that a run of this clip needs on this machine, and the command that fetches its models.
+
+    If other networks can stand in for all that are missing, options choose them, and there is nothing to fetch.
+    """
+    from harness.cli.run import experiment_of
+    from harness.pipeline.weights import missing_weights
+    from harness.run.experiment import is_experiment
+    from harness.run.plan import fetch_command, needed_stages
+
+    if added.rig is None:
+        return " --preset measured", None
+    has_own = is_experiment(added.name)  # which says the matcher
+    sensor = "" if added.has_right or has_own else " --set stereo.matcher=sensor"
+    missing = missing_weights(needed_stages(experiment_of([added.name], (), (), None)))
+    if missing is None:
+        return sensor, None
+    networks = [stage.options for stage in missing.instead if stage and stage.licences]
+    if len(networks) < len(missing.instead):
+        return sensor, fetch_command(added.name)
+    return " ".join([sensor, *networks]), None
+
+
+def _print_rig(added: Added) -> None:
+    """Print the camera or, for a clip without images, the people and objects measured."""
+    rig = added.rig
+    if rig is None:
+        say(f"  people       {', '.join(added.subjects)}")
+        say(f"  objects      {', '.join(added.targets) or 'none'}")
+        return
+    distance = f", baseline {rig.baseline_m:.4g} m" if added.has_right else ""
+    say(f"  size         {rig.width_px}x{rig.height_px}")
+    say(f"  calibration  {added.calibration}: fx {rig.fx_px:.5g} px{distance}")
