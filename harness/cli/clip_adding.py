@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json
-from harness.cli.terminal import print_json, say
-from vfoa.errors import VfoaError
+from harness.cli.terminal import print_json, print_table, say
+from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 
 def add_clip(
-    path: Annotated[str, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
+    paths: Annotated[
+        list[str],
+        typer.Argument(metavar="PATH", help="Recordings, folders of images, scenes of Sintel: a clip of each."),
+    ],
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the clip. Default: made from the path.")
     ] = None,
@@ -72,34 +75,51 @@ def add_clip(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Recognise the source at a path; write a manifest and an empty annotation file."""
+    """Recognise the source at a path; write a manifest and an empty annotation file.
+
+    Several paths make a clip each, with the same settings and people. One that fails is named; the others are added.
+    """
     from harness.clips.add import add_clip as add
+    from harness.clips.add import distinct_names
     from harness.files.parsing import parse_assignment
     from harness.files.remote import is_address
 
-    if is_address(path):
+    if address := next(filter(is_address, paths), None):
         raise VfoaError(
-            f"clips add: {path}: expected a path on this machine: add a copy there, then set `root` in the manifest to "
-            "the address"
+            f"clips add: {address}: expected a path on this machine: add a copy there, then set `root` in the manifest "
+            "to the address"
         )
     source: dict[str, Any] = dict(parse_assignment(text, "pass=final") for text in overrides or ())
     numbers = {"fx_px": fx, "cx_px": cx, "cy_px": cy, "baseline_m": baseline}
     source |= _calibration(calibration, numbers, fov)
+    of_one = {"--name": name, "--openface": openface, "--gaze3d": gaze3d}
+    if len(paths) > 1 and (given := [option for option, value in of_one.items() if value is not None]):
+        raise VfoaError(f"{given[0]}: found {len(paths)} paths; expected one, since it is that of one clip")
     if openface is not None:
-        _check_images(Path(path), adapter, source, openface)
-    added = add(
-        Path(path),
-        name=name,
-        adapter=adapter,
-        source=source,
-        subjects=_names(subjects, "person"),
-        targets=_names(targets, None),
-        beside=_faces_experiment(openface, gaze3d),
-    )
+        _check_images(Path(paths[0]), adapter, source, openface)
+    beside = _faces_experiment(openface, gaze3d)
+
+    def added(path: str, name: str | None) -> Added:
+        who, what = _names(subjects, "person"), _names(targets, None)
+        return add(Path(path), name=name, adapter=adapter, source=source, subjects=who, targets=what, beside=beside)
+
+    if len(paths) == 1:
+        one = added(paths[0], name)
+        print_json(asdict(one)) if as_json else _print(one)
+        return
+    clips, failed = [], 0
+    for path, of_path in distinct_names(paths).items():
+        try:
+            clips.append(added(path, of_path))
+        except VfoaError as error:
+            failed += 1
+            say(f"not added: {error}", err=True)
     if as_json:
-        print_json(asdict(added))
-    else:
-        _print(added)
+        print_json([asdict(clip) for clip in clips])
+    elif clips:
+        _print_all(clips)
+    if failed:
+        raise typer.Exit(2)
 
 
 def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openface: Path) -> None:
@@ -199,14 +219,44 @@ def _print(added: Added) -> None:
     for note in added.notes:
         say(f"  note         {note}")
     say(f"wrote {added.manifest}\nwrote {added.annotations}")
-    for line in _next_steps(added):
+    for line in _next_steps([added]):
         say(line)
 
 
-def _next_steps(added: Added) -> Iterator[str]:
-    """What is missing for a table, and the commands that add it, in the order in which they must run."""
+def _print_all(clips: Sequence[Added]) -> None:
+    """Print what was found in several clips, and what each kind of them needs."""
+    sizes = [clip.rig and f"{clip.rig.width_px}x{clip.rig.height_px}" for clip in clips]
+    baselines = [clip.rig and clip.has_right and f"{clip.rig.baseline_m:.4g}" for clip in clips]
+    print_table(
+        ["clip", "adapter", "frames", "size", "baseline m", "calibration"],
+        [
+            [clip.name, clip.adapter, clip.frames, size, baseline or None, clip.calibration]
+            for clip, size, baseline in zip(clips, sizes, baselines, strict=True)
+        ],
+        shortened="calibration",
+    )
+    clips_of_note: dict[str, list[str]] = {}
+    for clip in clips:
+        for note in clip.notes:
+            clips_of_note.setdefault(note, []).append(clip.name)
+    for note, of_note in clips_of_note.items():
+        say(f"note: {listed(of_note)}: {note}")
+    kinds: dict[object, list[Added]] = {}
+    for clip in clips:
+        kinds.setdefault((clip.rig is None, clip.has_right, bool(clip.targets)), []).append(clip)
+    for alike in kinds.values():
+        for line in _next_steps(alike):
+            say(line)
+
+
+def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
+    """What is missing for a table, and the commands that add it, in the order in which they must run.
+
+    The clips are all with images, or all without, and need the same options.
+    """
     from harness.labels.formats import FORMATS
 
+    added, names = clips[0], shlex.join(clip.name for clip in clips)
     if not added.subjects:
         yield "missing for a table: people who look, things looked at, labels of who looks at what"
         yield "next: the same command with names: people from left to right, things by the segmenter's category"
@@ -214,17 +264,19 @@ def _next_steps(added: Added) -> Iterator[str]:
         return
     objects = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
     yield f"missing for a table: {objects}labels of who looks at what"
-    yield f"next: vfoa clips check {added.name}"
+    yield f"next: vfoa clips check {names}"
     if added.rig is None:  # there is nothing to see on the labelling page
         own = added.adapter if added.adapter in FORMATS else "FORMAT"  # of the program that measured the heads
         command = f"vfoa labels import FILE --clip {added.name} --format {own}"
         yield f"next: write {added.annotations} (annotations/README.md), or {command}"
     else:
         yield f"next: vfoa annotate {added.name}"
+        if len(clips) > 1:
+            yield f"      then {listed([clip.name for clip in clips[1:]])}"
     options, fetch = _run_options(added)
     if fetch:
         yield f"next: {fetch}"
-    yield f"next: vfoa run {added.name}{options}"
+    yield f"next: vfoa run {names}{options}"
 
 
 def _run_options(added: Added) -> tuple[str, str | None]:

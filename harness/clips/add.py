@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,7 +47,7 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     filled = [Reading(reading.adapter, _filled(reading.recognised, given)) for reading in fitting]
     distinct = [reading for place, reading in enumerate(filled) if reading not in filled[:place]]
     if len(distinct) != 1:
-        raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
+        raise VfoaError(f"{path}: {_alternatives(fitting or complete)}{_each_folder(path, fitting or complete)}")
     recognised = distinct[0].recognised
     if recognised.calibration is None:
         missing = "; ".join(recognised.incomplete) or (
@@ -115,6 +116,15 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         for key in deciding or [key for key in keys if len(set(values[key])) > 1]
     ]
     return f"it can be read in {len(readings)} ways; expected {' and '.join(choices)}"
+
+
+def _each_folder(path: Path, readings: Sequence[Reading]) -> str:
+    """How to add a clip of each folder, where every reading is in one of its own; empty otherwise."""
+    lefts = [Path(str(reading.recognised.source.get("left", ""))) for reading in readings]
+    folders = {left.parts[0] for left in lefts if len(left.parts) > 1}
+    if len(folders) != len(readings) or len(folders) < 2:
+        return ""
+    return f"; or a clip of each folder: vfoa clips add {shlex.quote(str(path))}/*/"
 
 
 _WHO = """
@@ -234,6 +244,20 @@ def add_clip(
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added
+
+
+def distinct_names(paths: Sequence[str]) -> dict[str, str | None]:
+    """A name for each of several paths: None where that of the path itself will do.
+
+    Paths that end alike (``p01/zed.mcap``, ``p02/zed.mcap``) are told by as many of their folders as it takes.
+    """
+    whole = {path: Path(os.path.abspath(os.path.expanduser(path))) for path in paths}
+    parts = {path: (found.with_suffix("") if found.is_file() else found).parts for path, found in whole.items()}
+    for depth in range(1, max(map(len, parts.values())) + 1):
+        names = {path: as_clip_name("_".join(found[-depth:]), default="clip") for path, found in parts.items()}
+        if len({*names.values()}) == len(names):
+            break
+    return dict.fromkeys(paths) if depth == 1 else dict(names)
 
 
 def _free_paths(name: str, bare: str | None) -> tuple[Path, Path]:

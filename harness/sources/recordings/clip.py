@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -35,6 +36,9 @@ from vfoa.types import Image, Map, StereoFrame
 
 _NOTED_NS = 1e6
 """Offset of colour and depth above which a note reports it."""
+
+_APART_S = 10.0
+"""Longest time between two parts of one recording."""
 
 
 FramePlaces = Sides[Place]
@@ -69,6 +73,23 @@ def join_streams(
                 f"{streams.depth.name}: {lost} of {len(joined)} frames have no depth within {_ms(tolerance_ns)}"
             )
     return tuple(Sides(left, rights.get(left), depths.get(left)) for left in joined), tuple(notes)
+
+
+def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
+    """Notes on files of one topic that do not follow each other, as the parts of a recording that was split do."""
+    spans: dict[int, tuple[int, int]] = {}
+    for place in places:
+        begin, end = spans.get(place.file, (place.stamp_ns, place.stamp_ns))
+        spans[place.file] = min(begin, place.stamp_ns), max(end, place.stamp_ns)
+    notes = []
+    for (one, (_, end)), (other, (begin, _)) in pairwise(sorted(spans.items(), key=lambda span: span[1])):
+        if not 0 <= (apart_s := (begin - end) / 1e9) <= _APART_S:
+            what = f"{apart_s:.0f} s lie between them" if apart_s > 0 else "both have images of the same time"
+            notes.append(
+                f"{files[one].name}, {files[other].name}: {what}; recordings of their own are clips of their own: add "
+                "each file"
+            )
+    return notes
 
 
 def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[dict[Place, Place], list[str]]:
@@ -159,6 +180,7 @@ class RecordingClip:
         by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
         self.notes = (
             *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
+            *notes_on_files(self._streams.left.places, self._container.files),
             *self._optics.notes,
             *([by_log] if settings.stamps == "log" else []),
         )
@@ -250,8 +272,11 @@ class McapClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
-        is_mcap = starts_with(path, MAGIC) or (path.is_dir() and not bag_parts(path) and files_in(path))
-        return (_recognised(path, "an MCAP recording"),) if is_mcap else ()
+        if starts_with(path, MAGIC):
+            return (_recognised(path, "an MCAP recording"),)
+        files = () if bag_parts(path) else files_in(path)
+        parts = f" in {len(files)} files" if len(files) > 1 else ""
+        return (_recognised(path, f"an MCAP recording{parts}"),) if files else ()
 
 
 class BagClip(RecordingClip):
@@ -260,7 +285,9 @@ class BagClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
-        return (_recognised(path, "a ROS bag"),) if bag_parts(path) else ()
+        files = bag_parts(path)
+        parts = f" in {len(files)} files" if len(files) > 1 else ""
+        return (_recognised(path, f"a ROS bag{parts}"),) if files else ()
 
 
 def _recognised(path: Path, layout: str) -> Recognised:

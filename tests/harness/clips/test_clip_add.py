@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from pathlib import Path
 
@@ -49,6 +50,37 @@ def test_a_name_that_the_check_would_refuse_is_refused_and_nothing_is_written(tm
         vfoa("add", scene_folder(tmp_path), "--name", "mine", "--subject", "ann#1")
     assert not Path("datasets/mine.toml").exists()
     assert not Path("annotations/mine.csv").exists()
+
+
+def test_several_paths_are_clips_of_their_own(tmp_path: Path) -> None:
+    for person in ("p01", "p02"):
+        images(tmp_path / person / "rec", "left/{}.png", "right/{}.png")
+        recording(tmp_path / person / "zed.mcap")
+    folders = [str(tmp_path / person) for person in ("p01", "p02")]
+    alike = [f"{folder}/zed.mcap" for folder in folders]
+    assert [clip["name"] for clip in vfoa("add", *alike, "--subject", "ann")] == ["p01_zed", "p02_zed"]
+    words = ["add", f"{folders[0]}/rec", f"{tmp_path}/gone", f"{folders[1]}/rec", *NUMBERS, "--subject", "ann"]
+    found = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert (found.exit_code, found.stderr) == (2, f"not added: {tmp_path}/gone: no such file or folder\n")
+    assert "next: vfoa clips check p01_rec p02_rec" in found.stdout.splitlines()
+    names = ("p01_zed", "p02_zed", "p01_rec", "p02_rec")
+    assert [check["problems"] for check in vfoa("check", *names)] == [[]] * 4
+    assert {path.stem for path in Path("datasets").iterdir()} == {*names}
+
+
+@pytest.mark.parametrize("option", [("--name", "mine"), ("--openface", "a.csv"), ("--gaze3d", "a.csv")])
+def test_what_belongs_to_one_clip_is_refused_for_several(tmp_path: Path, option: tuple[str, str]) -> None:
+    assert option[0] in refused(scene_folder(tmp_path / "a"), scene_folder(tmp_path / "b"), *option)
+
+
+def test_a_folder_of_folders_says_how_each_is_added(tmp_path: Path) -> None:
+    for person in ("p01", "p 2"):
+        images(tmp_path / "the data" / person, "left/{}.png", "right/{}.png")
+    said = refused(tmp_path / "the data", *NUMBERS)
+    words = shlex.split(said.partition("a clip of each folder: ")[2])
+    assert words == ["vfoa", "clips", "add", f"{tmp_path}/the data/*/"]
+    added = vfoa("add", *(tmp_path / "the data").glob("*/"), *NUMBERS)
+    assert sorted(clip["name"] for clip in added) == ["p01", "p_2"]
 
 
 def test_what_is_added_is_listed(tmp_path: Path) -> None:
