@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
-from vfoa.types import Float, StereoFrame
+from vfoa.types import Float, StereoFrame, StereoRig
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
@@ -33,6 +34,12 @@ MIN_DEPTH_M, MAX_DEPTH_M = 0.05, 200.0
 
 MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
 """Usual baselines of cameras that watch people; others are probably in another unit."""
+
+MIN_FIELD_DEG, MAX_FIELD_DEG = 10, 140
+"""Usual horizontal fields of view of rectified images."""
+
+MOST_OFF_CENTRE = 0.15
+"""Usual distance of the principal point from the middle, as a share of width or height; at most."""
 
 _OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per metre"
 
@@ -57,6 +64,23 @@ def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> 
                 f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
                 f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
             )
+
+
+def camera_notes(rig: StereoRig) -> Iterator[str]:
+    """A focal length or a principal point that is unusual for the size of the images: it may be that of others."""
+    width, height = rig.width_px, rig.height_px
+    field_deg = math.degrees(2 * math.atan(width / 2 / rig.fx_px))
+    if not MIN_FIELD_DEG <= field_deg <= MAX_FIELD_DEG:
+        yield (
+            f"the focal length of {rig.fx_px:g} px is a horizontal field of view of {field_deg:.0f} degrees in images "
+            f"{width} wide; expected {MIN_FIELD_DEG} to {MAX_FIELD_DEG} (millimetres? images of another size?)"
+        )
+    off = max(abs(rig.cx_px / width - 0.5), abs(rig.cy_px / height - 0.5))
+    if off > MOST_OFF_CENTRE:
+        yield (
+            f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) is {off:.0%} of the size away from the middle of "
+            f"images of {width} x {height}: if the calibration is of images of another size, scale fx, fy, cx and cy"
+        )
 
 
 def _image_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
@@ -289,6 +313,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         notes=(
             *clip.notes,
             *([few] if has_right and not is_matched else []),
+            *dict.fromkeys(note for frame in frames for note in camera_notes(frame.rig)),
             *_rectified_notes(manifest, error_px),
             *_picture_bits_notes(greatest),
             *depth_notes(frames),

@@ -193,6 +193,26 @@ def test_a_baseline_whose_unit_is_said_passes(tmp_path: Path) -> None:
     assert _check("wall")[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"fx_px": 5.6}, ["focal length of 5.6 px", "of 173 degrees"]),
+        ({"fx_px": 4000.0}, ["of 3 degrees"]),
+        ({"cx_px": 189.0, "cy_px": 142.0}, ["(189, 142) is 49% of the size away"]),
+        ({"cy_px": 50.0}, ["(95.5, 50) is 15% of the size away"]),
+        ({"cx_px": 70.0, "cy_px": 60.0, "fx_px": 200.0}, []),
+    ],
+)
+def test_a_camera_of_other_images_is_noted(tmp_path: Path, numbers: dict[str, float], words: list[str]) -> None:
+    """A focal length in millimetres, a calibration of twice the size, and a camera that is right."""
+    lines = MANIFEST.splitlines(keepends=True)
+    given = [next((f"{key} = {value}\n" for key, value in numbers.items() if key in line), line) for line in lines]
+    _clip(tmp_path, manifest="".join(given))
+    notes = [note for note in _check("wall")[1]["notes"] if "focal length" in note or "principal" in note]
+    assert len(notes) == min(len(words), 1)
+    assert [word for word in words if word not in "".join(notes)] == []
+
+
 def test_images_that_decode_and_cannot_be_right(tmp_path: Path) -> None:
     _clip(tmp_path)
     for number in (1, 2, 3):
