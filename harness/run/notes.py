@@ -15,7 +15,7 @@ class NoteKind(StrEnum):
     FITTED_ON_REPORTED = auto()
     """Rates are too good: the weights have seen the labels of a clip that is reported."""
     DOUBT = auto()
-    """The axes or units of a clip are in question."""
+    """The axes, units, labels or names of a clip are in question."""
     PARTLY_SET = auto()
     """A changed setting has no effect under some configurations."""
     UNLABELLED = auto()

@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.clips.axes import other_axes
 from harness.labels.labels import NOWHERE
 from harness.run.columns import Words
 from harness.run.directory import Pair
-from harness.run.notes import Note, NoteKind
 from harness.score.baselines import BASELINES, best_limit_rad, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.reference import Reference
@@ -22,8 +20,6 @@ from harness.score.verdicts import NO_HIT
 from vfoa.types import Codes, Flags, Float
 
 NO_PREDICTION = -1
-USUAL_HEAD_M = (0.1, 0.45)
-"""Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,30 +69,6 @@ class JudgedSubject:
     def error_types(self) -> dict[str, int]:
         """The number of wrong frames by error type."""
         return self.judged.words.counts(self.judged.error_type)
-
-
-def axis_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
-    """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
-    notes: dict[str, str] = {}
-    for (clip, configuration), part in judged.items():
-        directions, to_targets = part.aims.swapaxes(0, 1)
-        if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
-            notes[clip] = f"{clip} under {configuration}: {found}."
-    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
-
-
-def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
-    """A note for each clip whose heads have no usual size in metres, under the first configuration."""
-    notes: dict[str, str] = {}
-    for (clip, configuration), part in judged.items():
-        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m.size else USUAL_HEAD_M[0]
-        if clip not in notes and not USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
-            notes[clip] = (
-                f"{clip} under {configuration}: heads are {width_m:.2g} m wide (median): is the unit of depth right? "
-                "In [source], depth_scale is the number of counts per metre of measured depth, baseline_m (or "
-                "calibration_unit) that of a pair."
-            )
-    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
 def judged_subjects(

@@ -23,8 +23,9 @@ from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
+from harness.score.doubts import axis_notes, label_notes, unit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
-from harness.score.judged_subjects import JudgedSubject, axis_notes, judged_subjects, unit_notes
+from harness.score.judged_subjects import JudgedSubject, judged_subjects
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.reference import Reference
@@ -210,7 +211,10 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         clips=clips,
         configurations=configurations,
         rows=tuple(rows),
-        notes=(*reference.notes, *map(Note, misfit_notes(directions)), *axis_notes(judged), *unit_notes(judged)),
+        notes=(
+            *(*reference.notes, *map(Note, misfit_notes(directions))),
+            *(*axis_notes(judged), *unit_notes(judged), *label_notes(subjects)),
+        ),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
         measures=measured,

@@ -1,0 +1,186 @@
+"""Doubts: notes on a clip's data, labels and names, where one mistake would explain many wrong answers.
+
+Each compares the answers as they are with those under the mistake, for the first configuration of a clip that shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.clips.axes import other_axes
+from harness.run.directory import Pair
+from harness.run.notes import Note, NoteKind
+from harness.score.judged_subjects import JudgedSubject
+from harness.score.statistics import sign_flip_p
+from harness.score.verdict_columns import PairVerdicts
+from vfoa.types import Codes, Flags, Float
+
+USUAL_HEAD_M = (0.1, 0.45)
+"""Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
+OFFSET_GAIN, EXCHANGE_GAIN = 0.15, 0.25
+"""Least gain of the rate by which labels are said to be early or late, and names exchanged."""
+LEAST_OFFSET_S, MOST_OFFSET_S = 0.5, 60.0
+"""Offsets of labels that are tried. People mark a look up to half a second late."""
+OFFSET_P, EXCHANGE_P = 5e-4, 0.05
+"""Most probable by chance: of the best of many offsets, and of one exchange."""
+
+
+def axis_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
+    """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
+    notes: dict[str, str] = {}
+    for (clip, configuration), part in judged.items():
+        directions, to_targets = part.aims.swapaxes(0, 1)
+        if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
+            notes[clip] = f"{clip} under {configuration}: {found}."
+    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
+
+
+def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
+    """A note for each clip whose heads have no usual size in metres, under the first configuration."""
+    notes: dict[str, str] = {}
+    for (clip, configuration), part in judged.items():
+        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m.size else USUAL_HEAD_M[0]
+        if clip not in notes and not USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
+            notes[clip] = (
+                f"{clip} under {configuration}: heads are {width_m:.2g} m wide (median): is the unit of depth right? "
+                "In [source], depth_scale is the number of counts per metre of measured depth, baseline_m (or "
+                "calibration_unit) that of a pair."
+            )
+    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
+
+
+def label_notes(subjects: Sequence[JudgedSubject]) -> tuple[Note, ...]:
+    """A note for each clip whose labels seem to be early or late, or whose people seem to have each other's names."""
+    by_clip: dict[str, list[JudgedSubject]] = {}
+    for each in subjects:
+        of_clip = by_clip.setdefault(each.clip, [])
+        if len(each.truth) and each.configuration == (of_clip or [each])[0].configuration:
+            of_clip.append(each)
+    notes = []
+    for clip, people in by_clip.items():
+        if found := next(chain(_offset(people), _exchange(people)), None):
+            notes.append(Note(f"{clip} under {people[0].configuration}: {found}", NoteKind.DOUBT))
+    return tuple(notes)
+
+
+class _Outcome(NamedTuple):
+    """Whether frames of a person are right under a mistake (n,), and as they are (n,), and their looks (n,)."""
+
+    changed: Flags
+    plain: Flags
+    looks: Codes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gain:
+    """The rates of frames under a mistake and as they are, and how probable the gain is by chance."""
+
+    rate: float
+    before: float
+    p: float
+
+    @classmethod
+    def of(cls, outcomes: Sequence[_Outcome]) -> _Gain:
+        """The gain of the frames of some people; its chance by their looks."""
+        of_looks = [np.bincount(each.looks, each.changed.astype(np.float64) - each.plain) for each in outcomes]
+        changed, plain = (np.concatenate([each[column] for each in outcomes]) for column in (0, 1))
+        return cls(
+            rate=float(changed.mean()) if len(changed) else 0.0,
+            before=float(plain.mean()) if len(plain) else 0.0,
+            p=sign_flip_p(np.concatenate(of_looks)),
+        )
+
+    def is_shown(self, least: float, most_p: float) -> bool:
+        """Whether the gain is large, and hardly by chance."""
+        return self.rate - self.before >= least and self.p < most_p
+
+
+# Labels of another time
+
+
+def _offset(people: Sequence[JudgedSubject]) -> Iterator[str]:
+    """How late or early the labels of a clip's people seem to be."""
+    rate_hz = people[0].rate_hz if people else None
+    if rate_hz is None or (by := _best_shift(people, rate_hz)) is None:
+        return
+    gain = _Gain.of([_with_labels_after(each, by) for each in people])
+    if gain.is_shown(OFFSET_GAIN, OFFSET_P):
+        yield (
+            f"{gain.rate:.0%} of the frames would be right, and not {gain.before:.0%}, if the labels were not "
+            f"{abs(by) / rate_hz:.1f} s too {'late' if by > 0 else 'early'}: were they made on a film that begins at "
+            "another time? (--offset of vfoa labels import)"
+        )
+
+
+def _best_shift(people: Sequence[JudgedSubject], rate_hz: float) -> int | None:
+    """By how many frames later labels, for each frame, make most frames right that are not; None without any shift.
+
+    Half of the frames have to have such a label.
+    """
+    least, most = max(1, round(LEAST_OFFSET_S * rate_hz)), round(MOST_OFFSET_S * rate_hz)
+    most = min(most, max(int(np.ptp(each.positions)) for each in people))
+    if most < least:
+        return None
+    gained, frames = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
+    for each in people:
+        places = each.positions - each.positions[0]
+        labelled = _at(places, np.ones(len(places)))
+        for code in np.intersect1d(each.truth, each.predicted).tolist():
+            gained += _by_shift(_at(places, each.predicted == code), _at(places, each.truth == code), most)
+        gained -= _by_shift(_at(places, each.correct), labelled, most)
+        frames += _by_shift(labelled, labelled, most)
+    shifts = np.arange(-most, most + 1)
+    is_tried = (abs(shifts) >= least) & (frames >= sum(len(each.truth) for each in people) / 2)
+    if not is_tried.any():
+        return None
+    return int(shifts[np.argmax(np.where(is_tried, gained / np.maximum(frames, 1), -np.inf))])
+
+
+def _at(places: Codes, values: Flags | Float) -> Float:
+    """Values (n,) at their places in a row, 0 elsewhere."""
+    return np.bincount(places, values.astype(np.float64)).astype(np.float64)
+
+
+def _by_shift(now: Float, later: Float, most: int) -> Float:
+    """Sums (2 most + 1,) of ``now`` at each place times ``later`` at a place shifted by -most to most."""
+    size = len(now) + most
+    products = np.fft.irfft(np.fft.rfft(now, size).conj() * np.fft.rfft(later, size), size)
+    return np.rint(np.concatenate([products[-most:], products[: most + 1]]))
+
+
+def _with_labels_after(subject: JudgedSubject, by: int) -> _Outcome:
+    """A subject's answers with the labels of frames that are ``by`` later, where there are some."""
+    _, now, then = np.intersect1d(subject.positions + by, subject.positions, assume_unique=True, return_indices=True)
+    changed = subject.predicted[now] == subject.truth[then]
+    return _Outcome(changed, subject.correct[now], subject.looks[now])
+
+
+# Names of another person
+
+
+def _exchange(people: Sequence[JudgedSubject]) -> Iterator[str]:
+    """Which two people of a clip seem to have each other's names."""
+    codes = {name: code for each in people for name, code in zip(each.true_names, each.truth.tolist(), strict=True)}
+    for one, other in combinations(people, 2):
+        names = {codes.get(one.subject, -2): codes.get(other.subject, -2)}
+        gain = _Gain.of([_as_other(one, other, names), _as_other(other, one, names)])
+        if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P):
+            yield (
+                f"{gain.rate:.0%} of the frames of {one.subject} and {other.subject} would be right, and not "
+                f"{gain.before:.0%}, if they had each other's names: do labels and manifest (from_left) mean the same "
+                "person?"
+            )
+
+
+def _as_other(subject: JudgedSubject, other: JudgedSubject, names: Mapping[int, int]) -> _Outcome:
+    """The other person's answers as those of a subject, in the frames of both; their names are exchanged in them."""
+    _, mine, yours = np.intersect1d(subject.frames, other.frames, assume_unique=True, return_indices=True)
+    answers = other.predicted[yours]
+    for own, theirs in names.items():
+        answers = np.where(answers == own, theirs, np.where(answers == theirs, own, answers))
+    return _Outcome(answers == subject.truth[mine], subject.correct[mine], subject.looks[mine])
