@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.clips.axes import other_axes
+from harness.labels.labels import NOWHERE
 from harness.run.directory import Pair
 from harness.run.notes import Note, NoteKind
 from harness.score.judged_subjects import JudgedSubject
@@ -55,7 +56,7 @@ def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
 
 
 def label_notes(subjects: Sequence[JudgedSubject]) -> tuple[Note, ...]:
-    """A note for each clip whose labels seem to be early or late, or whose people seem to have each other's names."""
+    """A note for each clip whose labels seem to be early or late, or two of whose names seem to be exchanged."""
     by_clip: dict[str, list[JudgedSubject]] = {}
     for each in subjects:
         of_clip = by_clip.setdefault(each.clip, [])
@@ -160,27 +161,48 @@ def _with_labels_after(subject: JudgedSubject, by: int) -> _Outcome:
     return _Outcome(changed, subject.correct[now], subject.looks[now])
 
 
-# Names of another person
+# Names that are exchanged
 
 
 def _exchange(people: Sequence[JudgedSubject]) -> Iterator[str]:
-    """Which two people of a clip seem to have each other's names."""
+    """Which two people, or two targets, of a clip seem to have each other's names."""
     codes = {name: code for each in people for name, code in zip(each.true_names, each.truth.tolist(), strict=True)}
     for one, other in combinations(people, 2):
-        names = {codes.get(one.subject, -2): codes.get(other.subject, -2)}
+        names = codes.get(one.subject, _NO_CODE), codes.get(other.subject, _NO_CODE)
         gain = _Gain.of([_as_other(one, other, names), _as_other(other, one, names)])
         if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P):
-            yield (
-                f"{gain.rate:.0%} of the frames of {one.subject} and {other.subject} would be right, and not "
-                f"{gain.before:.0%}, if they had each other's names: do labels and manifest (from_left) mean the same "
-                "person?"
-            )
+            yield _exchanged(gain, f"frames of {one.subject} and {other.subject}", "they", "person")
+    targets = [str(name) for name in codes if name != NOWHERE]
+    for name, other_name in combinations(targets, 2):
+        gain = _Gain.of([_with_names(each, (codes[name], codes[other_name])) for each in people])
+        if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P / (len(targets) * (len(targets) - 1) / 2)):
+            yield _exchanged(gain, "frames", f"{name} and {other_name}", "thing")
 
 
-def _as_other(subject: JudgedSubject, other: JudgedSubject, names: Mapping[int, int]) -> _Outcome:
+_NO_CODE = -2
+"""The code of a name that is no target of any label."""
+
+
+def _exchanged(gain: _Gain, frames: str, who: str, what: str) -> str:
+    return (
+        f"{gain.rate:.0%} of the {frames} would be right, and not {gain.before:.0%}, if {who} had each other's names: "
+        f"do labels and manifest (from_left) mean the same {what}?"
+    )
+
+
+def _as_other(subject: JudgedSubject, other: JudgedSubject, names: tuple[int, int]) -> _Outcome:
     """The other person's answers as those of a subject, in the frames of both; their names are exchanged in them."""
     _, mine, yours = np.intersect1d(subject.frames, other.frames, assume_unique=True, return_indices=True)
-    answers = other.predicted[yours]
-    for own, theirs in names.items():
-        answers = np.where(answers == own, theirs, np.where(answers == theirs, own, answers))
+    answers = _renamed(other.predicted[yours], names)
     return _Outcome(answers == subject.truth[mine], subject.correct[mine], subject.looks[mine])
+
+
+def _with_names(subject: JudgedSubject, names: tuple[int, int]) -> _Outcome:
+    """A subject's answers with two names exchanged."""
+    return _Outcome(_renamed(subject.predicted, names) == subject.truth, subject.correct, subject.looks)
+
+
+def _renamed(answers: Codes, names: tuple[int, int]) -> Codes:
+    """The answers with each of two names in place of the other."""
+    one, other = names
+    return np.where(answers == one, other, np.where(answers == other, one, answers))

@@ -102,6 +102,23 @@ def test_people_who_have_each_others_names_are_named(is_exchanged: bool) -> None
     assert all("girl and boy" in text or "boy and girl" in text for text in said)
 
 
+@pytest.mark.parametrize("is_exchanged", [True, False])
+def test_things_that_have_each_others_names_are_named(is_exchanged: bool) -> None:
+    """Two cups that are counted from the other side."""
+    truth = _looks(9)
+    names = {"cup": "mug", "mug": "cup"} if is_exchanged else {}
+    said = _said(answers([names.get(name, name) for name in _answered(truth, 9)]), labels(*truth))
+    assert len(said) == is_exchanged
+    assert all("if cup and mug had" in text or "if mug and cup had" in text for text in said)
+
+
+def test_a_thing_that_is_always_taken_for_its_neighbour_is_not_doubted() -> None:
+    """A bias to one side moves each look on to the next thing."""
+    neighbours = {"bird": "cup", "cup": "mug", "mug": "none"}
+    truth = _looks(10)
+    assert _said(answers([neighbours.get(name, name) for name in truth]), labels(*truth)) == []
+
+
 @given(
     rows=st.integers(1, 30).flatmap(
         lambda size: st.tuples(*[arrays(np.float64, size, elements=st.integers(0, 1))] * 2)
