@@ -6,7 +6,7 @@ Where a clip is no longer what the run was made with (labels, names, content), a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.manifest import ClipOfRun, RunManifest, differences
-from harness.run.notes import Note, unlabelled
+from harness.run.notes import Note, NoteKind, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
 from harness.run.table_columns import ColumnReader
@@ -171,6 +171,7 @@ class FinishedRun:
                 *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
                 *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),
                 *map(Note, changed),
+                *_twice_notes(clip for clip in run.clips if clip.name in labels),
                 *self._unlabelled_notes(without_labels),
                 *([Note(f"Only frames with {' and '.join(each.text for each in where)}.")] if where else []),
             ),
@@ -304,6 +305,20 @@ def _content_notes(clip: ClipOfRun, manifest: ClipManifest, digests: Path) -> It
             f"{clip.name}: the images or the calibration of {manifest.path.name} are not those that the run was "
             "made with, and its labels may be of another clip; to score this one, run it again."
         )
+
+
+def _twice_notes(clips: Iterable[ClipOfRun]) -> Iterator[Note]:
+    """A note on clips of the same content under several names: their looks are not independent."""
+    names: dict[str | None, list[str]] = {}
+    for clip in clips:
+        names.setdefault(clip.sha256, []).append(clip.name)
+    for digest, same in names.items():
+        if digest is not None and len(same) > 1:
+            text = (
+                f"{', '.join(same)}: the same images under {len(same)} names: rates, intervals and tests count them "
+                f"{len(same)} times; expected one of them in a run."
+            )
+            yield Note(text, NoteKind.DOUBT)
 
 
 def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

@@ -45,6 +45,18 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
     )
 
 
+@pytest.mark.parametrize("digests", [("a", "a", "b"), ("a", "b", "c"), (None, None, None)])
+def test_a_recording_under_two_names_is_told(tmp_path: Path, digests: tuple[str | None, ...]) -> None:
+    """Its looks would count twice in intervals and tests; of a run of an earlier version nothing is known."""
+    names = ("studio_table", "studio_talk", "studio_split")
+    clips = [{"name": name, "frames": [1], "sha256": digest} for name, digest in zip(names, digests, strict=True)]
+    notes = _finished(tmp_path, clips=clips, configurations={"one": {}}, finished="now").reference().notes
+    doubts = [note.text for note in notes if note.kind == NoteKind.DOUBT]
+    assert [text.partition(":")[0] for text in doubts] == ["studio_table, studio_talk"] * (
+        digests[0] == "a" == digests[1]
+    )
+
+
 def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
     clips = [
         {"name": name, "manifest": "", "frames": [1], "notes": notes}
