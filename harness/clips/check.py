@@ -13,6 +13,7 @@ from harness.clips.axes import other_axes
 from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
+from harness.clips.motion import motion, right_offset
 from harness.labels.labels import RESERVED, Label, Labels
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
@@ -158,6 +159,21 @@ def _rows_apart_px(offsets: Float) -> float:
     return float(np.median(np.abs(offsets[:, 1])))
 
 
+QUICK_FRAMES, QUICK_OFFSET, MOST_OFFSET = 48, 16, 1500
+"""Frames in the middle of a clip in which motion is compared, and the offsets that are tried there and over all."""
+
+
+def _time_notes(manifest: ClipManifest, changes: Float, most: int) -> Iterator[str]:
+    """A note if the right views are not of the time of the left ones, by the motion (2, N) in both."""
+    if (by := right_offset(changes, min(most, changes.shape[1] // 2))) is None:
+        return
+    seen = f"what moves in the left view moves {abs(by)} frames {'later' if by > 0 else 'earlier'} in the right one"
+    if manifest.source.get("layout") == "videos":
+        yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + by} in [source]"
+    else:
+        yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
+
+
 def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:
     """Share of the image with measured depth, and its range."""
     known = _known_depths_m(frames)
@@ -280,7 +296,8 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     try:
         manifest = load_manifest(name_or_path)
         clip = manifest.open()
-        unreadable = _unreadable(clip) if every_frame and not isinstance(clip, MeasuredClip) else ()
+        if every_frame and not isinstance(clip, MeasuredClip):
+            changes, unreadable = _moving(clip, clip.frames)
         with greatest_values() as greatest:
             frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
     except VfoaError as error:
@@ -295,6 +312,9 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
+    if not every_frame:
+        is_asked = has_right and manifest.adapter != "studio"  # rendered views are of one time
+        changes, _ = _moving(clip, _middle(clip.frames) if is_asked else ())
     offsets = _offsets_px(frames)
     is_matched = len(offsets) >= MIN_MATCHES
     disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0
@@ -315,6 +335,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *([few] if has_right and not is_matched else []),
             *dict.fromkeys(note for frame in frames for note in camera_notes(frame.rig)),
             *_rectified_notes(manifest, error_px),
+            *_time_notes(manifest, changes, MOST_OFFSET if every_frame else QUICK_OFFSET),
             *_picture_bits_notes(greatest),
             *depth_notes(frames),
             *near_notes(frames),
@@ -332,18 +353,26 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     )
 
 
-def _unreadable(clip: Clip) -> tuple[str, ...]:
-    """The frames that cannot be read: their number, each number, and the first error."""
+def _middle(numbers: Sequence[int]) -> Sequence[int]:
+    """Frames that follow each other, in the middle of a clip."""
+    begin = max(len(numbers) - QUICK_FRAMES, 0) // 2
+    return numbers[begin : begin + QUICK_FRAMES]
+
+
+def _moving(clip: Clip, numbers: Sequence[int]) -> tuple[Float, tuple[str, ...]]:
+    """The motion in these frames, and those that cannot be read: how many, each number, and the first error."""
     errors: dict[int, str] = {}
-    for number in clip.frames:
-        try:
-            clip.frame(number)
-        except VfoaError as error:
-            errors[number] = str(error)
+
+    def read(number: int) -> StereoFrame | None:
+        frame, problems = attempt(lambda: clip.frame(number))
+        errors.update(dict.fromkeys([number], problems[0]) if problems else {})
+        return frame
+
+    changes = motion(map(read, numbers))
     if not errors:
-        return ()
+        return changes, ()
     first = next(iter(errors.values()))
-    return (f"{len(errors)} of {len(clip.frames)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
+    return changes, (f"{len(errors)} of {len(numbers)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:

@@ -24,7 +24,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     """
     factor = math.ceil(max(left.shape) / MATCHED_SIDE_PX)
     detector = cv2.SIFT.create(nfeatures=2000)
-    grays = [_shrunk(image, factor) for image in (left, right)]
+    grays = [shrunk_gray(image, factor) for image in (left, right)]
     (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
     if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
         return np.empty((0, 2))
@@ -39,7 +39,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     return factor * (points[:, 0] - points[:, 1])
 
 
-def _shrunk(image: Image, factor: int) -> NDArray[np.uint8]:
+def shrunk_gray(image: Image, factor: int) -> NDArray[np.uint8]:
     """The gray image with each square of ``factor`` pixels averaged; incomplete squares at the edges are dropped."""
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     height, width = (max(1, size // factor) for size in gray.shape)
@@ -88,7 +88,7 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
     searched = 16 * max(1, math.ceil(_SEARCHED * width / 16))
     # OpenCV does not match the first columns, as many as it searches
     left, right = (
-        cv2.copyMakeBorder(_shrunk(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+        cv2.copyMakeBorder(shrunk_gray(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)
         if image is not None
     )

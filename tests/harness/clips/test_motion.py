@@ -1,0 +1,111 @@
+"""Views that were not taken at the same time are found by what moves in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.clips.motion import motion, right_offset
+from tests.disk import write_image, write_video
+from tests.harness.clips.adding import NUMBERS, vfoa
+from tests.scenes import make_rig
+from vfoa.types import Image, StereoFrame
+
+HEIGHT, WIDTH = 96, 160
+
+
+def _film(count: int, seed: int, *, is_still: bool = False) -> list[tuple[Image, Image]]:
+    """Pairs in which a bright square moves at a speed that changes, before a wall 8 pixels apart."""
+    random = np.random.default_rng(seed)
+    wall = random.integers(0, 120, (HEIGHT, WIDTH + 8, 3), dtype=np.uint8)
+    at, speed, pairs = 40.0, 0.0, []
+    for _ in range(count):
+        speed = 0.0 if is_still else 0.8 * speed + random.normal(0, 2)
+        at = float(np.clip(at + speed, 0, WIDTH - 40))
+        noise = random.integers(0, 6, (2, HEIGHT, WIDTH, 3), dtype=np.uint8)
+        views = [wall[:, :WIDTH] + noise[0], wall[:, 8:] + noise[1]]
+        for view, left in zip(views, (int(at) + 16, int(at)), strict=True):
+            view[30:60, left : left + 24] = 250
+        pairs.append((views[0], views[1]))
+    return pairs
+
+
+def _frames(pairs: Sequence[tuple[Image, Image]], late: int) -> list[StereoFrame]:
+    """Frames whose right views are those of ``late`` frames before."""
+    rig = make_rig(WIDTH, HEIGHT)
+    lefts, rights = pairs[max(late, 0) :], pairs[max(-late, 0) :]
+    return [
+        StereoFrame(index=number, time_ns=number, left=left, right=right, rig=rig)
+        for number, ((left, _), (_, right)) in enumerate(zip(lefts, rights, strict=False))
+    ]
+
+
+@pytest.mark.parametrize("late", [-16, -5, -2, 0, 3, 16])
+def test_right_views_of_another_time_are_told_by_how_many_frames(late: int) -> None:
+    assert right_offset(motion(_frames(_film(80, 3), late)), 16) == (late or None)
+
+
+def test_where_nothing_moves_nothing_is_told() -> None:
+    assert right_offset(motion(_frames(_film(80, 4, is_still=True), 5)), 16) is None
+    assert right_offset(np.zeros((2, 80)), 16) is None
+
+
+def test_views_of_other_places_are_not_told(tmp_path: Path) -> None:
+    one, other = _film(80, 5), _film(80, 6)
+    pairs = [(left, right) for (left, _), (_, right) in zip(one, other, strict=True)]
+    assert right_offset(motion(_frames(pairs, 0)), 16) is None
+
+
+def test_frames_that_cannot_be_read_are_no_motion() -> None:
+    frames: list[StereoFrame | None] = [*_frames(_film(120, 7), 4)]
+    for lost in (10, 11, 60):
+        frames[lost] = None
+    changes = motion(frames)
+    assert np.isnan(changes[0]).nonzero()[0].tolist() == [9, 10, 11, 59, 60]
+    assert right_offset(changes, 16) == 4
+    assert motion([]).shape == motion(frames[:1]).shape == (2, 0)
+
+
+@given(st.lists(st.integers(0, 255), min_size=2, max_size=6))
+def test_motion_is_the_mean_change_of_gray(grays: list[int]) -> None:
+    rig = make_rig(WIDTH, HEIGHT)
+    views = [np.full((HEIGHT, WIDTH, 3), gray, np.uint8) for gray in grays]
+    frames = [StereoFrame(index=n, time_ns=n, left=view, right=view, rig=rig) for n, view in enumerate(views)]
+    expected = [float(abs(one - other)) for one, other in pairwise(grays)]
+    assert motion(frames).tolist() == [expected, expected]
+
+
+@pytest.mark.usefixtures("work_here")
+@pytest.mark.parametrize(("late", "given"), [(5, 0), (-5, 2), (40, 0)])
+def test_two_videos_that_were_not_started_together_are_told_their_offset(tmp_path: Path, late: int, given: int) -> None:
+    """The check says the setting with which it passes; an offset of seconds is found over all frames."""
+    pairs = _film(180, 8)
+    lefts, rights = pairs[max(late, 0) :], pairs[max(-late, 0) :]
+    write_video(tmp_path / "data" / "left.avi", [left for left, _ in lefts])
+    write_video(tmp_path / "data" / "right.avi", [right for _, right in rights])
+    words = ("add", tmp_path / "data", *NUMBERS, "--set", f"right_offset={given}")
+    vfoa(*words, "--name", "mine")
+    every = ("--every-frame",) * (abs(late) > 16)
+    (checked,) = vfoa("check", "mine", *every)
+    told = [note for note in checked["notes"] if "right_offset" in note]
+    assert [note.rpartition(": ")[2] for note in told] == [f"say right_offset = {late} in [source]"]
+    vfoa(*words[:-1], f"right_offset={late}", "--name", "right")
+    (checked,) = vfoa("check", "right", *every)
+    assert [note for note in checked["notes"] if "right_offset" in note] == []
+
+
+@pytest.mark.usefixtures("work_here")
+def test_folders_of_images_are_asked_for_their_clock(tmp_path: Path) -> None:
+    pairs = _film(60, 9)
+    for number, ((left, _), (_, right)) in enumerate(zip(pairs[3:], pairs, strict=False)):
+        write_image(tmp_path / "data" / "left" / f"{number:03d}.png", left)
+        write_image(tmp_path / "data" / "right" / f"{number:03d}.png", right)
+    vfoa("add", tmp_path / "data", *NUMBERS, "--name", "mine")
+    (checked,) = vfoa("check", "mine")
+    assert [note for note in checked["notes"] if "moves 3 frames later in the right one" in note]
