@@ -119,6 +119,10 @@ def _without_nan(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+_MOST_ANSWERS = 12
+"""Most rows of what people look at in clips without labels that the terminal shows unasked."""
+
+
 def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     """Print the result of a run: a row for each configuration, what fails, the verdict and the next commands.
 
@@ -128,7 +132,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
 
     from harness.report.comparisons import ablation_table, published_table
     from harness.report.stages import stage_measures_table, terminal_measures
-    from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
+    from harness.report.tables import remarks, seeds_table, summary_table, terminal_table, unlabelled_table
     from harness.report.verdict import verdict_lines
     from harness.run.notes import NoteKind
 
@@ -145,6 +149,9 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
             console.print(note, markup=False)
     if ablation.rows and not verbose:
         print_reports([ablation])
+    answers = unlabelled_table(scores)
+    if 0 < len(answers.rows) <= _MOST_ANSWERS or (verbose and answers.rows):
+        print_reports([answers])
     unscored = [note for note in remarks(scores) if note.kind == NoteKind.UNLABELLED]
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):

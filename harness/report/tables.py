@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -25,6 +26,7 @@ from harness.score.calibration import (
 )
 from harness.score.finished_run import how_to_label
 from harness.score.intervals import LEAST_CLIPS
+from harness.score.judged_subjects import JudgedSubject
 from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
@@ -300,6 +302,31 @@ def error_types_table(scores: Scores) -> Table:
         words=2,
         notes=[*(f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen), *_steps(scores)],
     )
+
+
+def unlabelled_table(scores: Scores) -> Table:
+    """What people look at in clips without labels: nothing is scored there, and it may be all that is asked."""
+    labelled = {each.clip for each in scores.judged_subjects if len(each.truth)}
+    return Table.of(
+        "Answers in clips without labels",
+        "Clip | Configuration | Subject | Looks at, % of the answers | n | Coverage %",
+        (_answers_row(each) for each in scores.judged_subjects if each.clip not in labelled),
+        words=4,
+        notes=(
+            "n: frames in which the person was found. Coverage: share of them with an answer. Only labels say whether "
+            "answers are right.",
+        ),
+    )
+
+
+def _answers_row(subject: JudgedSubject) -> tuple[str, ...]:
+    judged = subject.judged
+    counts = Counter(judged.words.counts(judged.answers()))
+    most_first = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
+    shares = ", ".join(f"{name} {percent(count / counts.total())}" for name, count in most_first)
+    n = len(judged.frames)
+    coverage = percent(counts.total() / n) if n else "–"
+    return subject.clip, subject.configuration, subject.subject, shares or "–", str(n), coverage
 
 
 def subjects_table(scores: Scores) -> Table:

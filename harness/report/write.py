@@ -43,6 +43,7 @@ from harness.report.tables import (
     subject_reliability_table,
     subjects_table,
     terminal_table,
+    unlabelled_table,
     visible_table,
 )
 from harness.report.thumbnails import BUDGET_BYTES, SERVED_BYTES, read_thumbnails
@@ -175,6 +176,7 @@ def run_tables(scores: Scores) -> RunTables:
         "baselines": baselines_table(scores),
         "errors": error_types_table(scores),
         "subjects": subjects_table(scores),
+        "unlabelled": unlabelled_table(scores),
         "seeds": seeds_table(scores),
         "visible": visible_table(scores),
         "nowhere": nowhere_table(scores),

@@ -33,7 +33,7 @@ _GROUPS = {
     "oracle": ("ablation",),
     "calibration": ("calibration", "calibration by subject", "sets", "directions"),
 }
-_MORE = ("subjects", "agreement", "baselines", "stages", "objects")
+_MORE = ("subjects", "unlabelled", "agreement", "baselines", "stages", "objects")
 NO_LINKS: Mapping[str, str] = {}
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 

@@ -16,7 +16,7 @@ from harness.report.formats import to_rich
 from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
-from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
+from harness.report.tables import frr_table, paper_table, summary_table, terminal_table, unlabelled_table
 from harness.run.manifest import AnswerTraits
 from harness.run.notes import Note
 from harness.run.records import FrameRecord
@@ -158,6 +158,24 @@ def test_nothing_scored_still_makes_tables() -> None:
     texts = texts_of(score(answers(["cup"]), Reference(labels={})))
     assert "Nothing to show." in texts["frr.md"]
     assert texts["frr.csv"].count("\n") == 1
+
+
+def test_answers_in_clips_without_labels_are_shares_of_each_target() -> None:
+    records = [
+        *answers(["bird", "bird", None, "none", "cup", "bird"], clip="new"),
+        *answers(["cup", "cup"], subject="boy", clip="new", configuration="two"),
+        *answers(["bird"], clip="labelled"),
+    ]
+    traits = {"one": AnswerTraits(says_nowhere=True)}
+    table = unlabelled_table(score(records, Reference(labels={"labelled": labels("bird")}, traits=traits)))
+    assert table.rows == (
+        ("new", "one", "girl", "bird 60.0, cup 20.0, none 20.0", "5", "100.0"),
+        ("new", "two", "boy", "cup 100.0", "2", "100.0"),
+    )
+    cones = unlabelled_table(score(answers(["cup", "none"]), Reference(labels={})))
+    assert cones.rows == (("clip", "one", "girl", "cup 100.0", "2", "50.0"),), "cones that hit nothing say nothing"
+    missed = [frame_record(subjects=[subject_record("girl", missing="no_direction")], frame=frame) for frame in (1, 2)]
+    assert unlabelled_table(score(missed, Reference(labels={}))).rows == (("clip", "one", "girl", "–", "2", "0.0"),)
 
 
 def test_the_terminal_shows_n_rate_and_intervals_in_100_columns() -> None:
