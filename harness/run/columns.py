@@ -64,7 +64,8 @@ class SceneColumns:
     ``frames`` and ``times_ns`` (F,) are ascending. The instances of frame k are the rows ``firsts[k]`` to
     ``firsts[k + 1]``; ``names`` (N,) are codes of their names. Boxes in the image (N, 4), px, and centres of 3D boxes
     (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
-    person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one.
+    person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one, ``head_heights_px`` (P,) the
+    height of the head's box, NaN without images.
     """
 
     frames: NDArray[np.int64]
@@ -80,6 +81,7 @@ class SceneColumns:
     tracks: NDArray[np.int64]
     person_names: Codes
     bodies: NDArray[np.int64]
+    head_heights_px: Float
 
     def instances_of(self, at: Codes) -> Codes:
         """The rows of the instances of frames (n, K), :data:`UNKNOWN` where a frame has fewer than K."""

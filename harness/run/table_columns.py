@@ -90,8 +90,9 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
     instances, instance_at = _in_order(found, frames, tables.paths["instances"])
     ids = _numbers(instances, "instance_id")
     _check_distinct(frames, instance_at, ids, tables.paths["instances"])
-    seen = tables.read("people", ("frame", "track_id", "name", "instance_id"))
+    seen = tables.read("people", ("frame", "track_id", "name", "instance_id", "head_box_px"))
     people, person_at = _in_order(seen, frames, tables.paths["people"])
+    heads_px = _vectors(people, "head_box_px", 4)
     return SceneColumns(
         frames=frames,
         times_ns=_numbers(about, "time_ns"),
@@ -106,6 +107,7 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
         tracks=_numbers(people, "track_id"),
         person_names=_words(people, "name", words),
         bodies=_numbers(people, "instance_id", NO_ID),
+        head_heights_px=heads_px[:, 3] - heads_px[:, 1],
     )
 
 

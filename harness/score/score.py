@@ -23,7 +23,7 @@ from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
-from harness.score.doubts import axis_notes, label_notes, unit_notes
+from harness.score.doubts import axis_notes, label_notes, size_notes, unit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.judged_subjects import JudgedSubject, judged_subjects
 from harness.score.looks import MatchCounts, count_events
@@ -213,7 +213,12 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         rows=tuple(rows),
         notes=(
             *(*reference.notes, *map(Note, misfit_notes(directions))),
-            *(*axis_notes(judged), *unit_notes(judged), *label_notes(subjects)),
+            *(
+                *axis_notes(judged),
+                *unit_notes(judged),
+                *size_notes(judged, reference.settings),
+                *label_notes(subjects),
+            ),
         ),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},

@@ -123,7 +123,8 @@ class PairVerdicts:
 
     ``phase_of`` (F,) are codes of phases. ``fits`` (n, 4) are those of all frames of named subjects, labelled or not.
     ``aims`` (n, 2, 3) are some directions, each with the vector from the eyes to what the label says.
-    ``head_widths_m`` are some widths, ``targets`` the names of all targets that were found.
+    ``head_widths_m`` and ``head_heights_px`` are some widths and heights of heads, ``targets`` the names of all targets
+    that were found.
     """
 
     words: Words
@@ -134,6 +135,7 @@ class PairVerdicts:
     fits: Float
     aims: Float
     head_widths_m: Float
+    head_heights_px: Float
     targets: frozenset[str]
 
     def is_in(self, frames: NDArray[np.int64], phase: str) -> Flags:
@@ -168,7 +170,8 @@ def judge_columns(
             judged[subject] = found
         at.append(places)
         aims.append(of_subject)
-    compared = looks.head_widths_m[scene.person_at % COMPARED_EVERY == 0]
+    is_compared = scene.person_at % COMPARED_EVERY == 0
+    widths_m, heights_px = looks.head_widths_m[is_compared], scene.head_heights_px[is_compared]
     return PairVerdicts(
         words=words,
         by_subject=judged,
@@ -177,7 +180,8 @@ def judge_columns(
         phase_of=_phases(scene, words, phases),
         fits=columns.fits[~np.isnan(columns.fits[:, 0]) & (scene.person_names != UNKNOWN)],
         aims=np.concatenate(aims)[np.argsort(np.concatenate(at), kind="stable")],  # frame by frame
-        head_widths_m=compared[~np.isnan(compared) & (compared != 0)],
+        head_widths_m=widths_m[~np.isnan(widths_m) & (widths_m != 0)],
+        head_heights_px=heights_px[~np.isnan(heights_px)],
         targets=frozenset(str(word) for word in words.words(np.unique(scene.names))),
     )
 

@@ -19,6 +19,7 @@ NAMES = (
     "posterior",
     "presets",
     "recording_size",
+    "small_faces",
     "turned_faces",
 )
 

@@ -86,7 +86,9 @@ def _deg(a: Float, b: Float) -> float:
     return math.degrees(angle_between(a, b))
 
 
-def _models() -> dict[str, Model]:
+def models() -> dict[str, Model]:
+    """The models by name."""
+
     def of_gaze(model: L2cs | Adas0002) -> Model:
         def direction(frame: StereoFrame, head: Head) -> Float | None:
             gaze = model.estimate(frame, head, None)
@@ -132,9 +134,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photographs", type=Path, nargs="+", help="photographs of one face each")
     options = parser.parse_args()
-    models, faces = _models(), YuNet(YuNet.Settings())
+    known, faces = models(), YuNet(YuNet.Settings())
     rows = []
     for photograph in options.photographs:
-        turn, answers = measure(photograph, models, faces)
+        turn, answers = measure(photograph, known, faces)
         rows += [(photograph.stem, turn, answer) for answer in answers]
     print_tables(turned_faces_table(rows))

@@ -42,6 +42,31 @@ def test_heads_of_no_usual_size_question_the_unit_of_depth(
     assert [(note.kind, "depth_scale" in note.text) for note in doubts] == [(NoteKind.DOUBT, True)] * is_questioned
 
 
+@pytest.mark.parametrize(
+    ("heights_px", "gaze", "is_told"),
+    [
+        ((70.0, 65.0, 30.0), "adas_0002", False),
+        ((40.0, 42.0, 90.0), "adas_0002", True),
+        ((40.0, 42.0, 90.0), "of_another_package", True),
+        ((40.0, 42.0, 90.0), "simulated", False),
+        ((40.0, 42.0, 90.0), None, False),
+        ((None, None, None), "adas_0002", False),
+    ],
+)
+def test_faces_too_small_for_a_gaze_network_are_told(
+    heights_px: tuple[float | None, ...], gaze: str | None, is_told: bool
+) -> None:
+    boxes = [None if height is None else (10.0, 20.0, 30.0, 20.0 + height) for height in heights_px]
+    records = [
+        frame_record(subjects=[replace(subject_record("girl"), head_box_px=box)], frame=4 * place + number)
+        for place, box in enumerate(boxes)
+        for number in range(4)
+    ]
+    settings = {"one": {"gaze": None if gaze is None else {"model": gaze}}}
+    doubts = [note.text for note in score(records, Reference(labels={}, settings=settings)).notes]
+    assert ["42 px high" in text for text in doubts] == [True] * is_told
+
+
 RATE_HZ, MINUTE = 25, 1500
 """Frames per second of the records, and the frames of a minute."""
 
