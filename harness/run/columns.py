@@ -61,7 +61,8 @@ class Words:
 class SceneColumns:
     """What was found in a clip: F frames, N instances and P people, each in the order of the frames.
 
-    ``frames`` and ``times_ns`` (F,) are ascending. The instances of frame k are the rows ``firsts[k]`` to
+    ``frames`` and ``times_ns`` (F,) are ascending; ``pixel_metres`` (F,) is focal length times baseline, NaN without a
+    right image. The instances of frame k are the rows ``firsts[k]`` to
     ``firsts[k + 1]``; ``names`` (N,) are codes of their names. Boxes in the image (N, 4), px, and centres of 3D boxes
     (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
     person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one, ``head_heights_px`` (P,) the
@@ -71,6 +72,7 @@ class SceneColumns:
     frames: NDArray[np.int64]
     times_ns: NDArray[np.int64]
     has_truth: Flags
+    pixel_metres: Float
     firsts: Codes
     instance_at: Codes
     instance_ids: NDArray[np.int64]

@@ -83,7 +83,7 @@ class ColumnReader:
 
 def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
     """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
-    about = tables.read("frames", ("frame", "time_ns", "has_truth"))
+    about = tables.read("frames", ("frame", "time_ns", "has_truth", "fx_px", "baseline_m", "has_right"))
     frames = _numbers(about, "frame")
     check_ascending(tables.paths["frames"], frames.tolist())
     found = tables.read("instances", ("frame", "instance_id", "name", "box_px", "center_m"))
@@ -97,6 +97,9 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
         frames=frames,
         times_ns=_numbers(about, "time_ns"),
         has_truth=about.column("has_truth").to_numpy(),
+        pixel_metres=np.where(
+            about.column("has_right").to_numpy(), _floats(about, "fx_px") * _floats(about, "baseline_m"), np.nan
+        ),
         firsts=np.searchsorted(instance_at, np.arange(len(frames) + 1)),
         instance_at=instance_at,
         instance_ids=ids,

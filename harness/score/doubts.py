@@ -55,30 +55,54 @@ def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
     return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
 
 
-def size_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Mapping[str, Any]]) -> tuple[Note, ...]:
-    """A note for each clip whose faces are too small for the network that gives the gaze.
+SMALL_HEAD_PX = 60
+"""Height of a head's box below which gaze networks fail (`python -m scripts.measure small_faces`)."""
+COARSE_DEPTH_M = 0.25
+"""Error of the depth of eyes by half a pixel of disparity above which it outweighs that of a gaze: at a thing that is a
+metre away, it is 14 degrees."""
+_NOT_OF_IMAGES = ("none", "truth", "simulated", "files", "sensor")
+"""Stages that look at no pixel."""
+
+
+def distance_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Mapping[str, Any]]) -> tuple[Note, ...]:
+    """Notes for each clip whose people are too far away for the network of their gaze, or for the stereo pair.
 
     ``settings`` are those of each configuration, as its manifest has them.
     """
-    notes: dict[str, str] = {}
+    small, coarse = dict[str, str](), dict[str, str]()
     for (clip, configuration), part in judged.items():
-        gaze = (settings.get(configuration, {}).get("gaze") or {}).get("model", _NO_NETWORK[0])
-        if clip in notes or gaze in _NO_NETWORK or not part.head_heights_px.size:
-            continue
-        height_px = float(np.median(part.head_heights_px))
-        if height_px < SMALL_HEAD_PX:
-            notes[clip] = (
-                f"{clip} under {configuration}: heads are {height_px:.0f} px high (median). Of faces of less than "
-                f"{SMALL_HEAD_PX} px gaze networks are off by 10 to 30 degrees more, head networks by 2 to 9: film "
-                "nearer or with more pixels, or try the head alone (--set gaze.model=none)."
-            )
-    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
+        of_run, where = settings.get(configuration, {}), f"{clip} under {configuration}"
+        if clip not in small and _sees(of_run, "gaze", "model") and (said := _small(part)):
+            small[clip] = f"{where}: {said}"
+        if clip not in coarse and _sees(of_run, "stereo", "matcher") and (said := _coarse(part)):
+            coarse[clip] = f"{where}: {said}"
+    return tuple(Note(text, NoteKind.DOUBT) for text in (*small.values(), *coarse.values()))
 
 
-SMALL_HEAD_PX = 60
-"""Height of a head's box below which gaze networks fail (`python -m scripts.measure small_faces`)."""
-_NO_NETWORK = ("none", "truth", "simulated", "files")
-"""Models of gaze that look at no face."""
+def _sees(settings: Mapping[str, Any], table: str, key: str) -> bool:
+    """Whether a stage makes its answers from pixels."""
+    return (settings.get(table) or {}).get(key, _NOT_OF_IMAGES[0]) not in _NOT_OF_IMAGES
+
+
+def _small(part: PairVerdicts) -> str:
+    height_px = float(np.median(part.head_heights_px)) if part.head_heights_px.size else SMALL_HEAD_PX
+    if height_px >= SMALL_HEAD_PX:
+        return ""
+    return (
+        f"heads are {height_px:.0f} px high (median). Of faces of less than {SMALL_HEAD_PX} px gaze networks are off "
+        "by 10 to 30 degrees more, head networks by 2 to 9: film nearer or with more pixels, or try the head alone "
+        "(--set gaze.model=none)."
+    )
+
+
+def _coarse(part: PairVerdicts) -> str:
+    depth_m, step_m = np.median(part.depths_m, axis=0) if part.depths_m.size else (0.0, 0.0)
+    if step_m / 2 <= COARSE_DEPTH_M:
+        return ""
+    return (
+        f"eyes are {depth_m:.1f} m away (median), where half a pixel of disparity is {step_m / 2:.2f} m: film nearer, "
+        "with more pixels, or with cameras that are further apart."
+    )
 
 
 def label_notes(subjects: Sequence[JudgedSubject]) -> tuple[Note, ...]:

@@ -23,7 +23,7 @@ from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
-from harness.score.doubts import axis_notes, label_notes, size_notes, unit_notes
+from harness.score.doubts import axis_notes, distance_notes, label_notes, unit_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.judged_subjects import JudgedSubject, judged_subjects
 from harness.score.looks import MatchCounts, count_events
@@ -216,7 +216,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
             *(
                 *axis_notes(judged),
                 *unit_notes(judged),
-                *size_notes(judged, reference.settings),
+                *distance_notes(judged, reference.settings),
                 *label_notes(subjects),
             ),
         ),

@@ -123,8 +123,8 @@ class PairVerdicts:
 
     ``phase_of`` (F,) are codes of phases. ``fits`` (n, 4) are those of all frames of named subjects, labelled or not.
     ``aims`` (n, 2, 3) are some directions, each with the vector from the eyes to what the label says.
-    ``head_widths_m`` and ``head_heights_px`` are some widths and heights of heads, ``targets`` the names of all targets
-    that were found.
+    ``head_widths_m`` and ``head_heights_px`` are some widths and heights of heads, ``depths_m`` some depths of eyes (n,
+    2), each with the change of it by a pixel of disparity, ``targets`` the names of all targets that were found.
     """
 
     words: Words
@@ -136,6 +136,7 @@ class PairVerdicts:
     aims: Float
     head_widths_m: Float
     head_heights_px: Float
+    depths_m: Float
     targets: frozenset[str]
 
     def is_in(self, frames: NDArray[np.int64], phase: str) -> Flags:
@@ -172,6 +173,8 @@ def judge_columns(
         aims.append(of_subject)
     is_compared = scene.person_at % COMPARED_EVERY == 0
     widths_m, heights_px = looks.head_widths_m[is_compared], scene.head_heights_px[is_compared]
+    depths_m = looks.eyes_m[is_compared, 2]
+    steps_m = depths_m**2 / scene.pixel_metres[scene.person_at[is_compared]]
     return PairVerdicts(
         words=words,
         by_subject=judged,
@@ -182,6 +185,7 @@ def judge_columns(
         aims=np.concatenate(aims)[np.argsort(np.concatenate(at), kind="stable")],  # frame by frame
         head_widths_m=widths_m[~np.isnan(widths_m) & (widths_m != 0)],
         head_heights_px=heights_px[~np.isnan(heights_px)],
+        depths_m=np.stack([depths_m, steps_m], axis=1)[np.isfinite(steps_m)],
         targets=frozenset(str(word) for word in words.words(np.unique(scene.names))),
     )
 

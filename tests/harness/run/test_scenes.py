@@ -16,6 +16,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.scene_identity import key_of
 from harness.run.scenes import SceneWriters
+from harness.run.table_columns import ColumnReader
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
 from tests.disk import write_text
@@ -139,6 +140,19 @@ def test_every_column_has_what_was_perceived(
         }
         assert {name: look_row[name] for name in expected} == expected
     assert len(people) == 6
+
+
+def test_columns_have_the_size_of_heads_and_the_step_of_depth(
+    followed: tuple[RunDirectory, list[SharedFrame]],
+) -> None:
+    directory, frames = followed
+    reader = ColumnReader(directory, directory.read_manifest())
+    scene = reader.read(("studio_talk", "raw")).scene
+    seen = [shared.by_configuration["raw"] for shared in frames]
+    rigs = [each.percepts.rig for each in seen if isinstance(each, FollowedFrame) and each.percepts]
+    assert scene.pixel_metres.tolist() == [rig.fx_px * rig.baseline_m for rig in rigs]
+    heads = [row["head_box_px"] for row in _rows(directory, "people", "raw")]
+    assert scene.head_heights_px.tolist() == [bottom - top for _, top, _, bottom in heads]
 
 
 def test_what_is_the_same_is_written_once(followed: tuple[RunDirectory, list[SharedFrame]]) -> None:

@@ -16,7 +16,8 @@ from harness.run.notes import NoteKind
 from harness.run.records import FrameRecord
 from harness.score.doubts import _by_shift
 from harness.score.reference import Reference
-from tests.records import answers, frame_record, labels, score, subject_record
+from harness.score.score import score as score_columns
+from tests.records import answers, columns_by_pair, frame_record, labels, score, subject_record
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,24 @@ def test_faces_too_small_for_a_gaze_network_are_told(
     settings = {"one": {"gaze": None if gaze is None else {"model": gaze}}}
     doubts = [note.text for note in score(records, Reference(labels={}, settings=settings)).notes]
     assert ["42 px high" in text for text in doubts] == [True] * is_told
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "matcher", "is_told"),
+    [(2.0, "bm", False), (6.0, "bm", True), (6.0, "truth", False), (6.0, "sensor", False), (6.0, None, False)],
+)
+def test_eyes_too_far_for_the_stereo_pair_are_told(depth_m: float, matcher: str | None, is_told: bool) -> None:
+    """A pair of 0.1 m and 600 px: half a pixel is 0.03 m at 2 m, 0.3 m at 6 m."""
+    records = [
+        frame_record(subjects=[subject_record("girl", eyes=(0.0, 0.0, depth_m))], frame=frame) for frame in range(8)
+    ]
+    (columns,) = columns_by_pair(records)
+    with_rig = replace(columns, scene=replace(columns.scene, pixel_metres=np.full(8, 60.0)))
+    settings = {"one": {"stereo": matcher and {"matcher": matcher}}}
+    notes = score_columns([with_rig], Reference(labels={}, settings=settings)).notes  # type: ignore[arg-type]
+    assert ["6.0 m away (median), where half a pixel of disparity is 0.30 m" in note.text for note in notes] == (
+        [True] * is_told
+    )
 
 
 RATE_HZ, MINUTE = 25, 1500
