@@ -127,28 +127,30 @@ class _Outcome(NamedTuple):
     looks: Codes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Gain:
-    """The rates of frames under a mistake and as they are, and how probable the gain is by chance."""
+    """What frames of some people gain under a mistake: the rates with it, and as they are."""
 
-    rate: float
-    before: float
-    p: float
+    outcomes: Sequence[_Outcome]
 
-    @classmethod
-    def of(cls, outcomes: Sequence[_Outcome]) -> _Gain:
-        """The gain of the frames of some people; its chance by their looks."""
-        of_looks = [np.bincount(each.looks, each.changed.astype(np.float64) - each.plain) for each in outcomes]
-        changed, plain = (np.concatenate([each[column] for each in outcomes]) for column in (0, 1))
-        return cls(
-            rate=float(changed.mean()) if len(changed) else 0.0,
-            before=float(plain.mean()) if len(plain) else 0.0,
-            p=sign_flip_p(np.concatenate(of_looks)),
-        )
+    @property
+    def rate(self) -> float:
+        return self._mean(0)
+
+    @property
+    def before(self) -> float:
+        return self._mean(1)
 
     def is_shown(self, least: float, most_p: float) -> bool:
-        """Whether the gain is large, and hardly by chance."""
-        return self.rate - self.before >= least and self.p < most_p
+        """Whether the gain is large, and hardly by chance: looks are as likely to lose as to gain then."""
+        if self.rate - self.before < least:
+            return False
+        of_looks = [np.bincount(each.looks, each.changed.astype(np.float64) - each.plain) for each in self.outcomes]
+        return sign_flip_p(np.concatenate(of_looks)) < most_p
+
+    def _mean(self, column: int) -> float:
+        frames = np.concatenate([each[column] for each in self.outcomes])
+        return float(frames.mean()) if len(frames) else 0.0
 
 
 # Labels of another time
@@ -159,7 +161,7 @@ def _offset(people: Sequence[JudgedSubject]) -> Iterator[str]:
     rate_hz = people[0].rate_hz if people else None
     if rate_hz is None or (by := _best_shift(people, rate_hz)) is None:
         return
-    gain = _Gain.of([_with_labels_after(each, by) for each in people])
+    gain = _Gain([_with_labels_after(each, by) for each in people])
     if gain.is_shown(OFFSET_GAIN, OFFSET_P):
         yield (
             f"{gain.rate:.0%} of the frames would be right, and not {gain.before:.0%}, if the labels were not "
@@ -199,7 +201,9 @@ def _at(places: Codes, values: Flags | Float) -> Float:
 
 def _by_shift(now: Float, later: Float, most: int) -> Float:
     """Sums (2 most + 1,) of ``now`` at each place times ``later`` at a place shifted by -most to most."""
-    size = len(now) + most
+    from scipy.fft import next_fast_len
+
+    size = next_fast_len(len(now) + most, real=True)
     products = np.fft.irfft(np.fft.rfft(now, size).conj() * np.fft.rfft(later, size), size)
     return np.rint(np.concatenate([products[-most:], products[: most + 1]]))
 
@@ -219,12 +223,12 @@ def _exchange(people: Sequence[JudgedSubject]) -> Iterator[str]:
     codes = {name: code for each in people for name, code in zip(each.true_names, each.truth.tolist(), strict=True)}
     for one, other in combinations(people, 2):
         names = codes.get(one.subject, _NO_CODE), codes.get(other.subject, _NO_CODE)
-        gain = _Gain.of([_as_other(one, other, names), _as_other(other, one, names)])
+        gain = _Gain([_as_other(one, other, names), _as_other(other, one, names)])
         if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P):
             yield _exchanged(gain, f"frames of {one.subject} and {other.subject}", "they", "person")
     targets = [str(name) for name in codes if name != NOWHERE]
     for name, other_name in combinations(targets, 2):
-        gain = _Gain.of([_with_names(each, (codes[name], codes[other_name])) for each in people])
+        gain = _Gain([_with_names(each, (codes[name], codes[other_name])) for each in people])
         if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P / (len(targets) * (len(targets) - 1) / 2)):
             yield _exchanged(gain, "frames", f"{name} and {other_name}", "thing")
 
