@@ -95,7 +95,7 @@ def calibrate(
 
 
 def _print_result(out: Path, preview: Path, shown: int, calibration: StereoCalibration, baseline_m: float) -> None:
-    from harness.clips.check import MAX_BASELINE_M, MIN_BASELINE_M
+    from harness.clips.camera import MAX_BASELINE_M, MIN_BASELINE_M
 
     say(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {calibration.rms_px:.3f} px, mean epipolar error {calibration.epipolar_px:.3f} px"

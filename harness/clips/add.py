@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest, unknown_categories
 from harness.files.folders import find
@@ -230,7 +231,7 @@ def add_clip(
         rig=None if frame is None else frame.rig,
         has_right=frame is not None and frame.right is not None,
         has_depth=frame is not None and frame.depth_m is not None,
-        notes=(*clip.notes, *(() if frame is None else unknown_categories(manifest))),
+        notes=(*clip.notes, *(() if frame is None else _notes(frame, manifest))),
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         manifest=manifest_path,
@@ -244,6 +245,13 @@ def add_clip(
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added
+
+
+def _notes(frame: StereoFrame, manifest: ClipManifest) -> Iterator[str]:
+    """What is in question of the camera, and of the names."""
+    yield from camera_problems([frame], says_unit="calibration_unit" in manifest.source)
+    yield from camera_notes(frame.rig)
+    yield from unknown_categories(manifest)
 
 
 def distinct_names(paths: Sequence[str]) -> dict[str, str | None]:

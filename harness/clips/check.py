@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.clips.axes import other_axes
+from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
@@ -19,7 +19,7 @@ from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
-from vfoa.types import Float, StereoFrame, StereoRig
+from vfoa.types import Float, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
@@ -33,15 +33,6 @@ MIN_MATCHES = 30
 MIN_DEPTH_M, MAX_DEPTH_M = 0.05, 200.0
 """A median measured depth outside of this range is probably in another unit."""
 
-MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
-"""Usual baselines of cameras that watch people; others are probably in another unit."""
-
-MIN_FIELD_DEG, MAX_FIELD_DEG = 10, 140
-"""Usual horizontal fields of view of rectified images."""
-
-MOST_OFF_CENTRE = 0.15
-"""Usual distance of the principal point from the middle, as a share of width or height; at most."""
-
 _OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per metre"
 
 DARK = 16
@@ -49,39 +40,6 @@ DARK = 16
 
 MOST_BITS_NOTED = 14
 """Most bits of 16-bit pictures that are noted: 15 lose one bit, as a dark scene of 16 bits does."""
-
-
-def _calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> Iterator[str]:
-    """Problems of each camera, with its first frame. ``says_unit``: the manifest gives the unit of the baseline."""
-    for rig, frame in {frame.rig: frame for frame in reversed(frames)}.items():
-        if frame.right is not None and not says_unit and not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-            yield (
-                f"frame {frame.index}: the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to "
-                f'{MAX_BASELINE_M:g} m: say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in '
-                "[source]"
-            )
-        if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
-            yield (
-                f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
-                f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
-            )
-
-
-def camera_notes(rig: StereoRig) -> Iterator[str]:
-    """A focal length or a principal point that is unusual for the size of the images: it may be that of others."""
-    width, height = rig.width_px, rig.height_px
-    field_deg = math.degrees(2 * math.atan(width / 2 / rig.fx_px))
-    if not MIN_FIELD_DEG <= field_deg <= MAX_FIELD_DEG:
-        yield (
-            f"the focal length of {rig.fx_px:g} px is a horizontal field of view of {field_deg:.0f} degrees in images "
-            f"{width} wide; expected {MIN_FIELD_DEG} to {MAX_FIELD_DEG} (millimetres? images of another size?)"
-        )
-    off = max(abs(rig.cx_px / width - 0.5), abs(rig.cy_px / height - 0.5))
-    if off > MOST_OFF_CENTRE:
-        yield (
-            f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) is {off:.0%} of the size away from the middle of "
-            f"images of {width} x {height}: if the calibration is of images of another size, scale fx, fy, cx and cy"
-        )
 
 
 def _image_problems(frames: Sequence[StereoFrame]) -> Iterator[str]:
@@ -343,7 +301,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         ),
         problems=(
             *unreadable,
-            *_calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
+            *camera_problems(frames, says_unit="calibration_unit" in manifest.source),
             *_image_problems(frames),
             *_depth_problems(frames),
             *_matching_problems(error_px, disparity_px),

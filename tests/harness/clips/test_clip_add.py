@@ -89,6 +89,16 @@ def test_what_is_added_is_listed(tmp_path: Path) -> None:
     assert (listed["subjects"], listed["targets"], listed["labels"]) == (["ann"], ["mug"], 0)
 
 
+def test_a_camera_in_question_is_told_when_a_clip_is_added(tmp_path: Path) -> None:
+    """A baseline in millimetres, and the calibration of larger images, before anything is run."""
+    path = images(tmp_path / "data", "left/{}.png", "right/{}.png")
+    added = vfoa("add", path, "--fx", "100", "--cx", "62", "--cy", "23.5", "--baseline", "120", "--name", "mine")
+    assert [
+        word for word in ("baseline is 120 m", "(62, 23.5)") if not any(word in note for note in added["notes"])
+    ] == []
+    assert vfoa("add", path, *NUMBERS, "--name", "right")["notes"] == []
+
+
 def test_what_was_found_is_said(tmp_path: Path) -> None:
     found = CliRunner().invoke(app, ["add", str(scene_folder(tmp_path))], catch_exceptions=False)
     lines = found.stdout.splitlines()

@@ -239,14 +239,14 @@ def test_a_wrong_text_is_one_line(tmp_path: Path, text: str, said: str) -> None:
 
 def test_a_clip_says_that_its_calibration_is_scaled(tmp_path: Path) -> None:
     images(tmp_path, "left/{}.png", "right/{}.png")
-    nodes = {f"P{n}": np.array([[100, 0, 31.5, x], [0, 100, 23.5, 0], [0, 0, 1, 0]]) for n, x in ((1, 0.0), (2, -12.0))}
+    nodes = {f"P{n}": np.array([[100, 0, 63.5, x], [0, 100, 47.5, 0], [0, 0, 1, 0]]) for n, x in ((1, 0.0), (2, -12.0))}
     write_opencv(tmp_path / "stereo.yml", nodes, (2 * WIDTH, 2 * HEIGHT))
     added = vfoa("add", tmp_path, "--name", "mine")
     note = f"the calibration of {2 * WIDTH} x {2 * HEIGHT} pixels is scaled to the images' {WIDTH} x {HEIGHT}"
     assert added["notes"] == [note]
     clip = load_manifest("mine").open()
     assert clip.frame(1).rig.fx_px == pytest.approx(50.0)
-    assert clip.frame(1).rig.cx_px == pytest.approx((31.5 + 0.5) / 2 - 0.5)
+    assert clip.frame(1).rig.cx_px == pytest.approx((63.5 + 0.5) / 2 - 0.5)
 
 
 @pytest.mark.parametrize(("left", "right"), [("/cam0/image", "/cam1/image"), ("/d455/infra1/raw", "/d455/infra2/raw")])
