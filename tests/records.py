@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.labels.labels import Label, LabelRange, Labels
+from harness.labels.labels import RESERVED, Label, LabelRange, Labels
 from harness.report.stages import stage_times
 from harness.report.write import Scored, render_tables, run_tables, scored, write_scores
 from harness.run.columns import PairColumns, Words
@@ -150,7 +150,7 @@ def write_clip(
     root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = (), tags: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Write a clip's manifest and its labels of frames 1, 2, ... of a girl; return its entry in a run's manifest."""
-    named = {"subjects.girl": "girl", **{f"targets.{target}": target for target in sorted({*targets} - {"none"})}}
+    named = {"subjects.girl": "girl", **{f"targets.{target}": target for target in sorted({*targets} - {*RESERVED})}}
     tables = "".join(f'[{table}]\ncategory = "{category}"\n' for table, category in named.items())
     rows = [*zip(targets, notes or [""] * len(targets), strict=True)]
     if tags:

@@ -7,11 +7,12 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import median
 
 import numpy as np
 
-from harness.labels.labels import Label, LabelRange, Labels, ranges_of
+from harness.labels.labels import IGNORED, Label, LabelRange, Labels, ranges_of
 from harness.run.columns import UNKNOWN, PairColumns
 from harness.score.picks import view_of
 from harness.score.verdict_columns import LabelColumns, named_by
@@ -26,10 +27,12 @@ _SIGNS: dict[str, Callable[[float, float], bool]] = {
 WORDS = ("clip", "subject", "target", "tag", "note")
 DISTANCES = ("distance", "target_distance")
 """Metres from the camera to the person's eyes, and from the eyes to the true target's centre, as the run measured."""
-NUMBERS = ("time", "frame", *DISTANCES)
+OF_TIME = ("time", "from_change")
+"""Seconds on the clip's clock, and to the nearest change of the subject's label, before or after the frame."""
+NUMBERS = (*OF_TIME, "frame", *DISTANCES)
 EXPECTED = (
-    "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), frame, distance (m) or "
-    "target_distance (m) with <, <=, > or >="
+    "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), from_change (s), frame, "
+    "distance (m) or target_distance (m) with <, <=, > or >="
 )
 Distances = Mapping[tuple[str, int, str], tuple[float, float]]
 """Both distances by clip, frame and subject; NaN where one is not known."""
@@ -107,10 +110,10 @@ def subset(
         If no frame is left, a condition names nothing that is labelled, or asks for times that the run does not have.
     """
     _check_names(labels, conditions)
-    if any(condition.key == "time" for condition in conditions):
+    if timed := next((condition.key for condition in conditions if condition.key in OF_TIME), None):
         for clip in labels:
             if len(times_ns.get(clip, ())) != len(frames[clip]):
-                raise VfoaError(f"--where: time: the run has no times of {clip}; run it again, or use frame")
+                raise VfoaError(f"--where: {timed}: the run has no times of {clip}; run it again, or use frame")
     has_distances = any(condition.key in DISTANCES for condition in conditions)
     distances = measured_distances(columns(), labels) if has_distances else {}
     found: dict[str, Labels] = {}
@@ -137,13 +140,31 @@ def _ranges(
     seconds = [time / 1e9 for time in times_ns] or [math.nan] * len(frames)
     for subject in labels.subjects:
         met: list[tuple[int, Label | None]] = []
-        for frame, time_s in zip(frames, seconds, strict=True):
-            label = labels.at(frame, subject)
+        own = [labels.at(frame, subject) for frame in frames]
+        for frame, time_s, label, from_change_s in zip(frames, seconds, own, _from_change_s(own, seconds), strict=True):
             known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
-            numbers = {"time": time_s, "frame": frame, **dict(known)}
+            numbers = {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
             is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
             met.append((frame, label if is_met else None))
         yield from ranges_of(subject, met)
+
+
+def _from_change_s(labels: Sequence[Label | None], seconds: Sequence[float]) -> list[float]:
+    """Seconds from each frame to the nearest change between two labels of other targets; infinity without a change.
+
+    A change is in the middle between two frames. Where labels begin or end, and beside ``ignore``, nobody says that
+    there is one.
+    """
+    changes = [
+        (before_s + after_s) / 2
+        for (before, before_s), (after, after_s) in pairwise(zip(labels, seconds, strict=True))
+        if before and after and IGNORED not in (before.target, after.target) and before.target != after.target
+    ]
+    if not changes:
+        return [math.inf] * len(seconds)
+    places = np.searchsorted(changes, seconds)
+    ends = np.array([-math.inf, *changes, math.inf])
+    return np.minimum(np.array(seconds) - ends[places], ends[places + 1] - np.array(seconds)).tolist()
 
 
 def measured_distances(columns: Iterable[PairColumns], labels: Mapping[str, Labels]) -> Distances:

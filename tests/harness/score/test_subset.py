@@ -60,6 +60,7 @@ def run(tmp_path: Path) -> Path:
         (["time>=0.12"], [3, 4, 5, 6]),
         (["time<0.12"], [1, 2]),
         (["frame>2", "frame<=5", "target = cup"], [3, 5]),
+        (["from_change<0.1"], [1, 2, 3, 4, 5, 6]),
     ],
 )
 def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: list[str], frames: list[int]) -> None:
@@ -72,6 +73,30 @@ def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: 
     for row in scores.overall():
         within = [SAID[row.configuration][frame - 1] == TRUTH[frame - 1] for frame in frames]
         assert (row.n, row.correct) == (2 * len(frames), 2 * sum(within))
+
+
+LOOKS = ("cup",) * 5 + ("book",) * 6 + ("ignore",) * 2 + ("book",) * 4 + ("none",) * 4
+"""Changes at 0.22 s, and at 0.70 s; between them nobody has labelled two frames."""
+
+
+@pytest.mark.parametrize(
+    ("condition", "frames"),
+    [
+        ("from_change>0.09", [1, 2, 3, 8, 9, 10, 11, 14, 15, 20, 21]),
+        ("from_change<0.03", [5, 6, 17, 18]),
+        ("from_change>10", []),
+    ],
+)
+def test_frames_near_a_change_of_the_label_are_left_out(tmp_path: Path, condition: str, frames: list[int]) -> None:
+    """People mark changes up to half a second late, and annotators disagree there."""
+    clips = [write_clip(tmp_path, "a", LOOKS)]
+    of_clip = write_run(tmp_path / "run", answers(["cup"] * len(LOOKS), clip="a"), clips=clips)
+    if not frames:
+        with pytest.raises(VfoaError, match="no labelled frame of the run meets this"):
+            read_scores(of_clip, [Condition.parse(condition)])
+        return
+    scores = read_scores(of_clip, [Condition.parse(condition)])
+    assert [verdict.frame for verdict in scores.verdicts if verdict.outcome != "unscored"] == frames
 
 
 def test_one_clip_of_several(run: Path) -> None:
