@@ -119,10 +119,6 @@ def _without_nan(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-_MOST_ANSWERS = 12
-"""Most rows of what people look at in clips without labels that the terminal shows unasked."""
-
-
 def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     """Print the result of a run: a row for each configuration, what fails, the verdict and the next commands.
 
@@ -149,9 +145,8 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
             console.print(note, markup=False)
     if ablation.rows and not verbose:
         print_reports([ablation])
-    answers = unlabelled_table(scores)
-    if 0 < len(answers.rows) <= _MOST_ANSWERS or (verbose and answers.rows):
-        print_reports([answers])
+    if (answers := unlabelled_table(scores)).rows:
+        print_reports([answers if verbose else first_rows(answers, "rows: see the report")])
     unscored = [note for note in remarks(scores) if note.kind == NoteKind.UNLABELLED]
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
