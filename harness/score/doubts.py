@@ -1,262 +1,99 @@
-"""Doubts: notes on a clip's data, labels and names, where one mistake would explain many wrong answers.
+"""Doubts about the data of a clip: axes or units of another program, and people who are too far away.
 
-Each compares the answers as they are with those under the mistake, for the first configuration of a clip that shows it.
+Labels that are mistaken are in :mod:`harness.score.mistaken_labels`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, combinations
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from harness.clips.axes import other_axes
-from harness.labels.labels import NOWHERE
 from harness.run.directory import Pair
 from harness.run.notes import Note, NoteKind
-from harness.score.judged_subjects import JudgedSubject
-from harness.score.statistics import sign_flip_p
 from harness.score.verdict_columns import PairVerdicts
-from vfoa.types import Codes, Flags, Float
 
 USUAL_HEAD_M = (0.1, 0.45)
 """Widths of a head's box, or a face's: a median outside of it is probably due to the unit of the depth."""
-OFFSET_GAIN, EXCHANGE_GAIN = 0.15, 0.25
-"""Least gain of the rate by which labels are said to be early or late, and names exchanged."""
-LEAST_OFFSET_S, MOST_OFFSET_S = 0.5, 60.0
-"""Offsets of labels that are tried. People mark a look up to half a second late."""
-OFFSET_P, EXCHANGE_P = 5e-4, 0.05
-"""Most probable by chance: of the best of many offsets, and of one exchange."""
-
-
-def axis_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
-    """A note for each clip whose directions seem to be in another program's axes, under the first configuration."""
-    notes: dict[str, str] = {}
-    for (clip, configuration), part in judged.items():
-        directions, to_targets = part.aims.swapaxes(0, 1)
-        if clip not in notes and (found := other_axes(directions, to_targets)) is not None:
-            notes[clip] = f"{clip} under {configuration}: {found}."
-    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
-
-
-def unit_notes(judged: Mapping[Pair, PairVerdicts]) -> tuple[Note, ...]:
-    """A note for each clip whose heads have no usual size in metres, under the first configuration."""
-    notes: dict[str, str] = {}
-    for (clip, configuration), part in judged.items():
-        width_m = float(np.median(part.head_widths_m)) if part.head_widths_m.size else USUAL_HEAD_M[0]
-        if clip not in notes and not USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
-            notes[clip] = (
-                f"{clip} under {configuration}: heads are {width_m:.2g} m wide (median): is the unit of depth right? "
-                "In [source], depth_scale is the number of counts per metre of measured depth, baseline_m (or "
-                "calibration_unit) that of a pair."
-            )
-    return tuple(Note(text, NoteKind.DOUBT) for text in notes.values())
-
-
 SMALL_HEAD_PX = 60
 """Height of a head's box below which gaze networks fail (`python -m scripts.measure small_faces`)."""
 COARSE_DEPTH_M = 0.25
 """Error of the depth of eyes by half a pixel of disparity above which it outweighs that of a gaze: at a thing that is a
 metre away, it is 14 degrees."""
-_NOT_OF_IMAGES = ("none", "truth", "simulated", "files", "sensor")
-"""Stages that look at no pixel."""
+
+Settings = Mapping[str, Any]
+"""The settings of a configuration, as a run's manifest has them."""
 
 
-def distance_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Mapping[str, Any]]) -> tuple[Note, ...]:
-    """Notes for each clip whose people are too far away for the network of their gaze, or for the stereo pair.
-
-    ``settings`` are those of each configuration, as its manifest has them.
-    """
-    small, coarse = dict[str, str](), dict[str, str]()
-    for (clip, configuration), part in judged.items():
-        of_run, where = settings.get(configuration, {}), f"{clip} under {configuration}"
-        if clip not in small and _sees(of_run, "gaze", "model") and (said := _small(part)):
-            small[clip] = f"{where}: {said}"
-        if clip not in coarse and _sees(of_run, "stereo", "matcher") and (said := _coarse(part)):
-            coarse[clip] = f"{where}: {said}"
-    return tuple(Note(text, NoteKind.DOUBT) for text in (*small.values(), *coarse.values()))
-
-
-def _sees(settings: Mapping[str, Any], table: str, key: str) -> bool:
-    """Whether a stage makes its answers from pixels."""
-    return (settings.get(table) or {}).get(key, _NOT_OF_IMAGES[0]) not in _NOT_OF_IMAGES
+def data_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Settings]) -> tuple[Note, ...]:
+    """A note for each clip and doubt, under the first configuration that shows it; settings by configuration."""
+    doubts: tuple[Callable[[PairVerdicts, Settings], str], ...] = (
+        _other_axes,
+        _other_unit,
+        _small_heads,
+        _coarse_depth,
+    )
+    notes = []
+    for doubt in doubts:
+        said: dict[str, str] = {}
+        for (clip, configuration), part in judged.items():
+            if clip not in said and (text := doubt(part, settings.get(configuration, {}))):
+                said[clip] = f"{clip} under {configuration}: {text}."
+        notes += [Note(text, NoteKind.DOUBT) for text in said.values()]
+    return tuple(notes)
 
 
-def _small(part: PairVerdicts) -> str:
-    height_px = float(np.median(part.head_heights_px)) if part.head_heights_px.size else SMALL_HEAD_PX
+def _other_axes(part: PairVerdicts, settings: Settings) -> str:
+    """Directions that are in another program's axes; empty if they are not."""
+    directions, to_targets = part.aims.swapaxes(0, 1)
+    return str(other_axes(directions, to_targets) or "")
+
+
+def _other_unit(part: PairVerdicts, settings: Settings) -> str:
+    """Heads of no usual size in metres."""
+    if not part.head_widths_m.size:
+        return ""
+    width_m = float(np.median(part.head_widths_m))
+    if USUAL_HEAD_M[0] <= width_m <= USUAL_HEAD_M[1]:
+        return ""
+    return (
+        f"heads are {width_m:.2g} m wide (median): is the unit of depth right? In [source], depth_scale is the number "
+        "of counts per metre of measured depth, baseline_m (or calibration_unit) that of a pair"
+    )
+
+
+def _small_heads(part: PairVerdicts, settings: Settings) -> str:
+    """Faces that are too small for the network that gives the gaze."""
+    if not _looks_at_pixels(settings, "gaze", "model") or not part.head_heights_px.size:
+        return ""
+    height_px = float(np.median(part.head_heights_px))
     if height_px >= SMALL_HEAD_PX:
         return ""
     return (
         f"heads are {height_px:.0f} px high (median). Of faces of less than {SMALL_HEAD_PX} px gaze networks are off "
         "by 10 to 30 degrees more, head networks by 2 to 9: film nearer or with more pixels, or try the head alone "
-        "(--set gaze.model=none)."
+        "(--set gaze.model=none)"
     )
 
 
-def _coarse(part: PairVerdicts) -> str:
-    depth_m, step_m = np.median(part.depths_m, axis=0) if part.depths_m.size else (0.0, 0.0)
+def _coarse_depth(part: PairVerdicts, settings: Settings) -> str:
+    """Eyes that are too far away for the stereo pair."""
+    if not _looks_at_pixels(settings, "stereo", "matcher") or not part.depths_m.size:
+        return ""
+    depth_m, step_m = np.median(part.depths_m, axis=0)
     if step_m / 2 <= COARSE_DEPTH_M:
         return ""
     return (
         f"eyes are {depth_m:.1f} m away (median), where half a pixel of disparity is {step_m / 2:.2f} m: film nearer, "
-        "with more pixels, or with cameras that are further apart."
+        "with more pixels, or with cameras that are further apart"
     )
 
 
-def label_notes(subjects: Sequence[JudgedSubject]) -> tuple[Note, ...]:
-    """A note for each clip whose labels seem to be early or late, or two of whose names seem to be exchanged."""
-    by_clip: dict[str, list[JudgedSubject]] = {}
-    for each in subjects:
-        of_clip = by_clip.setdefault(each.clip, [])
-        if len(each.truth) and each.configuration == (of_clip or [each])[0].configuration:
-            of_clip.append(each)
-    notes = []
-    for clip, people in by_clip.items():
-        if found := next(chain(_offset(people), _exchange(people)), None):
-            notes.append(Note(f"{clip} under {people[0].configuration}: {found}", NoteKind.DOUBT))
-    return tuple(notes)
+_WITHOUT_PIXELS = ("none", "truth", "simulated", "files", "sensor")
+"""Stages that answer from something else than the images."""
 
 
-class _Outcome(NamedTuple):
-    """Whether frames of a person are right under a mistake (n,), and as they are (n,), and their looks (n,)."""
-
-    changed: Flags
-    plain: Flags
-    looks: Codes
-
-
-@dataclass(frozen=True, slots=True)
-class _Gain:
-    """What frames of some people gain under a mistake: the rates with it, and as they are."""
-
-    outcomes: Sequence[_Outcome]
-
-    @property
-    def rate(self) -> float:
-        return self._mean(0)
-
-    @property
-    def before(self) -> float:
-        return self._mean(1)
-
-    def is_shown(self, least: float, most_p: float) -> bool:
-        """Whether the gain is large, and hardly by chance: looks are as likely to lose as to gain then."""
-        if self.rate - self.before < least:
-            return False
-        of_looks = [np.bincount(each.looks, each.changed.astype(np.float64) - each.plain) for each in self.outcomes]
-        return sign_flip_p(np.concatenate(of_looks)) < most_p
-
-    def _mean(self, column: int) -> float:
-        frames = np.concatenate([each[column] for each in self.outcomes])
-        return float(frames.mean()) if len(frames) else 0.0
-
-
-# Labels of another time
-
-
-def _offset(people: Sequence[JudgedSubject]) -> Iterator[str]:
-    """How late or early the labels of a clip's people seem to be."""
-    rate_hz = people[0].rate_hz if people else None
-    if rate_hz is None or (by := _best_shift(people, rate_hz)) is None:
-        return
-    gain = _Gain([_with_labels_after(each, by) for each in people])
-    if gain.is_shown(OFFSET_GAIN, OFFSET_P):
-        yield (
-            f"{gain.rate:.0%} of the frames would be right, and not {gain.before:.0%}, if the labels were not "
-            f"{abs(by) / rate_hz:.1f} s too {'late' if by > 0 else 'early'}: were they made on a film that begins at "
-            "another time? (--offset of vfoa labels import)"
-        )
-
-
-def _best_shift(people: Sequence[JudgedSubject], rate_hz: float) -> int | None:
-    """By how many frames later labels, for each frame, make most frames right that are not; None without any shift.
-
-    Half of the frames have to have such a label.
-    """
-    least, most = max(1, round(LEAST_OFFSET_S * rate_hz)), round(MOST_OFFSET_S * rate_hz)
-    most = min(most, max(int(np.ptp(each.positions)) for each in people))
-    if most < least:
-        return None
-    gained, frames = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
-    for each in people:
-        places = each.positions - each.positions[0]
-        labelled = _at(places, np.ones(len(places)))
-        for code in np.intersect1d(each.truth, each.predicted).tolist():
-            gained += _by_shift(_at(places, each.predicted == code), _at(places, each.truth == code), most)
-        gained -= _by_shift(_at(places, each.correct), labelled, most)
-        frames += _by_shift(labelled, labelled, most)
-    shifts = np.arange(-most, most + 1)
-    is_tried = (abs(shifts) >= least) & (frames >= sum(len(each.truth) for each in people) / 2)
-    if not is_tried.any():
-        return None
-    return int(shifts[np.argmax(np.where(is_tried, gained / np.maximum(frames, 1), -np.inf))])
-
-
-def _at(places: Codes, values: Flags | Float) -> Float:
-    """Values (n,) at their places in a row, 0 elsewhere."""
-    return np.bincount(places, values.astype(np.float64)).astype(np.float64)
-
-
-def _by_shift(now: Float, later: Float, most: int) -> Float:
-    """Sums (2 most + 1,) of ``now`` at each place times ``later`` at a place shifted by -most to most."""
-    from scipy.fft import next_fast_len
-
-    size = next_fast_len(len(now) + most, real=True)
-    products = np.fft.irfft(np.fft.rfft(now, size).conj() * np.fft.rfft(later, size), size)
-    return np.rint(np.concatenate([products[-most:], products[: most + 1]]))
-
-
-def _with_labels_after(subject: JudgedSubject, by: int) -> _Outcome:
-    """A subject's answers with the labels of frames that are ``by`` later, where there are some."""
-    _, now, then = np.intersect1d(subject.positions + by, subject.positions, assume_unique=True, return_indices=True)
-    changed = subject.predicted[now] == subject.truth[then]
-    return _Outcome(changed, subject.correct[now], subject.looks[now])
-
-
-# Names that are exchanged
-
-
-def _exchange(people: Sequence[JudgedSubject]) -> Iterator[str]:
-    """Which two people, or two targets, of a clip seem to have each other's names."""
-    codes = {name: code for each in people for name, code in zip(each.true_names, each.truth.tolist(), strict=True)}
-    for one, other in combinations(people, 2):
-        names = codes.get(one.subject, _NO_CODE), codes.get(other.subject, _NO_CODE)
-        gain = _Gain([_as_other(one, other, names), _as_other(other, one, names)])
-        if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P):
-            yield _exchanged(gain, f"frames of {one.subject} and {other.subject}", "they", "person")
-    targets = [str(name) for name in codes if name != NOWHERE]
-    for name, other_name in combinations(targets, 2):
-        gain = _Gain([_with_names(each, (codes[name], codes[other_name])) for each in people])
-        if gain.is_shown(EXCHANGE_GAIN, EXCHANGE_P / (len(targets) * (len(targets) - 1) / 2)):
-            yield _exchanged(gain, "frames", f"{name} and {other_name}", "thing")
-
-
-_NO_CODE = -2
-"""The code of a name that is no target of any label."""
-
-
-def _exchanged(gain: _Gain, frames: str, who: str, what: str) -> str:
-    return (
-        f"{gain.rate:.0%} of the {frames} would be right, and not {gain.before:.0%}, if {who} had each other's names: "
-        f"do labels and manifest (from_left) mean the same {what}?"
-    )
-
-
-def _as_other(subject: JudgedSubject, other: JudgedSubject, names: tuple[int, int]) -> _Outcome:
-    """The other person's answers as those of a subject, in the frames of both; their names are exchanged in them."""
-    _, mine, yours = np.intersect1d(subject.frames, other.frames, assume_unique=True, return_indices=True)
-    answers = _renamed(other.predicted[yours], names)
-    return _Outcome(answers == subject.truth[mine], subject.correct[mine], subject.looks[mine])
-
-
-def _with_names(subject: JudgedSubject, names: tuple[int, int]) -> _Outcome:
-    """A subject's answers with two names exchanged."""
-    return _Outcome(_renamed(subject.predicted, names) == subject.truth, subject.correct, subject.looks)
-
-
-def _renamed(answers: Codes, names: tuple[int, int]) -> Codes:
-    """The answers with each of two names in place of the other."""
-    one, other = names
-    return np.where(answers == one, other, np.where(answers == other, one, answers))
+def _looks_at_pixels(settings: Settings, table: str, key: str) -> bool:
+    return (settings.get(table) or {}).get(key, "none") not in _WITHOUT_PIXELS

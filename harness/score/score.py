@@ -23,11 +23,12 @@ from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
-from harness.score.doubts import axis_notes, distance_notes, label_notes, unit_notes
+from harness.score.doubts import data_notes
 from harness.score.intervals import ScoredFrames, Units, rate_interval
 from harness.score.judged_subjects import JudgedSubject, judged_subjects
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
+from harness.score.mistaken_labels import label_notes
 from harness.score.reference import Reference
 from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 from harness.score.verdict_columns import PairVerdicts, judge_columns
@@ -213,12 +214,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         rows=tuple(rows),
         notes=(
             *(*reference.notes, *map(Note, misfit_notes(directions))),
-            *(
-                *axis_notes(judged),
-                *unit_notes(judged),
-                *distance_notes(judged, reference.settings),
-                *label_notes(subjects),
-            ),
+            *(*data_notes(judged, reference.settings), *label_notes(subjects)),
         ),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},

@@ -203,4 +203,4 @@ def _notes(file: CvatFile, named: list[_Named], frames: Mapping[int | str, int],
     if outside := sum(at not in frames for at in file.ats()):
         yield f"{path}: {outside} of its frames are not in the clip and are left out."
     if file.left_out:
-        yield f"{path}: {file.left_out} skeletons and cuboids are left out."
+        yield f"{path}: {file.left_out} skeletons, cuboids and tags are left out."

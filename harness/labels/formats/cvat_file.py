@@ -27,8 +27,8 @@ from harness.files.parsing import parse_xml
 from harness.labels.drawn_shapes import Place
 from vfoa.errors import VfoaError
 
-LEFT_OUT = ("skeleton", "cuboid")
-"""Shapes that have no box of their own."""
+LEFT_OUT = ("skeleton", "cuboid", "tag")
+"""What has no box of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class CvatTrack:
 class CvatFile:
     """The tracks of a file, the names of its images, if it has them, and their size (width, height), where it is known.
 
-    ``left_out`` is the number of skeletons and cuboids.
+    ``left_out`` is the number of skeletons, cuboids and tags.
     """
 
     tracks: list[CvatTrack]

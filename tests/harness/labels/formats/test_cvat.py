@@ -161,6 +161,14 @@ def test_every_kind_of_shape(tmp_path: Path, element: str, kind: str, place: Box
     assert found == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
 
 
+def test_what_has_no_box_is_counted(tmp_path: Path) -> None:
+    skeleton = '<skeleton frame="1" keyframe="1"><points label="nose" frame="1" points="3,4"/></skeleton>'
+    cuboid = '<cuboid frame="2" keyframe="1" xtl1="1" ytl1="2"/>'
+    imported = read(tmp_path, cvat_track("bird", cvat_box(0, (0, 0, 9, 9)), skeleton, cuboid))
+    assert [note for note in imported.notes if ": 2 skeletons, cuboids and tags are left out" in note]
+    assert {frame for _, _, frame in places(imported.drawn)} == {*range(1, 51)}
+
+
 def test_an_offset_is_in_seconds_of_the_film(tmp_path: Path) -> None:
     element = cvat_track("bird", *(cvat_box(at, (at, 0, at + 9, 9)) for at in range(100)))
     found = places(read(tmp_path, element, offset=1.0).drawn)
