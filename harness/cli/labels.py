@@ -189,6 +189,14 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
 def agreement(
     clip: Clip,
     annotators: Annotators = None,
+    away: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0,
+            help="Compare only frames that are farther than this from any change of a label, such as 0.3.",
+        ),
+    ] = 0.0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIRECTORY", help="Also write the tables to this folder: CSV, and one .md.")
     ] = None,
@@ -205,8 +213,8 @@ def agreement(
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
-    comparison = compare_annotators(labels, opened.frames, opened.rate_hz)
-    tables = agreement_tables(manifest.name, labels, comparison, opened.frames)
+    comparison = compare_annotators(labels, opened.frames, opened.rate_hz, away)
+    tables = agreement_tables(manifest.name, labels, comparison, opened.frames, away)
     print_reports(first_rows(table, "rows; --out DIR writes all") for table in tables.values())
     if out:
         page = "\n".join(to_markdown(table, level=2) for table in tables.values())

@@ -16,13 +16,15 @@ _NOTE = (
 
 
 def agreement_tables(
-    clip: str, labels: Mapping[str, Labels], agreements: Sequence[Agreement], frames: Sequence[int]
+    clip: str, labels: Mapping[str, Labels], agreements: Sequence[Agreement], frames: Sequence[int], away_s: float = 0.0
 ) -> dict[str, Table]:
     """Return all tables of the agreement of annotators on a clip, by the name of their file.
 
     Kappa of every pair of annotators, pooled and by subject; agreement by target; the confusion of each pair (the first
-    in rows, the second in columns); and every range in which two of them differ.
+    in rows, the second in columns); and every range in which two of them differ, also near a change. ``away_s`` is what
+    the agreements were made with.
     """
+    away = (f"Only frames farther than {away_s:g} s from any change of a label.",) if away_s else ()
     pooled = [agreement for agreement in agreements if agreement.subject is None]
     kappas = Table.of(
         f"{clip}: agreement of annotators",
@@ -36,7 +38,7 @@ def agreement_tables(
             for agreement in agreements
         ),
         words=3,
-        notes=(_NOTE,),
+        notes=(*away, _NOTE),
     )
     targets = Table.of(
         f"{clip}: agreement by target",

@@ -15,8 +15,9 @@ import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
 from harness.score.intervals import LEAST_UNITS, draw, expanded_percentiles
-from harness.score.looks import number_looks
+from harness.score.looks import number_looks, seconds_from_change
 from harness.score.statistics import NO_INTERVAL, Counts, Interval
+from vfoa.errors import VfoaError
 from vfoa.scoring import cohen_kappa
 from vfoa.types import Codes
 
@@ -54,7 +55,8 @@ class Difference(NamedTuple):
 class Agreement:
     """Two annotators on one subject, or (``subject`` None) on all subjects pooled.
 
-    ``n`` frames are compared; ``skipped`` frames were labelled by at least one of them but not judged by both.
+    ``n`` frames are compared; ``skipped`` frames were labelled by at least one of them but not judged by both, or are
+    near a change.
     ``confusion`` (targets, targets) counts the first's answers in rows, the second's in columns.
     """
 
@@ -89,7 +91,9 @@ class _Compared(NamedTuple):
     skipped: int
 
 
-def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate_hz: float | None) -> list[Agreement]:
+def compare_annotators(
+    labels: Mapping[str, Labels], frames: Sequence[int], rate_hz: float | None, away_s: float = 0.0
+) -> list[Agreement]:
     """Compare every pair of annotators, first pooled, then on each subject if there are several.
 
     Parameters
@@ -98,10 +102,19 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
         Each annotator's labels, in the order in which they are to be named.
     frames, rate_hz
         The clip's frame numbers and rate; looks shorter than two seconds are joined for the interval.
+    away_s
+        Only frames that are farther than this from any change of the label by either of the two, seconds.
+
+    Raises
+    ------
+    VfoaError
+        If ``away_s`` is asked for, and the clip does not know its rate.
     """
+    if away_s and rate_hz is None:
+        raise VfoaError("--away: the clip does not know its rate; expected rate_hz in its manifest")
     agreements = []
     for first, second in combinations(labels, 2):
-        subjects = _compared(labels[first], labels[second], frames)
+        subjects = _compared(labels[first], labels[second], frames, rate_hz, away_s)
         agreements.append(_agreement(first, second, None, subjects, rate_hz))
         if len(subjects) > 1:
             agreements += [_agreement(first, second, subject.subject, [subject], rate_hz) for subject in subjects]
@@ -121,15 +134,19 @@ def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Di
     return ranges
 
 
-def _compared(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Compared]:
+def _compared(
+    first: Labels, second: Labels, frames: Sequence[int], rate_hz: float | None = None, away_s: float = 0.0
+) -> list[_Compared]:
     first, second = first.confirmed(), second.confirmed()
     by_subject = []
     for subject in sorted({*first.subjects, *second.subjects}):
         pairs = [(first.at(frame, subject), second.at(frame, subject)) for frame in frames]
+        seconds = [place / (rate_hz or 1.0) for place in range(len(frames))]
+        ours_s, theirs_s = (seconds_from_change(own, seconds) for own in zip(*pairs, strict=True))
         judged = {
             place: (ours.target, theirs.target)
-            for place, (ours, theirs) in enumerate(pairs)
-            if ours and theirs and IGNORED not in (ours.target, theirs.target)
+            for place, ((ours, theirs), *from_s) in enumerate(zip(pairs, ours_s, theirs_s, strict=True))
+            if ours and theirs and IGNORED not in (ours.target, theirs.target) and min(from_s) > away_s
         }
         labelled = sum(pair != (None, None) for pair in pairs)
         by_subject.append(_Compared(subject, list(judged), list(judged.values()), labelled - len(judged)))

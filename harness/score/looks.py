@@ -13,11 +13,13 @@ meetings", 2009).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from harness.labels.labels import IGNORED, Label
 from vfoa.types import Codes, Flags, Float
 
 LEAST_S = 2.0
@@ -64,6 +66,24 @@ def joined(lengths: Float, least: float) -> Codes:
     if unit and length < least:
         units[units == unit] = unit - 1
     return units
+
+
+def seconds_from_change(labels: Sequence[Label | None], seconds: Sequence[float]) -> list[float]:
+    """Seconds from each frame to the nearest change between two labels of other targets; infinity without a change.
+
+    A change is in the middle between two frames. Where labels begin or end, and beside ``ignore``, nobody says that
+    there is one.
+    """
+    changes = [
+        (before_s + after_s) / 2
+        for (before, before_s), (after, after_s) in pairwise(zip(labels, seconds, strict=True))
+        if before and after and IGNORED not in (before.target, after.target) and before.target != after.target
+    ]
+    if not changes:
+        return [math.inf] * len(seconds)
+    places = np.searchsorted(changes, seconds)
+    ends = np.array([-math.inf, *changes, math.inf])
+    return np.minimum(np.array(seconds) - ends[places], ends[places + 1] - np.array(seconds)).tolist()
 
 
 def correlation_time_s(sequences: Iterable[tuple[Flags, Codes, float | None]]) -> float:

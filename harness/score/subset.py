@@ -7,13 +7,13 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from statistics import median
 
 import numpy as np
 
-from harness.labels.labels import IGNORED, Label, LabelRange, Labels, ranges_of
+from harness.labels.labels import Label, LabelRange, Labels, ranges_of
 from harness.run.columns import UNKNOWN, PairColumns
+from harness.score.looks import seconds_from_change
 from harness.score.picks import view_of
 from harness.score.verdict_columns import LabelColumns, named_by
 from vfoa.errors import VfoaError, did_you_mean
@@ -141,30 +141,14 @@ def _ranges(
     for subject in labels.subjects:
         met: list[tuple[int, Label | None]] = []
         own = [labels.at(frame, subject) for frame in frames]
-        for frame, time_s, label, from_change_s in zip(frames, seconds, own, _from_change_s(own, seconds), strict=True):
+        for frame, time_s, label, from_change_s in zip(
+            frames, seconds, own, seconds_from_change(own, seconds), strict=True
+        ):
             known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
             numbers = {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
             is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
             met.append((frame, label if is_met else None))
         yield from ranges_of(subject, met)
-
-
-def _from_change_s(labels: Sequence[Label | None], seconds: Sequence[float]) -> list[float]:
-    """Seconds from each frame to the nearest change between two labels of other targets; infinity without a change.
-
-    A change is in the middle between two frames. Where labels begin or end, and beside ``ignore``, nobody says that
-    there is one.
-    """
-    changes = [
-        (before_s + after_s) / 2
-        for (before, before_s), (after, after_s) in pairwise(zip(labels, seconds, strict=True))
-        if before and after and IGNORED not in (before.target, after.target) and before.target != after.target
-    ]
-    if not changes:
-        return [math.inf] * len(seconds)
-    places = np.searchsorted(changes, seconds)
-    ends = np.array([-math.inf, *changes, math.inf])
-    return np.minimum(np.array(seconds) - ends[places], ends[places + 1] - np.array(seconds)).tolist()
 
 
 def measured_distances(columns: Iterable[PairColumns], labels: Mapping[str, Labels]) -> Distances:

@@ -18,6 +18,7 @@ from harness.score.agreement import (
     differences,
 )
 from harness.score.statistics import NO_INTERVAL
+from vfoa.errors import VfoaError
 
 
 def _labels(subject: str = "girl", first: int = 1, **more: str) -> Labels:
@@ -106,6 +107,16 @@ def test_subjects_are_pooled_and_each_stands_alone() -> None:
         ("ben", "cat", "boy", 0),
         ("ben", "cat", "girl", 2),
     ]
+
+
+def test_frames_near_a_change_by_either_can_be_left_out() -> None:
+    """One marks each change two frames after the other: away from changes they agree."""
+    labels = {"anna": _labels(girl="c" * 10 + "b" * 10), "ben": _labels(girl="c" * 12 + "b" * 8)}
+    every, away = (compare_annotators(labels, range(1, 21), 10.0, away_s)[0] for away_s in (0.0, 0.16))
+    assert (every.n, every.agreed) == (20, 18)
+    assert (away.n, away.agreed, away.skipped) == (14, 14, 6)
+    with pytest.raises(VfoaError, match="--away"):
+        compare_annotators(labels, range(1, 21), None, 0.16)
 
 
 def test_differences_are_ranges_of_the_clips_frames() -> None:
