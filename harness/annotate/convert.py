@@ -90,13 +90,13 @@ def import_labels(
     if suggested := sum(row.label.is_suggested for row in new.ranges):
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
     with closing(History(manifest, annotator, exchange.timeline)) as history:
+        steps = len(imported.drawn.tracks) + bool(new.ranges)
+        back = f"brings them back{', step by step' if steps > 1 else ''}"
         for path, taken in _taken(history, new, imported.drawn).items():
-            if not replace:
-                present = (
-                    manifest.annotations.find(annotator) if path == place else path
-                )  # it may come with the program
-                raise VfoaError(f"{present or path}: has {taken} already; expected --replace, or another --annotator")
-            notes.append(f"{path}: replaced the {taken}; {undo_command(manifest, annotator)} brings them back.")
+            if not replace:  # labels may have come with the program
+                present = (manifest.annotations.find(annotator) if path == place else None) or path
+                raise VfoaError(f"{present}: has {taken} already; expected --replace, or another --annotator")
+            notes.append(f"{path}: replaced the {taken}; {undo_command(manifest, annotator)} {back}.")
         for shape in imported.drawn.tracks:
             history.drawing.put_shape(shape)
         if new.ranges:

@@ -322,9 +322,11 @@ def _moving(clip: Clip, numbers: Sequence[int]) -> tuple[Float, tuple[str, ...]]
     errors: dict[int, str] = {}
 
     def read(number: int) -> StereoFrame | None:
-        frame, problems = attempt(lambda: clip.frame(number))
-        errors.update(dict.fromkeys([number], problems[0]) if problems else {})
-        return frame
+        try:
+            return clip.frame(number)
+        except VfoaError as error:
+            errors[number] = str(error)
+            return None
 
     changes = motion(map(read, numbers))
     if not errors:

@@ -141,9 +141,8 @@ def _ranges(
     for subject in labels.subjects:
         met: list[tuple[int, Label | None]] = []
         own = [labels.at(frame, subject) for frame in frames]
-        for frame, time_s, label, from_change_s in zip(
-            frames, seconds, own, seconds_from_change(own, seconds), strict=True
-        ):
+        apart_s = seconds_from_change(own, seconds)
+        for frame, time_s, label, from_change_s in zip(frames, seconds, own, apart_s, strict=True):
             known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
             numbers = {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
             is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)

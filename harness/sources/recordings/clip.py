@@ -274,9 +274,8 @@ class McapClip(RecordingClip):
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
         if starts_with(path, MAGIC):
             return (_recognised(path, "an MCAP recording"),)
-        files = () if bag_parts(path) else files_in(path)
-        parts = f" in {len(files)} files" if len(files) > 1 else ""
-        return (_recognised(path, f"an MCAP recording{parts}"),) if files else ()
+        files = files_in(path) if path.is_dir() and not bag_parts(path) else ()
+        return (_recognised(path, "an MCAP recording", len(files)),) if files else ()
 
 
 class BagClip(RecordingClip):
@@ -285,12 +284,12 @@ class BagClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
-        files = bag_parts(path)
-        parts = f" in {len(files)} files" if len(files) > 1 else ""
-        return (_recognised(path, f"a ROS bag{parts}"),) if files else ()
+        parts = bag_parts(path)
+        return (_recognised(path, "a ROS bag", len(parts)),) if parts else ()
 
 
-def _recognised(path: Path, layout: str) -> Recognised:
+def _recognised(path: Path, what: str, files: int = 1) -> Recognised:
+    layout = f"{what} in {files} files" if files > 1 else what
     root, source = (path.parent, {"recording": path.name}) if path.is_file() else (path, {})
     name = path.stem if path.is_file() else path.name
     return Recognised(root=root, source=source, layout=layout, name=name, calibration="the recording's topics")
