@@ -32,6 +32,9 @@ WEBGL = (
 GONE = "aborted by navigation"
 """What the driver says if the page that it asks something is left meanwhile, and be it on its own order."""
 
+NOT_IN_PAGE = "does not belong to the document"
+"""What the driver says of an element of a page that is being left."""
+
 
 @contextmanager
 def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome]:
@@ -94,6 +97,21 @@ def wait_for(
         assert time.monotonic() < end, said
         time.sleep(every_s)
     return held
+
+
+def is_gone(element: WebElement) -> bool:
+    """Whether an element is no longer in the page; while the page is left, the driver says so in words of its own."""
+    from selenium.common.exceptions import StaleElementReferenceException, WebDriverException
+
+    try:
+        element.is_enabled()
+    except StaleElementReferenceException:
+        return True
+    except WebDriverException as error:
+        if NOT_IN_PAGE not in str(error.msg):
+            raise
+        return True
+    return False
 
 
 def set_width(browser: Chrome, width_px: int, height_px: int = 900) -> None:

@@ -34,7 +34,7 @@ from harness.record.viewer import page_files
 from harness.record.web_app import failures_routes, open_path, site
 from harness.report.write import report_page
 from harness.score.finished_run import read_scores
-from tests.browser import dead_buttons, set_width, wait_for, wait_until_drawn
+from tests.browser import dead_buttons, is_gone, set_width, wait_for, wait_until_drawn
 from tests.repository import REPOSITORY
 from tests.web import running
 from vfoa.errors import VfoaError
@@ -374,7 +374,6 @@ def test_the_form_leads_to_no_other_server(back: str) -> None:
 
 
 def test_a_recording_of_the_run_is_labelled_from_its_page(run: RunResults, browser: Chrome) -> None:
-    from selenium.webdriver.support.expected_conditions import staleness_of
     from selenium.webdriver.support.select import Select
 
     recordings = served_recordings(run.path)
@@ -393,5 +392,5 @@ def test_a_recording_of_the_run_is_labelled_from_its_page(run: RunResults, brows
         last.clear()
         last.send_keys("2")
         form.find_element("xpath", ".//button[text()='Write the label']").click()
-        wait_for(partial(staleness_of(form), browser))  # the page is loaded again, with the new content
+        wait_for(partial(is_gone, form))  # the page is loaded again, with the new content
     _agree(run, {1: "vase", 2: "vase", 3: "mug", 4: "mug"})
