@@ -252,9 +252,9 @@ def covered_things(instances: Instances, ids: NDArray[np.uint16]) -> set[int]:
 
     They were the same objects, under another label. Stuff is kept, since things stand on it.
     """
-    had, has = (np.bincount(each.ravel(), minlength=2**16) for each in (instances.ids, ids))
-    things = (instance.id for instance in instances.instances if instance.is_thing)
-    return {number for number in things if had[number] > 0 and has[number] <= (1 - SAME_OBJECT) * had[number]}
+    lost = np.bincount(instances.ids[instances.ids != ids], minlength=2**16)
+    touched = (instance.id for instance in instances.instances if instance.is_thing and lost[instance.id])
+    return {number for number in touched if lost[number] >= SAME_OBJECT * np.count_nonzero(instances.ids == number)}
 
 
 def _instance(placed: PlacedShape) -> Instance:
