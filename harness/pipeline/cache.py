@@ -52,6 +52,11 @@ def parts_of_clip(name: str, clip: Clip, digest: str | None = None) -> dict[str,
     return {"clip": name, "clip sha256": digest or clip.digest(), "clip code": code, "versions": versions}
 
 
+def weights_digests(choice: StageChoice) -> dict[str, str]:
+    """Hexadecimal sha256 of the weights that a stage opens, by name; :class:`VfoaError` if some are missing."""
+    return {name: file_digest(locate(name)) for name in weights_of(choice.settings)}
+
+
 def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> StageIdentity | None:
     """Return the identity of a stage on a clip, given the clip's parts; None if it reads more than its arguments."""
     slot = STAGES[choice.slot]
@@ -62,7 +67,7 @@ def identify(choice: StageChoice, of_clip: Mapping[str, Any]) -> StageIdentity |
         **of_clip,
         "stage": choice.name,
         "settings": choice.settings.model_dump(mode="json"),
-        "weights": {name: file_digest(locate(name)) for name in weights_of(choice.settings)},
+        "weights": weights_digests(choice),
         "code": code,
         "versions": {**of_clip["versions"], **versions},
         "format": file_digest(Path(cache_store.__file__)),

@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest
-from harness.files.digests import code_of, file_digest, own_code_digest
-from harness.pipeline.cache import identify, parts_of_clip
+from harness.files.digests import code_of, own_code_digest
+from harness.pipeline.cache import identify, parts_of_clip, weights_digests
 from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn_stage import DrawnClip
 from harness.run.directory import RunDirectory
 from harness.run.tables import directions_tables, scene_tables
 from harness.sources import Clip, MeasuredClip
 from vfoa.methods import MethodSettings
-from vfoa.weights import locate, weights_of
 
 Identity = Mapping[str, Any]
 
@@ -97,7 +96,7 @@ def _stage(choice: StageChoice | None, of_clip: Mapping[str, Any], clip: Clip | 
     slot = STAGES[choice.slot]
     code, versions = code_of(slot.stage_class(choice.name).__module__)
     files = None if isinstance(clip, MeasuredClip) else slot.files_digest(choice, clip)
-    weights = {name: file_digest(locate(name)) for name in weights_of(choice.settings)}
+    weights = weights_digests(choice)
     return {"settings": choice.plain(), "files": files, "weights": weights, "code": code, "versions": versions}
 
 
