@@ -168,13 +168,13 @@ def _visible(
 ) -> dict[tuple[str, Kind], _Visible]:
     visible = defaultdict[tuple[str, Kind], _Visible](dict)
     for each in named:
-        for shape in each.track.shapes:
-            if shape.is_outside or (frame := frames.get(shape.at)) is None:
-                continue
+        shown = [shape for shape in each.track.shapes if not shape.is_outside and shape.at in frames]
+        if shown:
             kinds = [kind for name, kind in visible if name == each.name]
-            check_kind(each.name, each.kind, exchange.subjects, kinds, shape.where)
+            check_kind(each.name, each.kind, exchange.subjects, kinds, shown[0].where)
+        for shape in shown:
             check_place(each.kind, shape.place, shape.where)
-            _, other = visible[each.name, each.kind].setdefault(frame, (each.track, shape))
+            _, other = visible[each.name, each.kind].setdefault(frames[shape.at], (each.track, shape))
             if other is not shape:
                 renamed = f", or --rename '{_described(each.track)}=OURS'" if each.track.number else ""
                 raise VfoaError(
