@@ -7,7 +7,6 @@ pixels the face has. The weights are looked for as by ``vfoa models list``.
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,10 +16,9 @@ import numpy as np
 from harness.report.formats import UNKNOWN, Table
 from scripts.measure.mirror import frame_of, read_rgb
 from scripts.measure.printing import print_tables
-from scripts.measure.turned_faces import Model, models
-from vfoa.geometry import angle_between
+from scripts.measure.turned_faces import Model, degrees_between, models, surest
 from vfoa.heads.yunet import YuNet
-from vfoa.types import Head, Image, StereoFrame
+from vfoa.types import Float, Head, Image, StereoFrame
 
 HEIGHTS_PX = (120, 80, 60, 48, 40, 32, 24)
 """Heights of the head's box to which photographs are shrunk."""
@@ -31,21 +29,16 @@ _GRAY = (114, 114, 114)
 def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> dict[int, dict[str, float] | None]:
     """The turn of each model's answer at each height, degrees, from that in the photograph; None: no face is found."""
     image = read_rgb(photograph)
-    box_px = _surest(faces, frame_of(image)).box_px
+    box_px = surest(faces.faces(frame_of(image))).box_px
     whole = frame_of(shrunk(image, box_px, 1.0))
-    head = _surest(faces, whole)
-    before = {name: model(whole, head) for name, model in models.items()}
+    before = _answers(models, whole, faces.faces(whole))
     turns: dict[int, dict[str, float] | None] = {}
     for height_px in HEIGHTS_PX:
         frame = frame_of(shrunk(image, box_px, height_px / (box_px[3] - box_px[1])))
-        turns[height_px] = None
-        if faces.faces(frame):
-            now = {name: model(frame, _surest(faces, frame)) for name, model in models.items()}
-            turns[height_px] = {
-                name: math.degrees(angle_between(direction, before[name]))
-                for name, direction in now.items()
-                if direction is not None and before[name] is not None
-            }
+        found = faces.faces(frame)
+        now = _answers(models, frame, found)
+        both = [name for name in now if name in before]
+        turns[height_px] = {name: degrees_between(now[name], before[name]) for name in both} if found else None
     return turns
 
 
@@ -58,8 +51,10 @@ def shrunk(image: Image, box_px: Sequence[float], factor: float) -> Image:
     return np.asarray(moved, dtype=np.uint8)
 
 
-def _surest(faces: YuNet, frame: StereoFrame) -> Head:
-    return max(faces.faces(frame), key=lambda face: face.score)
+def _answers(models: Mapping[str, Model], frame: StereoFrame, found: Sequence[Head]) -> dict[str, Float]:
+    """The answers of the models that have one for the surest face; none without a face."""
+    answers = {name: model(frame, surest(found)) for name, model in models.items()} if found else {}
+    return {name: direction for name, direction in answers.items() if direction is not None}
 
 
 def small_faces_table(found: Sequence[Mapping[int, Mapping[str, float] | None]], names: Sequence[str]) -> Table:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,7 +50,7 @@ class Answer:
 def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> tuple[float | None, list[Answer]]:
     """The labelled turn of the surest face of a photograph, and the answers of the models that have one."""
     frame = frame_of(read_rgb(photograph))
-    head = max(faces.faces(frame), key=lambda face: face.score)
+    head = surest(faces.faces(frame))
     face_box_px = head.box_px if head.face_box_px is None else head.face_box_px
     ray = pixel_ray(*center(face_box_px), frame.rig)
     in_crop = labelled_direction(photograph)
@@ -64,12 +64,12 @@ def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> tupl
             answers.append(
                 Answer(
                     model=name,
-                    turned=_deg(direction, -ray),
-                    to_head=None if label is None else _deg(direction, label),
-                    to_mirror=None if other is None else _deg(direction, other),
+                    turned=degrees_between(direction, -ray),
+                    to_head=None if label is None else degrees_between(direction, label),
+                    to_mirror=None if other is None else degrees_between(direction, other),
                 )
             )
-    return None if label is None else _deg(label, -ray), answers
+    return None if label is None else degrees_between(label, -ray), answers
 
 
 def labelled_direction(photograph: Path) -> Float | None:
@@ -82,7 +82,13 @@ def labelled_direction(photograph: Path) -> Float | None:
     return np.array([-math.sin(yaw), -math.sin(pitch) * math.cos(yaw), -math.cos(pitch) * math.cos(yaw)])
 
 
-def _deg(a: Float, b: Float) -> float:
+def surest(faces: Iterable[Head]) -> Head:
+    """The face with the highest score."""
+    return max(faces, key=lambda face: face.score)
+
+
+def degrees_between(a: Float, b: Float) -> float:
+    """The angle between two directions (3,), degrees."""
     return math.degrees(angle_between(a, b))
 
 
