@@ -12,8 +12,7 @@ from harness.clips.axes import other_axes
 from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
-from harness.clips.matching import first_middle_last, matched_offsets_px, near_notes
-from harness.clips.motion import motion, right_offset
+from harness.clips.matching import first_middle_last, matched_offsets_px, motion, near_notes, right_offset
 from harness.labels.labels import RESERVED, Label, Labels
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values

@@ -1,9 +1,9 @@
-"""Match both views of a frame: points for rectification, and objects too near for stereo matching."""
+"""What both views show: points on common rows, objects too near for stereo matching, and motion at the same time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     """
     factor = math.ceil(max(left.shape) / MATCHED_SIDE_PX)
     detector = cv2.SIFT.create(nfeatures=2000)
-    grays = [shrunk_gray(image, factor) for image in (left, right)]
+    grays = [_shrunk_gray(image, factor) for image in (left, right)]
     (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
     if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
         return np.empty((0, 2))
@@ -39,7 +39,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     return factor * (points[:, 0] - points[:, 1])
 
 
-def shrunk_gray(image: Image, factor: int) -> NDArray[np.uint8]:
+def _shrunk_gray(image: Image, factor: int) -> NDArray[np.uint8]:
     """The gray image with each square of ``factor`` pixels averaged; incomplete squares at the edges are dropped."""
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     height, width = (max(1, size // factor) for size in gray.shape)
@@ -88,7 +88,7 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
     searched = 16 * max(1, math.ceil(_SEARCHED * width / 16))
     # OpenCV does not match the first columns, as many as it searches
     left, right = (
-        cv2.copyMakeBorder(shrunk_gray(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+        cv2.copyMakeBorder(_shrunk_gray(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)
         if image is not None
     )
@@ -108,3 +108,58 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
     known = (disparity_px > 0) & (disparity_px <= np.arange(width))
     shifted_px = factor * disparity_px[known] + frame.rig.cx_right_px - frame.rig.cx_px
     return frame.rig.fx_px * frame.rig.baseline_m / shifted_px[shifted_px > 0]
+
+
+# Motion: what moves is seen to move in both views, in the same frames
+
+MOTION_SIDE_PX = 160
+"""Images are shrunk by a whole number, to at least this length of the longer side."""
+LEAST_AGREEMENT, LEAST_MORE = 0.8, 0.15
+"""Least correlation of the motion in both views at an offset, and how much larger it is there than at none."""
+LEAST_CHANGE = 0.15
+"""Least relative standard deviation of the motion: noise alone is the same in every frame."""
+LEAST_IN_COMMON = 24
+"""Least number of frames that both views have at an offset."""
+
+
+def motion(frames: Iterable[StereoFrame | None]) -> Float:
+    """Mean change (2, N) of gray values from each frame to the next, left and right; NaN beside unknown frames.
+
+    Frames follow each other without gaps; None for one that cannot be read. All pairs have both views.
+    """
+    changes, before = list[tuple[float, float]](), None
+    for frame in frames:
+        now = None
+        if frame is not None and frame.right is not None:
+            factor = max(1, max(frame.left.shape) // MOTION_SIDE_PX)
+            now = tuple(_shrunk_gray(image, factor) for image in (frame.left, frame.right))
+        if before is not None and now is not None:
+            left, right = (float(cv2.absdiff(*views).mean()) for views in zip(before, now, strict=True))
+            changes.append((left, right))
+        else:
+            changes.append((np.nan, np.nan))
+        before = now
+    return np.array(changes[1:], np.float64).reshape(-1, 2).T
+
+
+def right_offset(changes: Float, most: int) -> int | None:
+    """By how many frames the right views are later in their film, at most ``most``; None if nothing says so.
+
+    ``changes`` (2, N) are those of :func:`motion`. At -3, the right view of a frame shows what the left one shows 3
+    frames later.
+    """
+    agreements = {by: _agreement(changes, by) for by in range(-most, most + 1)}
+    best = max(agreements, key=lambda by: (agreements[by], -abs(by)))
+    is_shown = agreements[best] >= LEAST_AGREEMENT and agreements[best] >= agreements[0] + LEAST_MORE
+    return best if best and is_shown else None
+
+
+def _agreement(changes: Float, by: int) -> float:
+    """Correlation of the motion on the left with that on the right ``by`` frames later; 0 where too little moves."""
+    left, right = changes[0, max(-by, 0) :], changes[1, max(by, 0) :]
+    size = min(len(left), len(right))
+    both = np.stack([left[:size], right[:size]])
+    both = both[:, np.isfinite(both).all(axis=0)]
+    if both.shape[1] < LEAST_IN_COMMON or (both.std(axis=1) <= LEAST_CHANGE * both.mean(axis=1)).any():
+        return 0.0
+    return float(np.corrcoef(*both)[0, 1])

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.clips.motion import motion, right_offset
+from harness.clips.matching import motion, right_offset
 from tests.disk import write_image, write_video
 from tests.harness.clips.adding import NUMBERS, vfoa
 from tests.scenes import make_rig
