@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.terminal import clips_by_line, print_json, print_table, say
 from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:
@@ -235,11 +235,7 @@ def _print_all(clips: Sequence[Added]) -> None:
         ],
         shortened="calibration",
     )
-    clips_of_note: dict[str, list[str]] = {}
-    for clip in clips:
-        for note in clip.notes:
-            clips_of_note.setdefault(note, []).append(clip.name)
-    for note, of_note in clips_of_note.items():
+    for note, of_note in clips_by_line({clip.name: clip.notes for clip in clips}).items():
         say(f"note: {listed(of_note)}: {note}")
     kinds: dict[object, list[Added]] = {}
     for clip in clips:

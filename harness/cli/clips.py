@@ -11,7 +11,7 @@ import typer
 
 from harness.cli.clip_adding import add_clip
 from harness.cli.options import Json, clip_and_family_names
-from harness.cli.terminal import bytes_bar, frames_bar, print_json, print_table, say, told_if_interrupted
+from harness.cli.terminal import bytes_bar, clips_by_line, frames_bar, print_json, print_table, say, told_if_interrupted
 from vfoa.errors import VfoaError, check_known, listed
 
 if TYPE_CHECKING:
@@ -206,11 +206,8 @@ def _print_checks(checks: list[ClipCheck]) -> None:
             for check in checks
         ],
     )
-    clips_of_line: dict[str, list[str]] = {}
-    for check in checks:
-        for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
-            clips_of_line.setdefault(line, []).append(check.name)
-    for line, clips in clips_of_line.items():
+    lines = {check.name: (*check.problems, *(f"note: {note}" for note in check.notes)) for check in checks}
+    for line, clips in clips_by_line(lines).items():
         say(f"{listed(clips)}: {line}")
 
 
