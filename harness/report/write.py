@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from harness.files.garbage import collected_later
@@ -39,6 +40,7 @@ from harness.report.tables import (
     phases_table,
     prediction_set_table,
     reliability_table,
+    remarks,
     seeds_table,
     subject_reliability_table,
     subjects_table,
@@ -203,7 +205,11 @@ _ALWAYS = ("frr.csv", "comparisons.csv")
 
 def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
     """Every table by file name; those without rows are left out."""
-    first, *others = (table for name, table in tables.items() if name not in _NOT_IN_MARKDOWN)
+    printed = [table for name, table in tables.items() if name not in _NOT_IN_MARKDOWN and table.rows]
+    if scores.rows or not printed:
+        first, *others = printed or [tables["frr"]]
+    else:
+        first, *others = replace(printed[0], notes=(*map(str, remarks(scores)), *printed[0].notes)), *printed[1:]
     programs = {
         **{name: table for name, table in tables.items() if name.endswith(".csv")},
         "measures.csv": tables["stages"],
@@ -216,7 +222,7 @@ def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
         "measures": terminal_measures(tables["stages"], scores),
     }
     return {
-        "frr.md": "\n".join([to_markdown(first), *(to_markdown(table, level=2) for table in others if table.rows)]),
+        "frr.md": "\n".join([to_markdown(first), *(to_markdown(table, level=2) for table in others)]),
         "frr.tex": LATEX_HEAD
         + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows),
         "comparisons.md": to_markdown(tables["comparisons"]),

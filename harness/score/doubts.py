@@ -72,8 +72,8 @@ def _small_heads(part: PairVerdicts, settings: Settings) -> str:
     if height_px >= SMALL_HEAD_PX:
         return ""
     return (
-        f"heads are {height_px:.0f} px high (median). Of faces of less than {SMALL_HEAD_PX} px gaze networks are off "
-        "by 10 to 30 degrees more, head networks by 2 to 9: film nearer or with more pixels, or try the head alone "
+        f"heads are {height_px:.0f} px high (median). Faces shrunk below {SMALL_HEAD_PX} px turn the gazes of networks "
+        "by 10 to 30 degrees, and their head poses by 2 to 9: film nearer or with more pixels, or try the head alone "
         "(--set gaze.model=none)"
     )
 

@@ -48,10 +48,11 @@ function listen() {
 }
 
 async function start() {
-  drawForest(place("forest"));
+  const isScored = data.overall.length > 0;
+  if (isScored) drawForest(place("forest"));
   if (data.oracle.length) drawOracle(place("oracle"));
   if (data.calibration.length) drawCalibration(place("calibration"));
-  await drawErrors(place("errors"));
+  if (isScored) await drawErrors(place("errors"));
   fillTables();
   if (!data.clips.some((each) => each.subjects.length)) {
     place("timeline").append("Nobody who has a name or a label.");
@@ -59,7 +60,7 @@ async function start() {
   }
   drawTimeline(place("timeline"));
   followFrames();
-  wrongFrames(document.getElementById("wrong-frames"));
+  if (isScored) wrongFrames(document.getElementById("wrong-frames"));
   listen();
   if (!await readAddress({ jump: true })) {
     for (const clip of data.clips.keys()) {
@@ -69,7 +70,7 @@ async function start() {
       }
     }
   }
-  await drawConfusion(place("confusion"));
+  if (isScored) await drawConfusion(place("confusion"));
   sayDrawn();
 }
 

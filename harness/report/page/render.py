@@ -28,12 +28,13 @@ _FOLDER = Path(__file__).parent
 RunTables = Mapping[str, Table]
 """Tables by name, as :func:`harness.report.write.run_tables` makes them."""
 _GROUPS = {
+    "answers": ("unlabelled",),
     "rates": ("frr", "phases", "comparisons", "factors", "seeds", "visible", "nowhere", "published"),
     "errors": ("errors",),
     "oracle": ("ablation",),
     "calibration": ("calibration", "calibration by subject", "sets", "directions"),
 }
-_MORE = ("subjects", "unlabelled", "agreement", "baselines", "stages", "objects")
+_MORE = ("subjects", "agreement", "baselines", "stages", "objects")
 NO_LINKS: Mapping[str, str] = {}
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 
@@ -91,6 +92,7 @@ def render_page(
     return template("page.html.jinja").render(
         title=f"Run {manifest.experiment}",
         facts=_facts(scores, manifest),
+        is_scored=bool(scores.rows),
         compared=_compared(scores, differing),
         verdict=verdict_lines(scores),
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],

@@ -72,6 +72,7 @@ export const predictedInWords = (lane, i) =>
   (nameOf(lane.predicted[i]) ?? "no prediction") + (lane.confidence[i] < 0 ? "" : ` (${lane.confidence[i]} %)`);
 export const stateOf = (lane, i) => (lane.states[i] < 0 ? "no frame" : data.states[lane.states[i]]);
 export const isWrong = (lane, i) => lane.states[i] >= WRONG_FROM;
+export const isScored = (track) => track.lanes.some((lane) => lane.states.some((state) => state >= 0 && data.states[state] !== "unscored"));
 export const valueAt = (cells, i) => {
   const cell = cells === null ? UNKNOWN : cells[Math.floor(i / data.stride)];
   return cell === UNKNOWN ? null : cell / 250;

@@ -1,12 +1,12 @@
 // The timeline of one subject on a canvas: frame numbers, the truth and the outcomes of each configuration; pointer and keys.
 
 import { button, choice, element } from "./dom.js";
-import { axisLane, framesAt, isCrowded, STRIP, stripLane, toX, truthLane } from "./timeline_lanes.js";
+import { answersLane, axisLane, framesAt, isCrowded, STRIP, stripLane, toX, truthLane } from "./timeline_lanes.js";
 import { canvasPen, palette } from "./pens.js";
 import { followInRecording, openRecording } from "./recordings.js";
 import { frameInWords, onSelection, select, shown, step } from "./selection.js";
 import { data } from "./packs.js";
-import { isWrong } from "./store.js";
+import { isScored, isWrong } from "./store.js";
 
 const view = { count: 1, left: 0, width: 1 };
 const sheet = element("canvas", { tabindex: "0", role: "slider", id: "timeline" });
@@ -22,7 +22,8 @@ const strips = () => shown.track.lanes.filter((each) => withOracles || !each.ora
 function arrange() {
   const { track } = shown;
   view.count = track.frames.length;
-  lanes = [axisLane(track, data.clips[track.clip].rate_hz), truthLane(track), ...strips().map(stripLane)];
+  const below = isScored(track) ? [truthLane(track), ...strips().map(stripLane)] : strips().map((lane) => answersLane(track, lane));
+  lanes = [axisLane(track, data.clips[track.clip].rate_hz), ...below];
   redraw();
 }
 
@@ -142,9 +143,14 @@ function fillLists() {
   const focused = [...lists.querySelectorAll("select, button, input")].indexOf(document.activeElement);
   lists.replaceChildren(clip, subject, config,
     ...(track.lanes.some((each) => each.oracle) ? [element("label", { class: "choice" }, oracles, " oracle steps")] : []),
-    button("P ‹ wrong", () => step(-1), { "aria-label": "Previous wrong frame (P)" }), button("wrong › N", () => step(1), { "aria-label": "Next wrong frame (N)" }), ...visits);
+    ...(data.overall.length ? steps() : []), ...visits);
   if (focused >= 0) lists.querySelectorAll("select, button, input")[focused]?.focus();
 }
+
+const steps = () => [
+  button("P ‹ wrong", () => step(-1), { "aria-label": "Previous wrong frame (P)" }),
+  button("wrong › N", () => step(1), { "aria-label": "Next wrong frame (N)" }),
+];
 
 export function drawTimeline(root) {
   root.append(lists, sheet);

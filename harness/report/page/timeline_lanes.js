@@ -44,11 +44,16 @@ function spans(values, visit) {
   }
 }
 
-export function truthLane(track) {
+export const truthLane = (track) => ({ height: STRIP, ...namesLane(track, "Truth", track.truth) });
+
+// What a configuration answers, where no label says whether it is right.
+export const answersLane = (track, lane) => ({ height: STRIP + 4, lane, ...namesLane(track, lane.name, lane.predicted) });
+
+function namesLane(track, label, codes) {
   return {
-    height: STRIP, label: "Truth",
+    label,
     draw(pen, view, top, colours) {
-      spans(track.truth, (start, end, code) => {
+      spans(codes, (start, end, code) => {
         const [x, wide] = [toX(view, start), toX(view, end) - toX(view, start)];
         pen.rect(x, top, Math.max(wide - 0.6, 0.4), STRIP - 2, colours.shade(track.colours[code] ?? "rgb(150 150 150)"), 0.55);
         const words = nameOf(code);

@@ -121,6 +121,14 @@ def test_a_run_without_labels_has_a_page_too() -> None:
     page = render_page(*_scored(answers(["cup", None]), {}))
     assert "not scored" in page
     assert "Nothing is scored" in page
+    assert re.findall(r'<h2 id="(\w+)">', page) == ["answers", "frames", "more", "settings"]
+
+
+def test_answers_in_clips_without_labels_follow_the_rates_of_the_others() -> None:
+    records = [*answers(["cup", None]), *answers(["cup"], clip="new")]
+    page = render_page(*_scored(records, {"clip": labels("cup", "cup")}))
+    assert re.findall(r'<h2 id="(\w+)">', page)[:4] == ["rates", "errors", "answers", "frames"]
+    assert page.count("new: no frame is labelled") == 1
 
 
 def test_every_outcome_has_a_letter_of_its_own() -> None:

@@ -303,6 +303,21 @@ def test_the_canvas_has_the_outcome_of_each_frame(report: ReportPage, small: Pat
     assert len({right, wrong, *one[3:]}) == 5  # three error types, and unscored
 
 
+def test_a_page_without_labels_shows_what_people_look_at_over_time(report: ReportPage, tmp_path: Path) -> None:
+    page = _write_records(tmp_path, answers(["cup", "cup", "dragon", "cup"]))
+    report.open(page)
+    assert report.browser.get_log("browser") == []
+    cup, again, dragon, later = _pixels_of_strip(report, "one", 4)
+    assert cup == again == later != dragon
+    row = report.find("#answers ~ details[open] tbody tr").text
+    assert row == "clip one girl cup 75.0, dragon 25.0 4 100.0"
+    assert report.all("button[aria-label*='wrong frame']") == []
+    report.press(RIGHT)
+    assert "Predicted: cup." in report.box("Frame 1 ")
+    first, *_ = (tmp_path / "frr.md").read_text().splitlines()
+    assert first == "# Answers in clips without labels"
+
+
 def _given(*targets: TargetRecord, **subject: Any) -> FrameRecord:
     """A frame in which the girl looks as this says."""
     return frame_record(targets or [CUP], [subject_record("girl", **subject)])

@@ -156,7 +156,8 @@ def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
 
 def test_nothing_scored_still_makes_tables() -> None:
     texts = texts_of(score(answers(["cup"]), Reference(labels={})))
-    assert "Nothing to show." in texts["frr.md"]
+    assert texts["frr.md"].startswith("# Answers in clips without labels\n\n- clip: no frame is labelled")
+    assert "Nothing to show." in texts_of(score([], Reference(labels={})))["frr.md"]
     assert texts["frr.csv"].count("\n") == 1
 
 
