@@ -74,6 +74,7 @@ DOORS = {
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
         "harness/files/folders.py",
+        "harness/files/coco.py",
         "harness/files/parsing.py",
         "harness/pipeline/stage_files/maps.py",
         "harness/record/verdict_layer.py",

@@ -54,8 +54,8 @@ def import_(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="boris, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: as the "
-            "file's name says (.boris, .eaf, .opf, .TextGrid).",
+            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: "
+            "as the file's name says (.boris, .eaf, .opf, .TextGrid).",
         ),
     ] = None,
     annotator: Annotator = None,

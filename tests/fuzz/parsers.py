@@ -118,9 +118,12 @@ def _labels(name: str) -> Read:
     return lambda path: FORMATS.load(name)().read(path, exchange())
 
 
-def _shapes(path: Path) -> Any:
-    read = FORMATS.load("cvat")().read(path, exchange())
-    return [read.drawn.at(frame) for frame in range(12)]
+def _shapes(name: str) -> Read:
+    def places(path: Path) -> Any:
+        read = FORMATS.load(name)().read(path, exchange())
+        return [read.drawn.at(frame) for frame in range(12)]
+
+    return places
 
 
 def _ids(path: Path) -> object:
@@ -148,7 +151,8 @@ PARSERS: Sequence[Parser] = (
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),
-    Parser("CVAT", "theirs.xml", whole.CVAT, _shapes),
+    Parser("CVAT", "theirs.xml", whole.CVAT, _shapes("cvat")),
+    Parser("COCO's boxes", "theirs.json", whole.COCO, _shapes("coco")),
     Parser("Observer log", "theirs.txt", whole.OBSERVER, _labels("observer")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),
     Parser("BORIS export", "theirs.tsv", whole.BORIS_EXPORTS, _labels("boris")),

@@ -104,6 +104,16 @@ CVAT = (
         "</image>",
     ),
 )
+COCO = (
+    '{"images": [{"id": 1, "file_name": "a/1.jpg", "width": 64, "height": 48}, {"id": 2, "file_name": "a/2.jpg"}], '
+    '"categories": [{"id": 1, "name": "bird"}, {"id": 2, "name": "girl"}], "annotations": ['
+    '{"id": 1, "image_id": 1, "category_id": 1, "bbox": [4, 4, 16, 16], '
+    '"attributes": {"track_id": 0, "keyframe": false}}, '
+    '{"id": 2, "image_id": 2, "category_id": 2, "bbox": [9, 4, 5.5, 16], "attributes": {"looks_at": "bird"}}]}',
+    '{"images": [{"id": 1, "file_name": "frame_000000.png"}, {"id": 2, "file_name": "frame_000001.png"}], '
+    '"categories": [{"id": 1, "name": "bird"}], '
+    '"annotations": [{"image_id": 2, "category_id": 1, "bbox": [4, 4, 16, 16], "track_id": 3}]}',
+)
 
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '

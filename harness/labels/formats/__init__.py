@@ -63,6 +63,7 @@ FORMATS = Registry(
     kind="annotation format",
     builtin={
         "boris": "harness.labels.formats.boris:Boris",
+        "coco": "harness.labels.formats.coco:Coco",
         "csv": "harness.labels.formats:AnnotationCsv",
         "cvat": "harness.labels.formats.cvat:Cvat",
         "datavyu": "harness.labels.formats.datavyu:Datavyu",

@@ -1,206 +1,178 @@
-"""CVAT: the shapes of targets, people and heads, which become a clip's drawn shapes; and looks, an attribute of people.
+"""The shapes in a file of CVAT: "CVAT for video 1.1", a track for each object, or "CVAT for images 1.1".
 
-An object is known by its track (``cup#3``, track 3 with the label ``cup``, where that is renamed), by an attribute
-``name``, or by its label. A person's shape is a head if its label is ``head`` or ``face``, or the person's name and one
-of these words (``anna_head``). An attribute of a person's shapes, such as ``looks_at``
-(:data:`~harness.labels.formats.own_table.COLUMNS`), has the target in each frame.
+<annotations>
+  <meta><task><original_size><width>, <height>        or <job> in place of <task>; in newer files beside it
+  <track id="0" label="robot">
+    <box frame="0" keyframe="1" outside="0" xtl="411.8" ytl="200.5" xbr="498.0" ybr="301.5">
+      <attribute name="looks_at">cup
+  <image id="0" name="left/00001.jpg" width height>
+    <box label="robot" xtl ytl xbr ybr>
+
+A track is written at every frame; ``keyframe`` are those that a person set, and between them a box without rotation
+moves linearly. Frames of tracks are those of the film, from 0, or places of images in the task. Coordinates begin at
+the corner of a pixel: the middle of the first one is 0.5.
 """
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
-from harness.files.dialects import plain_name
-from harness.labels.drawn_shapes import Drawn, KeyFrame, Kind, check_kind, check_place, drawn_of
-from harness.labels.formats.cvat_file import CvatFile, CvatTrack, Shape, read_cvat
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_xml
+from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.formats.own_table import COLUMNS
-from harness.labels.labels import NOWHERE, Label, ranges_of
-from harness.sources.media.frame_files import number_names
-from vfoa.errors import VfoaError, check_known
+from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, tracks_of
+from vfoa.errors import VfoaError
 
-_NAMES = ("name", *COLUMNS["subject"])
-"""Attributes that have the name of an object."""
-_HEAD = re.compile(r"(?:(?P<person>.+)[ _:.-])?(?:head|face)", re.IGNORECASE)
-_UNSET = ("", "__undefined__")
-"""What CVAT writes for an attribute that nobody has set."""
+LEFT_OUT = ("skeleton", "cuboid", "tag")
+"""What has no box of its own."""
 
 
 class Cvat(ReadOnly):
     """Reads the shapes of the manifest's names, and the looks of subjects; others are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read them. ``exchange.modifier`` is the attribute that has the targets, of several."""
-        file = read_cvat(path, _name_in)
-        frames = _frames(file, exchange, path)
-        named = _named(file.tracks, exchange, path)
-        looks = _looks(named, frames, exchange, path)
-        rows = [
-            row
-            for subject, labels in looks.items()
-            for row in ranges_of(subject, ((frame, labels.get(frame)) for frame in exchange.frames))
+        """Read them, as :func:`harness.labels.formats.shapes.imported` says."""
+        return imported(_read(path), exchange, path)
+
+
+def _read(path: Path) -> ShapeFile:
+    """Read a file.
+
+    Raises
+    ------
+    VfoaError
+        If it is no such file, or a shape's number is missing or is none: file, track or image, found, expected.
+    """
+    data = read_bytes(path)
+    if data.startswith(b"PK"):
+        raise VfoaError(f"{path}: a ZIP archive; expected the annotations.xml in it: unpack it first")
+    root = parse_xml(data, path)
+    if root.tag != "annotations" or root.find("meta") is None:
+        raise VfoaError(
+            f"{path}: found <{root.tag}>; expected <annotations> with <meta>, as CVAT exports it "
+            "(CVAT for video 1.1, CVAT for images 1.1)"
+        )
+    images = [_text(image, "name", str(path)) for image in root.iter("image")]
+    if twice := [name for name, count in Counter(images).items() if count > 1]:
+        raise VfoaError(f"{path}: image {twice[0]} occurs {images.count(twice[0])} times; expected it once")
+    tracks = [*_tracks(root, path), *tracks_of(_of_images(root, path))]
+    left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag))
+    words = f"{left_out} skeletons, cuboids and tags" if left_out else ""
+    return ShapeFile(tracks=tracks, images=images, size_px=_size(root, path), left_out=words)
+
+
+def _tracks(root: Element, path: Path) -> Iterator[ShapeTrack]:
+    for element in root.iter("track"):
+        label, number = (_text(element, name, str(path)) for name in ("label", "id"))
+        where = f"{path}: track {number}"
+        shapes = [
+            _shape(shape, int(_number(shape, "frame", where)), f"{where}, frame {shape.get('frame')}")
+            for shape in element
+            if shape.tag in _PLACES
         ]
-        drawn, imported = _drawn(named, frames, file, exchange), exchange.labels(rows, path)
-        notes = (*imported.notes, *_notes(file, named, frames, path))
-        return Imported(labels=imported.labels, drawn=drawn, size_px=file.size_px, notes=notes)
+        yield ShapeTrack(label=label, number=number, shapes=shapes)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Named:
-    """A track with the manifest's name of its object."""
-
-    track: CvatTrack
-    name: str
-    kind: Kind
-
-
-def _name_in(attributes: Mapping[str, str]) -> str:
-    """The name in the attributes; empty without one."""
-    named = (value for key, value in attributes.items() if plain_name(key) in _NAMES and value not in _UNSET)
-    return next(named, "")
+def _of_images(root: Element, path: Path) -> Iterator[tuple[str, str, Shape]]:
+    """The shapes of images, which have no number."""
+    for image in root.iter("image"):
+        where = f"{path}: image {image.get('name')}"
+        for element in image:
+            if element.tag in _PLACES:
+                yield _text(element, "label", where), "", _shape(element, _text(image, "name", where), where)
 
 
-def _frames(file: CvatFile, exchange: Exchange, path: Path) -> Mapping[int | str, int]:
-    """The clip's frame of each frame of a task, or of each image by its name; those outside the clip are not in it."""
-    if file.images:
-        if exchange.offset is not None:
-            raise VfoaError(f"{path}: --offset: its images are known by the numbers in their names; leave it out")
-        known = frozenset(exchange.frames)
-        return {name: number for number, name in number_names(file.images, str(path)).items() if number in known}
-    rate_hz = exchange.fps or exchange.rate_hz
-    if exchange.offset and rate_hz is None:
-        raise VfoaError(f"{path}: --offset: the clip does not know its rate; expected --fps RATE beside it")
-    first = round((exchange.offset or 0.0) * (rate_hz or 0.0))
-    return {first + position: frame for position, frame in enumerate(exchange.frames)}
+def _shape(element: Element, at: int | str, where: str) -> Shape:
+    is_linear = element.tag in ("box", "points") and not _number(element, "rotation", where, "0")
+    return Shape(
+        at=at,
+        place=tuple(round(coordinate - 0.5, 2) for coordinate in _PLACES[element.tag](element, where)),
+        is_needed=element.get("keyframe", "1") == "1" or not is_linear,
+        is_outside=element.get("outside") == "1",
+        attributes={each.get("name", ""): (each.text or "").strip() for each in element.iter("attribute")},
+        where=where,
+    )
 
 
-def _named(tracks: list[CvatTrack], exchange: Exchange, path: Path) -> list[_Named]:
-    """The tracks of the manifest's names.
-
-    Raises
-    ------
-    VfoaError
-        If there are tracks, and none of them is known.
-    """
-    named = [found for track in tracks if (found := _known(track, exchange)) is not None]
-    if tracks and not named:
-        listed = ", ".join(dict.fromkeys(_described(track) for track in tracks))
-        expected = ", ".join([*exchange.targets, *exchange.subjects]) or "names in the clip's manifest"
-        raise VfoaError(
-            f"{path}: found shapes of {listed[:200]}; expected some of {expected}, as label or in an attribute name "
-            "(--rename THEIRS=OURS)"
-        )
-    return named
+def _box(element: Element, where: str) -> Place:
+    u0, v0, u1, v1 = (_number(element, name, where) for name in ("xtl", "ytl", "xbr", "ybr"))
+    turn = math.radians(_number(element, "rotation", where, "0"))
+    half_u, half_v = (u1 - u0) / 2, (v1 - v0) / 2
+    across = half_u * abs(math.cos(turn)) + half_v * abs(math.sin(turn))
+    down = half_u * abs(math.sin(turn)) + half_v * abs(math.cos(turn))
+    return _about((u0 + u1) / 2, (v0 + v1) / 2, across, down)
 
 
-def _known(track: CvatTrack, exchange: Exchange) -> _Named | None:
-    of_head = _HEAD.fullmatch(track.label)
-    in_attributes = next((name for shape in track.shapes if (name := _name_in(shape.attributes))), "")
-    person = (of_head["person"] or "") if of_head else ""
-    for spelling in filter(None, (f"{track.label}#{track.number}", in_attributes, track.label, person)):
-        name = exchange.names.translate(spelling)
-        if name in exchange.subjects or name in exchange.targets:
-            is_point = any(len(shape.place) == 2 for shape in track.shapes)
-            is_head = of_head is not None and name in exchange.subjects
-            return _Named(track=track, name=name, kind="head" if is_head else "point" if is_point else "box")
-    return None
+def _ellipse(element: Element, where: str) -> Place:
+    u, v, half_u, half_v = (_number(element, name, where) for name in ("cx", "cy", "rx", "ry"))
+    turn = math.radians(_number(element, "rotation", where, "0"))
+    across = math.hypot(half_u * math.cos(turn), half_v * math.sin(turn))
+    down = math.hypot(half_u * math.sin(turn), half_v * math.cos(turn))
+    return _about(u, v, across, down)
 
 
-def _described(track: CvatTrack) -> str:
-    return f"{track.label}#{track.number}" if track.number else track.label
+def _mask(element: Element, where: str) -> Place:
+    left, top, width, height = (_number(element, name, where) for name in ("left", "top", "width", "height"))
+    return (left, top, left + width, top + height)
 
 
-def _looks(
-    named: list[_Named], frames: Mapping[int | str, int], exchange: Exchange, path: Path
-) -> dict[str, dict[int, Label]]:
-    """The label of each subject in each frame, of those whose shapes have an attribute of targets."""
-    of_people = [(each, shape) for each in named if each.name in exchange.subjects for shape in each.track.shapes]
-    attribute = _attribute({key for _, shape in of_people for key in shape.attributes}, exchange, path)
-    looks = defaultdict[str, dict[int, Label]](dict)
-    for each, shape in of_people:
-        value, frame = shape.attributes.get(attribute, ""), frames.get(shape.at)
-        if shape.is_outside or value in _UNSET or frame is None:
-            continue
-        target = NOWHERE if value.lower() == NOWHERE else exchange.target(value, each.name, shape.where)
-        label = looks[each.name].setdefault(frame, Label(target=target))
-        if label.target != target:
-            where = f"{shape.where}: {attribute}"
-            raise VfoaError(f"{where}: found {target!r}; expected {label.target!r}, which another shape has")
-    return looks
+def _points(element: Element, where: str) -> Place:
+    """The only point, or the box of several."""
+    pairs = [pair.split(",") for pair in _text(element, "points", where).split(";")]
+    if any(len(pair) != 2 for pair in pairs):
+        raise VfoaError(f"{where}: points: found {element.get('points', '')[:40]!r}; expected x,y;x,y")
+    across, down = ([_parsed(text, "points", where) for text in column] for column in zip(*pairs, strict=True))
+    return (across[0], down[0]) if len(pairs) == 1 else (min(across), min(down), max(across), max(down))
 
 
-def _attribute(present: set[str], exchange: Exchange, path: Path) -> str:
-    """The attribute that has the targets; empty if there is none."""
-    if exchange.modifier is not None:
-        check_known(exchange.modifier, sorted(present), f"{path}: --modifier: no")
-        return exchange.modifier
-    found = sorted(name for name in present if plain_name(name) in COLUMNS["target"])
-    if len(found) > 1:
-        raise VfoaError(
-            f"{path}: found the attributes {', '.join(found)}; expected --modifier NAME, the one that has the targets"
-        )
-    return found[0] if found else ""
+_PLACES: Mapping[str, Callable[[Element, str], Place]] = {
+    "box": _box,
+    "ellipse": _ellipse,
+    "mask": _mask,
+    "points": _points,
+    "polygon": _points,
+    "polyline": _points,
+}
+"""How the place of each kind of shape is read."""
 
 
-def _drawn(named: list[_Named], frames: Mapping[int | str, int], file: CvatFile, exchange: Exchange) -> Drawn:
-    """The shapes as key frames. A name is outside in frames that the file has, and in which it has no shape.
-
-    Raises
-    ------
-    VfoaError
-        If two shapes of one name and kind are in a frame, a name has a box and a point, or a box has no inside.
-    """
-    listed = sorted({frames[at] for at in file.ats() if at in frames})
-    visible = _visible(named, frames, exchange)
-    return drawn_of({key: _key_frames(shapes, listed) for key, shapes in visible.items()})
+def _about(u: float, v: float, across: float, down: float) -> Place:
+    return (u - across, v - down, u + across, v + down)
 
 
-_Visible = dict[int, tuple[CvatTrack, Shape]]
-"""A shape by the clip's frame, with its track."""
+def _size(root: Element, path: Path) -> tuple[int, int] | None:
+    """Width and height of the film, or of all images."""
+    sides = [(image.get("width", ""), image.get("height", "")) for image in root.iter("image")]
+    sides += [(size.findtext("width", ""), size.findtext("height", "")) for size in root.iter("original_size")]
+    where = str(path)
+    sizes = {(int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides)}
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise VfoaError(f"{path}: images of the sizes {listed}; expected those of one clip")
+    return next(iter(sizes), None)
 
 
-def _visible(
-    named: list[_Named], frames: Mapping[int | str, int], exchange: Exchange
-) -> dict[tuple[str, Kind], _Visible]:
-    visible = defaultdict[tuple[str, Kind], _Visible](dict)
-    for each in named:
-        shown = [shape for shape in each.track.shapes if not shape.is_outside and shape.at in frames]
-        if shown:
-            kinds = [kind for name, kind in visible if name == each.name]
-            check_kind(each.name, each.kind, exchange.subjects, kinds, shown[0].where)
-        for shape in shown:
-            check_place(each.kind, shape.place, shape.where)
-            _, other = visible[each.name, each.kind].setdefault(frames[shape.at], (each.track, shape))
-            if other is not shape:
-                renamed = f", or --rename '{_described(each.track)}=OURS'" if each.track.number else ""
-                raise VfoaError(
-                    f"{shape.where}: a second {each.kind} of {each.name!r} (the other: {other.where}); expected one: "
-                    f"an attribute name{renamed}"
-                )
-    return visible
+def _text(element: Element, name: str, where: str) -> str:
+    if (text := element.get(name)) is None:
+        raise VfoaError(f"{where}: a <{element.tag}> without {name}; expected it, as CVAT writes it")
+    return text
 
 
-def _key_frames(visible: _Visible, listed: Sequence[int]) -> Iterator[KeyFrame]:
-    """The key frames of one name and kind: those of its tracks, the ends of its stretches, and where it is gone."""
-    for before, frame, after in zip([-1, *listed], listed, [*listed[1:], -1], strict=False):
-        if frame in visible:
-            track, shape = visible[frame]
-            if shape.is_needed or any(visible.get(near, (None,))[0] is not track for near in (before, after)):
-                yield KeyFrame(frame=frame, place=shape.place)
-        elif before in visible:
-            yield KeyFrame(frame=frame, place=visible[before][1].place, outside=True)
+def _number(element: Element, name: str, where: str, otherwise: str | None = None) -> float:
+    text = _text(element, name, where) if otherwise is None else element.get(name, otherwise)
+    return _parsed(text, name, where)
 
 
-def _notes(file: CvatFile, named: list[_Named], frames: Mapping[int | str, int], path: Path) -> Iterator[str]:
-    """What is left out."""
-    known = {id(each.track) for each in named}
-    if unknown := dict.fromkeys(_described(track) for track in file.tracks if id(track) not in known):
-        yield f"{path}: no subject or target, left out: {', '.join(unknown)}."
-    if outside := sum(at not in frames for at in file.ats()):
-        yield f"{path}: {outside} of its frames are not in the clip and are left out."
-    if file.left_out:
-        yield f"{path}: {file.left_out} skeletons, cuboids and tags are left out."
+def _parsed(text: str, name: str, where: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not abs(number) < 1e9:
+        raise VfoaError(f"{where}: {name}: found {text[:40]!r}; expected a number")
+    return number

@@ -1,0 +1,79 @@
+"""Boxes of COCO's JSON of instances, as CVAT, Label Studio, Roboflow and detectors' tools write it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from harness.files.coco import CocoAnnotation, CocoFile, read_coco, where
+from harness.labels.drawn_shapes import Place
+from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
+from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of
+from vfoa.errors import VfoaError
+
+_OF_A_FILM = re.compile(r"frame_(\d{6})\.png", re.IGNORECASE)
+"""The name that CVAT gives to a picture of a film, by its place in it, from 0."""
+_NO_MASK = (b"null", b"[]", b"[[]]")
+
+
+class Coco(ReadOnly):
+    """Reads the boxes of the manifest's names, and the looks of subjects; others are left out, with a note."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read them, as :func:`harness.labels.formats.shapes.imported` says."""
+        file = read_coco(path)
+        if not file.images:
+            raise VfoaError(f"{path}: found no images; expected images, categories and annotations")
+        ats = _ats(file)
+        shapes = ShapeFile(
+            tracks=tracks_of(_shapes(file, ats, path)), images=[*ats.values()], size_px=_size(file, path)
+        )
+        return imported(shapes, exchange, path)
+
+
+def _ats(file: CocoFile) -> Mapping[int | str, int | str]:
+    """The place in a film of each image, if the first picture of one is among them; else its name."""
+    places = {image.id: _OF_A_FILM.fullmatch(image.name) for image in file.images}
+    numbers = {key: int(place[1]) for key, place in places.items() if place}
+    if len(numbers) == len(places) and 0 in numbers.values():
+        return numbers
+    return {image.id: image.name for image in file.images}
+
+
+def _shapes(file: CocoFile, ats: Mapping[int | str, int | str], path: Path) -> Iterator[tuple[str, str, Shape]]:
+    """Each annotation with the name of its category and the number of its track."""
+    names = {category.id: category.name for category in file.categories}
+    for place, annotation in enumerate(file.annotations):
+        shape = Shape(
+            at=ats[annotation.image_id],
+            place=_place(annotation, f"{path}: {where(annotation, place)}"),
+            is_needed=_is_needed(annotation),
+            is_outside=False,
+            attributes={key: str(value).strip() for key, value in annotation.named.items() if value is not None},
+            where=f"{path}: {where(annotation, place)}",
+        )
+        yield names[annotation.category_id], annotation.track, shape
+
+
+def _is_needed(annotation: CocoAnnotation) -> bool:
+    """Whether a place is not known from those around it: CVAT moves boxes linearly between key frames."""
+    is_box = bytes(annotation.segmentation).strip() in _NO_MASK
+    return not (is_box and annotation.named.get("keyframe") is False)
+
+
+def _place(annotation: CocoAnnotation, where: str) -> Place:
+    box = annotation.bbox or []
+    if len(box) != 4 or not all(abs(number) < 1e9 for number in box):
+        raise VfoaError(f"{where}: bbox: found {box}; expected [left, top, width, height] in pixels")
+    left, top, width, height = box
+    return tuple(round(number - 0.5, 2) for number in (left, top, left + width, top + height))
+
+
+def _size(file: CocoFile, path: Path) -> tuple[int, int] | None:
+    """Width and height of all images."""
+    sizes = {(image.width, image.height) for image in file.images if image.width and image.height}
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise VfoaError(f"{path}: images of the sizes {listed}; expected those of one clip")
+    return next(((width, height) for width, height in sizes if width and height), None)
