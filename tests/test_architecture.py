@@ -76,7 +76,7 @@ DOORS = {
         "harness/files/folders.py",
         "harness/files/coco.py",
         "harness/files/parsing.py",
-        "harness/pipeline/stage_files/maps.py",
+        "harness/pipeline/stage_files/coco_panoptic.py",
         "harness/record/verdict_layer.py",
         "harness/report/",
         "harness/pipeline/cache_store.py",

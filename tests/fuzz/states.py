@@ -19,9 +19,9 @@ from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import StageIdentity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
 from harness.pipeline.openvino_ir import convert
+from harness.pipeline.stage_files.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings
 from harness.pipeline.stage_files.heads import read_heads
-from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import PictureWriter, ThumbnailWriter
 from harness.run.directory import RunDirectory

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings
+from harness.pipeline.stage_files.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from scripts.measure.mirror import frame_of
 from scripts.measure.stage_outputs import write_coco_panoptic
 from vfoa.errors import VfoaError

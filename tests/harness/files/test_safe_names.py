@@ -11,7 +11,7 @@ import pytest
 from harness.clips.manifest import make_manifest
 from harness.files.safe_names import plain_cell, shown
 from harness.labels.files import read_annotations
-from harness.pipeline.stage_files.maps import _Category, _Segment
+from harness.pipeline.stage_files.coco_panoptic import _Category, _Segment
 from harness.report.formats import Table, csv_cell, to_csv
 from tests.command import vfoa
 from tests.disk import labels_text, stereo_pair_folder, write_text

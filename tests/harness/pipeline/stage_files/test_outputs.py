@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.pipeline.stage_files.maps import CocoPanoptic, CocoPanopticSettings, FileMatcher, FileMatcherSettings
+from harness.pipeline.stage_files.coco_panoptic import CocoPanoptic, CocoPanopticSettings
+from harness.pipeline.stage_files.maps import FileMatcher, FileMatcherSettings
 from harness.sources.media.maps import read_disparity, read_pfm, relabel, small_ids
 from harness.sources.sintel import SintelClip, SintelSettings
 from harness.sources.stereo_folder import StereoFolderClip
