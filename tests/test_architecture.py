@@ -75,7 +75,9 @@ DOORS = {
     "msgspec": (
         "harness/files/folders.py",
         "harness/files/coco.py",
+        "harness/files/coco_masks.py",
         "harness/files/parsing.py",
+        "harness/pipeline/stage_files/coco_instances.py",
         "harness/pipeline/stage_files/coco_panoptic.py",
         "harness/record/verdict_layer.py",
         "harness/report/",

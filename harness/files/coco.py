@@ -13,7 +13,7 @@ the middle of the first one is 0.5.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,6 +57,7 @@ class CocoAnnotation(Struct, gc=False):
     image_id: int | str
     category_id: int
     id: int | str | None = None
+    name: str | None = None
     bbox: list[float] | None = None
     segmentation: Raw = field(default_factory=lambda: Raw(b"null"))
     score: float = 1.0
@@ -96,14 +97,20 @@ def read_coco(path: Path) -> CocoFile:
     if data.lstrip()[:1] == b"[":
         return CocoFile(images=[], categories=[], annotations=parse_json_as(list[CocoAnnotation], data, path))
     file = parse_json_as(CocoFile, data, path)
-    images = by_key(file.images, "id", f"{path}: images")
-    categories = by_key(file.categories, "id", f"{path}: categories")
-    for place, annotation in enumerate(file.annotations):
-        for key, known in (("image_id", images), ("category_id", categories)):
-            if (number := getattr(annotation, key)) not in known:
-                expected = f"one of the {len(known)} ids of {'images' if known is images else 'categories'}"
-                raise VfoaError(f"{path}: {where(annotation, place)}: {key}: found {number!r}; expected {expected}")
+    by_key(file.images, "id", f"{path}: images")
+    by_key(file.categories, "id", f"{path}: categories")
+    check_ids(file.annotations, file, path)
     return file
+
+
+def check_ids(annotations: Sequence[CocoAnnotation], dataset: CocoFile, path: Path) -> None:
+    """Raise a :class:`VfoaError` if an annotation, of the file at ``path``, is of nothing that the data set has."""
+    images, categories = {image.id for image in dataset.images}, {category.id for category in dataset.categories}
+    for place, annotation in enumerate(annotations):
+        for key, known, what in (("image_id", images, "images"), ("category_id", categories, "categories")):
+            if (number := getattr(annotation, key)) not in known:
+                expected = f"one of the ids of {len(known)} {what}"
+                raise VfoaError(f"{path}: {where(annotation, place)}: {key}: found {number!r}; expected {expected}")
 
 
 def where(annotation: CocoAnnotation, place: int) -> str:

@@ -172,6 +172,7 @@ _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
         vfoa.segmentation.SEGMENTERS,
         {
             "truth": "ground_truth:TruthSegmenter",
+            "coco_instances": "stage_files.coco_instances:CocoInstances",
             "coco_panoptic": "stage_files.coco_panoptic:CocoPanoptic",
             "id_maps": "stage_files.id_maps:IdMaps",
             DRAWN: "drawn_stage:DrawnMasks",

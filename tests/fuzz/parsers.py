@@ -18,6 +18,7 @@ from harness.labels.drawn_shapes import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.pipeline.stage_files.answer_tables import read_answers
+from harness.pipeline.stage_files.coco_instances import CocoInstances, CocoInstancesSettings
 from harness.pipeline.stage_files.heads import read_heads, read_table
 from harness.pipeline.stage_files.id_maps import IdMaps, IdMapsSettings
 from harness.run.experiment import load_experiment
@@ -126,6 +127,12 @@ def _shapes(name: str) -> Read:
     return places
 
 
+def _coco_masks(path: Path) -> object:
+    clip = PlainClip()
+    masks = CocoInstances(CocoInstancesSettings(root=str(path.parent), annotations=path.name, partial=True), clip)
+    return [masks.segment(clip.frame(number)).ids for number in (1, 2)]
+
+
 def _ids(path: Path) -> object:
     return IdMaps(IdMapsSettings(root=str(path.parent), objects=path.name, partial=True), PlainClip())
 
@@ -152,6 +159,7 @@ PARSERS: Sequence[Parser] = (
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),
     Parser("CVAT", "theirs.xml", whole.CVAT, _shapes("cvat")),
+    Parser("COCO's masks", "theirs.json", whole.COCO_MASKS, _coco_masks),
     Parser("COCO's boxes", "theirs.json", whole.COCO, _shapes("coco")),
     Parser("Observer log", "theirs.txt", whole.OBSERVER, _labels("observer")),
     Parser("BORIS project", "theirs.boris", whole.BORIS_PROJECT, _labels("boris")),

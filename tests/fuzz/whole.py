@@ -114,6 +114,15 @@ COCO = (
     '"categories": [{"id": 1, "name": "bird"}], '
     '"annotations": [{"image_id": 2, "category_id": 1, "bbox": [4, 4, 16, 16], "track_id": 3}]}',
 )
+COCO_MASKS = (
+    '{"images": [{"id": 1, "file_name": "a/1.jpg"}, {"id": 2, "file_name": "a/2.jpg"}], '
+    '"categories": [{"id": 1, "name": "person"}], "annotations": ['
+    '{"image_id": 1, "category_id": 1, "track_id": 3, "segmentation": [[4, 4, 20.5, 4, 9, 30, 4, 20]]}, '
+    '{"image_id": 2, "category_id": 1, "track_id": 0, "segmentation": {"size": [48, 64], "counts": [3000, 40, 32]}}]}',
+    '[{"image_id": 1, "category_id": 1, "score": 0.7, '
+    '"segmentation": {"size": [48, 64], "counts": "Un04\\\\100000000000000000kb1"}}, '
+    '{"image_id": 2, "category_id": 47, "score": 0.9, "segmentation": [[4, 4, 20.5, 4, 9, 30]]}]',
+)
 
 BORIS_PROJECT = (
     '{"project_format_version": "7.0", "behaviors_conf": {"0": {"code": "bird", "type": "State event"}, '

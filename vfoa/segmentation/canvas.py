@@ -31,12 +31,6 @@ class Canvas:
 
     def paint(self, mask: Mask, category_id: int, score: float, window: PixelBox | None = None) -> None:
         """Paint the mask of a COCO category: (H, W), or of the size of ``window``, a part of the image."""
-        u0, v0, u1, v1 = window or (0, 0, self._ids.shape[1], self._ids.shape[0])
-        ids = self._ids[v0:v1, u0:u1]
-        taken = mask & (ids == 0)
-        visible, area = int(np.count_nonzero(taken)), int(np.count_nonzero(mask))
-        if visible == 0 or area - visible > self._max_hidden * area:
-            return
         instance = Instance(
             id=len(self._instances) + 1,
             label=THINGS.get(category_id) or STUFF[category_id],
@@ -44,11 +38,21 @@ class Canvas:
             is_thing=category_id in THINGS,
             score=float(score),
         )
+        self.add(mask, instance, window)
+
+    def add(self, mask: Mask, instance: Instance, window: PixelBox | None = None) -> None:
+        """Paint the mask of an instance that has an id of its own, as :meth:`paint` does."""
+        u0, v0, u1, v1 = window or (0, 0, self._ids.shape[1], self._ids.shape[0])
+        ids = self._ids[v0:v1, u0:u1]
+        taken = mask & (ids == 0)
+        visible, area = int(np.count_nonzero(taken)), int(np.count_nonzero(mask))
+        if visible == 0 or area - visible > self._max_hidden * area:
+            return
         self._instances.append(instance)
         ids[taken] = instance.id
 
     def instances(self) -> Instances:
-        """The painted instances, with ids 1, 2, ... in the order of painting."""
+        """The painted instances, in the order of painting."""
         return Instances(ids=self._ids.copy(), instances=tuple(self._instances))
 
 
