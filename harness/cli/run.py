@@ -243,7 +243,7 @@ def experiment_of(
     what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None
 ) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips."""
-    from harness.clips.families import clip_files, families
+    from harness.clips.families import clip_files, families, is_pattern
     from harness.files.folders import names
     from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError, did_you_mean
@@ -256,7 +256,7 @@ def experiment_of(
         )
     clips_known = {*clip_files(), *families()}
     for name in what:
-        if not name.endswith(".toml") and name not in clips_known:
+        if not name.endswith(".toml") and name not in clips_known and not is_pattern(name):
             hint = did_you_mean(name, ["benchmark", "paper_cases", *names("experiments"), *clips_known])
             raise VfoaError(f"run: no experiment or clip {name!r}; {hint}, or a .toml file")
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)

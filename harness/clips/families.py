@@ -16,6 +16,7 @@ A variable without a value is refused; in ``root`` it may be one of the environm
 
 from __future__ import annotations
 
+import fnmatch
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -23,6 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from harness.files.ascending import natural_order
 from harness.files.folders import folders, names
 from harness.files.io import read_text
 from harness.files.parsing import parse_toml
@@ -55,6 +57,27 @@ def clip_files() -> dict[str, Path]:
     clips_of = {name: _clips_of(path) for name, path in files.items()}
     of_families = {clip: files[family] for family, clips in clips_of.items() for clip in clips}
     return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
+
+
+def matching(pattern: str) -> list[str]:
+    """The clips whose names match a pattern of ``*`` and ``?``, ``p2`` before ``p10``: one's own, or built-in ones.
+
+    Raises
+    ------
+    VfoaError
+        If no clip matches.
+    """
+    files = clip_files()
+    found = sorted(fnmatch.filter(files, pattern), key=natural_order)
+    own = [name for name in found if files[name].is_relative_to(folders("datasets")[0])]
+    if not found:
+        raise VfoaError(f"no clip matches {pattern!r}; {did_you_mean(pattern, files)}")
+    return own or found
+
+
+def is_pattern(name: str) -> bool:
+    """Whether it is one for :func:`matching`: no clip's name has these characters."""
+    return "*" in name or "?" in name
 
 
 def families() -> dict[str, tuple[str, ...]]:

@@ -80,7 +80,7 @@ def clips_named(names: Iterable[str]) -> tuple[list[str], list[str]]:
     :func:`~harness.clips.manifest.clips_here`.
     """
     here, absent = clips_here(names)
-    return [*dict.fromkeys(here)], [f"no files here: {listed(absent)}"] if absent else []
+    return [*here], [f"no files here: {listed(absent)}"] if absent else []
 
 
 def _row(name: str, path: Path) -> ClipRow:

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.clips.families import families, family_of, find_manifest, member_of
+from harness.clips.families import families, family_of, find_manifest, is_pattern, matching, member_of
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program
 from harness.files.garbage import collected_later
@@ -300,19 +300,21 @@ def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> 
 
 
 def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Replace each family, by its name or file, by its clips; return those to use, and those whose root is not here.
+    """Replace each family, by its name or file, and each pattern by its clips, once.
+
+    Return the clips to use, and those whose root is not here.
 
     Raises
     ------
     VfoaError
-        If no clip of a family is here, or a root needs a variable that is not set.
+        If no clip of a family is here, no clip matches, or a root needs a variable that is not set.
     """
     known = families()
     here: list[str] = []
     absent: list[str] = []
     for name in map(family_of, chosen):
         if name not in known:
-            here.append(name)
+            here += matching(name) if is_pattern(name) else [name]
             continue
         roots = {clip: load_manifest(clip).resolve_root() for clip in known[name]}
         present = [clip for clip, root in roots.items() if root is None or root.exists()]
@@ -321,7 +323,7 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
             raise VfoaError(f"{name}: none of its {len(roots)} clips is here; expected the first one at {first}")
         here += present
         absent += [clip for clip in roots if clip not in present]
-    return tuple(here), tuple(absent)
+    return tuple(dict.fromkeys(here)), tuple(absent)
 
 
 _COCO = frozenset({*THINGS.values(), *STUFF.values()})

@@ -286,6 +286,20 @@ def test_a_family_is_not_a_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         load_manifest(name)
 
 
+def test_a_pattern_means_the_clips_that_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One's own come alone: ``studio_*`` means built-in clips until there is a clip of one's own of this name."""
+    monkeypatch.chdir(tmp_path)
+    built_in = clips_here(["studio_*"])[0]
+    assert {"studio_table", "studio_talk"} <= {*built_in}
+    for name in ("p2", "p10", "p1", "q1", "studio_mine"):
+        write_text(tmp_path / "datasets" / f"{name}.toml", FAMILY.partition("[clips]")[0])
+    assert clips_here(["p*"]) == (("p1", "p2", "p10"), ())
+    assert clips_here(["p10", "p?", "p*"]) == (("p10", "p1", "p2"), ())
+    assert clips_here(["studio_*"])[0] == ("studio_mine",)
+    with pytest.raises(VfoaError, match=r"clips: no clip matches 'r\*'"):
+        load_experiment("conversation", clips=("r*",))
+
+
 def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
