@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Literal, Self
 
@@ -15,7 +16,7 @@ from pydantic import Field, model_validator
 from harness.files.digests import digest_files
 from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
-from harness.sources.media.images import read_rgb
+from harness.sources.media.images import read_rgb, turn_of
 from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
@@ -35,13 +36,18 @@ _TIME = re.compile(r"(?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}
 
 
 class ImageFiles:
-    """Pictures in files, one per frame; ``times_ns`` are their times, if these are known."""
+    """Pictures in files, one per frame; ``times_ns`` are their times, if these are known.
 
-    notes: tuple[str, ...] = ()
+    They are turned and mirrored as each file says; ``notes``: whether the first one is.
+    """
 
     def __init__(self, files: Mapping[int, Path], times_ns: Mapping[int, int] | None = None) -> None:
         self._files, self.times_ns = files, times_ns
         self.rate_hz = None if times_ns is None else rate_of(times_ns.values())
+        turned = [(path, turn) for path in islice(files.values(), 1) if (turn := turn_of(path))]
+        self.notes = tuple(
+            f"{path.parent.name}/{path.name}: images are {turn}, as their EXIF says" for path, turn in turned
+        )
 
     @property
     def frames(self) -> Collection[int]:
@@ -54,7 +60,7 @@ class ImageFiles:
 
     def read(self, number: int) -> Image:
         """Read one file."""
-        return read_rgb(self._files[number])
+        return read_rgb(self._files[number], upright=True)
 
     def parts(self, role: str, frames: Iterable[int]) -> Iterator[tuple[str, Path]]:
         """Each file with its number."""

@@ -6,7 +6,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -55,25 +55,52 @@ def collect_greatest(pixels: NDArray[Any]) -> None:
         found.append(int(pixels.max(initial=0)))
 
 
-def read_rgb(path: Path) -> Image:
+def read_rgb(path: Path, *, upright: bool = False) -> Image:
     """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
 
-    A rotation noted by the camera (EXIF) is ignored: calibrations refer to the sensor's own pixels.
+    ``upright``: turn and mirror it as its orientation (EXIF) says, as viewers and OpenCV do. Else its pixels are those
+    of the sensor, with which measured depth is aligned.
 
     Raises
     ------
     VfoaError
         If the file is missing, not an image, or damaged.
     """
-    return decode_rgb(read_bytes(path), str(path))
+    return decode_rgb(read_bytes(path), str(path), upright=upright)
 
 
-def decode_rgb(data: bytes, where: str) -> Image:
+def decode_rgb(data: bytes, where: str, *, upright: bool = False) -> Image:
     """As :func:`read_rgb`, from a file's bytes; ``where`` names the file in messages."""
     if is_collecting():
         collect_greatest(decode(data, where, cv2.IMREAD_UNCHANGED))
-    image = decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = decode(data, where, cv2.IMREAD_COLOR | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION))
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+_ORIENTATION = 0x0112
+_HEAD_BYTES = 1 << 16
+_TURNS = {
+    2: "mirrored",
+    3: "rotated by 180 degrees",
+    4: "mirrored and rotated by 180 degrees",
+    5: "mirrored and rotated by 270 degrees",
+    6: "rotated by 90 degrees",
+    7: "mirrored and rotated by 90 degrees",
+    8: "rotated by 270 degrees",
+}
+"""What is done to the pixels of an image with this orientation (EXIF 2.32, table 6); degrees are clockwise."""
+
+
+def turn_of(path: Path) -> str:
+    """What the orientation of an image (EXIF) does to its pixels, in words; empty if it has none or cannot be read."""
+    with suppress(OSError, SyntaxError, ValueError), path.open("rb") as file:
+        if b"exif" not in file.read(_HEAD_BYTES).lower():
+            return ""  # most have none, and Pillow takes its time to import
+        from PIL import Image as Pillow
+
+        with Pillow.open(path) as picture:
+            return _TURNS.get(picture.getexif().get(_ORIENTATION, 1), "")
+    return ""
 
 
 def read_raw(path: Path) -> NDArray[Any]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from harness.clips.manifest import load_manifest
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
@@ -34,6 +35,20 @@ def test_pairs_are_joined_by_number_and_gaps_stay(tmp_path: Path) -> None:
     assert np.array_equal(frame.left, picture(9))
     assert np.array_equal(frame.right, picture(1009))
     assert (frame.index, frame.rig.fy_px, frame.rig.cx_right_px) == (9, 50.0, 31.5)
+
+
+def test_images_of_a_camera_that_hung_upside_down_are_turned(tmp_path: Path) -> None:
+    for side, seed in (("left", 1), ("right", 2)):
+        (tmp_path / side).mkdir()
+        image = Image.fromarray(picture(seed)[::-1, ::-1])
+        exif = image.getexif()
+        exif[0x0112] = 3
+        image.save(tmp_path / side / "1.png", exif=exif)
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    assert np.array_equal(clip.frame(1).left, picture(1))
+    assert np.array_equal(clip.frame(1).right, picture(2))
+    assert [note for note in clip.notes if "180 degrees" in note and "EXIF" in note] == [*clip.notes]
+    assert len(clip.notes) == 2
 
 
 def test_the_rate_gives_the_times(tmp_path: Path) -> None:

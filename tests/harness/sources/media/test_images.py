@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
+from PIL import Image, ImageOps
 
-from harness.sources.media.images import read_raw, read_rgb
+from harness.sources.media.images import read_raw, read_rgb, turn_of
 from tests.disk import picture, write_bytes, write_image
 from vfoa.errors import VfoaError
 
@@ -152,11 +152,26 @@ def test_an_image_that_claims_too_many_pixels_is_not_decoded(tmp_path: Path, kin
         read_rgb(write_bytes(tmp_path / "bomb", bytes(data)))
 
 
-@pytest.mark.parametrize("suffix", ["jpg", "png"])
-def test_the_rotation_that_a_camera_notes_is_ignored(tmp_path: Path, suffix: str) -> None:
-    picture = Image.fromarray(np.zeros((4, 8, 3), np.uint8))
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
+@pytest.mark.parametrize("orientation", range(9))
+def test_an_image_is_upright_as_its_camera_says_or_as_it_is_stored(
+    tmp_path: Path, suffix: str, orientation: int
+) -> None:
+    stored = np.zeros((16, 32, 3), np.uint8)
+    stored[:8, :8] = 255
+    picture = Image.fromarray(stored)
     exif = picture.getexif()
-    exif[0x0112] = 6
-    picture.save(tmp_path / f"a.{suffix}", exif=exif)
-    assert read_rgb(tmp_path / f"a.{suffix}").shape == (4, 8, 3)
-    assert read_raw(tmp_path / f"a.{suffix}").shape == (4, 8, 3)
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{suffix}"
+    picture.save(path, exif=exif)
+    with Image.open(path) as opened:
+        upright = np.asarray(ImageOps.exif_transpose(opened).convert("RGB"))
+    assert np.array_equal(read_rgb(path, upright=True) > 127, upright > 127)
+    assert np.array_equal(read_rgb(path) > 127, stored > 127)
+    assert read_raw(path).shape == stored.shape
+    assert bool(turn_of(path)) == (orientation > 1)
+
+
+def test_what_is_no_image_is_not_turned(tmp_path: Path) -> None:
+    assert turn_of(tmp_path / "none.jpg") == ""
+    assert turn_of(write_bytes(tmp_path / "a.jpg", b"\xff\xd8 Exif")) == ""
