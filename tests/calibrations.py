@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from harness.sources.calibrate.solve import StereoCalibration
 from harness.sources.calibrate.views import BoardView
@@ -151,6 +152,71 @@ def write_depthai(path: Path, rig: Rig) -> Path:
         cameras.append([number, camera])
     pair = {"leftCameraSocket": 1, "rightCameraSocket": 2}
     return write_text(path, json.dumps({"cameraData": cameras, "stereoRectificationData": pair}, indent=4))
+
+
+def write_orb_slam_3(path: Path, rig: Rig) -> Path:
+    """Without blanks after some keys, as people write these settings."""
+    kind, names = ("PinHole", "k1 k2 p1 p2") if rig.model == "plumb_bob" else ("KannalaBrandt8", "k1 k2 k3 k4")
+    lines = ["%YAML:1.0", 'File.version: "1.0"', f'Camera.type: "{kind}"', f"Camera.width: {SIZE[0]}"]
+    for n, k, d in zip((1, 2), rig.k, rig.d, strict=True):
+        values = dict(zip(("fx", "fy", "cx", "cy"), k[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+        values |= dict(zip(names.split(), d, strict=True))
+        lines += [f"Camera{n}.{name}: {value:.17g}" for name, value in values.items()]
+    left_from_right = np.eye(4)
+    left_from_right[:3, :3], left_from_right[:3, 3] = rig.rotation.T, -rig.rotation.T @ rig.translation_m
+    lines += _opencv_lines("Stereo.T_c1_c2", left_from_right)
+    return write_text(path, "\n".join([*lines, f"Camera.height: {SIZE[1]}", "Viewer.PointSize:2"]) + "\n")
+
+
+def write_orb_slam_2(path: Path, rig: Rig) -> Path:
+    """With the rectified pair, and what rectifies images."""
+    found = rectification(rig)
+    fx, fy, cx, cy = found["P1"][[0, 1, 0, 1], [0, 1, 2, 2]]
+    values = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "k1": 0.0, "k2": 0.0, "bf": -found["P2"][0, 3], "fps": 20.0}
+    lines = ["%YAML:1.0", "", *(f"Camera.{name}: {value:.17g}" for name, value in values.items())]
+    for n, side, k, d in zip((1, 2), ("LEFT", "RIGHT"), rig.k, rig.d, strict=True):
+        lines += [f"{side}.height: {SIZE[1]}", f"{side}.width: {SIZE[0]}"]
+        matrices = {"D": np.append(d, 0.0)[None], "K": k, "R": found[f"R{n}"], "P": found[f"P{n}"]}
+        lines += [line for name, value in matrices.items() for line in _opencv_lines(f"{side}.{name}", value)]
+    return write_text(path, "\n".join([*lines, "Viewer.PointSize:2"]) + "\n")
+
+
+def _opencv_lines(name: str, value: Array) -> list[str]:
+    rows, columns = value.shape
+    data = ", ".join(f"{number:.17g}" for number in value.ravel())
+    return [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d", f"   data:[{data}]"]
+
+
+IMU_FROM_LEFT = np.array([[0.0, 0, 1, 0.2], [-1, 0, 0, -0.1], [0, -1, 0, 0.05], [0, 0, 0, 1]])
+
+
+def _imu_from_cameras(rig: Rig) -> list[Array]:
+    right_from_left = np.eye(4)
+    right_from_left[:3, :3], right_from_left[:3, 3] = rig.rotation, rig.translation_m
+    return [IMU_FROM_LEFT, IMU_FROM_LEFT @ np.linalg.inv(right_from_left)]
+
+
+def write_openvins(path: Path, rig: Rig) -> Path:
+    """Kalibr's chain with the poses of both cameras in the frame of an IMU."""
+    chain = yaml.safe_load(write_kalibr(path, rig).read_text(encoding="utf-8"))
+    del chain["cam1"]["T_cn_cnm1"]
+    for camera, pose in zip(chain.values(), _imu_from_cameras(rig), strict=True):
+        camera["T_imu_cam"] = pose.tolist()
+    return write_text(path, "%YAML:1.0 # OpenCV reads it\n" + write_yaml(path, chain).read_text(encoding="utf-8"))
+
+
+def write_basalt(path: Path, rig: Rig) -> Path:
+    kind, names = ("pinhole-radtan8", "k1 k2 p1 p2 k3 k4 k5 k6") if rig.model == "plumb_bob" else ("kb4", "k1 k2 k3 k4")
+    poses, intrinsics = [], []
+    for k, d, pose in zip(rig.k, rig.d, _imu_from_cameras(rig), strict=True):
+        quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        values = (*pose[:3, 3].tolist(), *quaternion.tolist())
+        poses.append(dict(zip(("px", "py", "pz", "qx", "qy", "qz", "qw"), values, strict=True)))
+        of_lens = dict(zip(("fx", "fy", "cx", "cy"), k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), strict=True))
+        of_lens |= dict(zip(names.split(), [*d.tolist(), *[0.0] * 4], strict=False))
+        intrinsics.append({"camera_type": kind, "intrinsics": of_lens})
+    content = {"T_imu_cam": poses, "intrinsics": intrinsics, "resolution": [list(SIZE)] * 2}
+    return write_text(path, json.dumps({"value0": content}))
 
 
 def write_zed(path: Path, rig: Rig) -> Path:

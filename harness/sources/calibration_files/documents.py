@@ -38,8 +38,10 @@ SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz"})
 
 Document = Mapping[str, Any]
 
-_OPENCV_HEAD = re.compile(rb"^%YAML:[^\n]*", re.MULTILINE)
+_OPENCV_HEAD = re.compile(rb"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*%YAML:[^\n]*")
 """OpenCV writes "%YAML:1.0", which is not a valid YAML directive."""
+_NO_BLANK = re.compile(rb"^([ \t]*[A-Za-z_][\w.]*):(?=[-+.\d\[\"])", re.MULTILINE)
+"""A key whose value follows without a blank, which OpenCV reads, and YAML does not."""
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -59,10 +61,18 @@ def read_document(path: Path) -> dict[str, Any]:
             document = read_json(path)
         case _:
             data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
-            document = parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
+            document = parse_yaml(_as_yaml(data), path, _Loader)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: not a table of names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
+
+
+def _as_yaml(data: bytes) -> bytes:
+    """The text of a file, as YAML has it if OpenCV or people for OpenCV wrote it; lines stay where they are."""
+    head = _OPENCV_HEAD.match(data)
+    if head is None:
+        return data
+    return b"\n" * head[0].count(b"\n") + _NO_BLANK.sub(rb"\1: ", data[head.end() :])
 
 
 def numbers(value: Any, where: str, count: int | None = None) -> Float:
@@ -147,7 +157,7 @@ def ros_camera(document: Document, where: str) -> RawCamera:
     VfoaError
         If a name is missing, a matrix has another number of entries, or the distortion model is unknown.
     """
-    _expect_names(document, _ROS_NAMES, where, "ROS's camera_info")
+    expect_names(document, _ROS_NAMES, where, "ROS's camera_info")
     width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
     values = {role: document[name] for role, name in zip("KDRP", _ROS_NAMES[:4], strict=True)}
     return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
@@ -175,7 +185,8 @@ def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any
     return RawCamera(size_px=size_px, k=k, d=numbers(values["D"], f"{where}: D"), r=r, p=p, model=MODELS[model])
 
 
-def _expect_names(document: Document, names: tuple[str, ...], where: str, expected: str) -> None:
+def expect_names(document: Document, names: tuple[str, ...], where: str, expected: str) -> None:
+    """Raise a :class:`VfoaError` for the first name that a document does not have."""
     if missing := next((name for name in names if name not in document), None):
         raise VfoaError(f"{where}: no {missing}; expected {expected}")
 
@@ -218,7 +229,8 @@ def is_kalibr_chain(document: Document) -> bool:
 def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> RawCalibration:
     """Return two cameras of the chain, left and right, by their numbers.
 
-    ``T_cn_cnm1`` transforms points of the preceding camera into this camera's frame, metres.
+    ``T_cn_cnm1`` transforms points of the preceding camera into this camera's frame, metres. Chains for OpenVINS have
+    ``T_imu_cam`` in its place, which transforms points of the camera into the IMU's frame.
 
     Raises
     ------
@@ -236,28 +248,38 @@ def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
     left, right = (
         _pinhole(camera(number), "distortion_coeffs", f"{where}: cam{number}", program) for number in cameras
     )
-    first, last = sorted(cameras)
+    pose = _kalibr_pose({number: camera(number) for number in range(min(cameras), max(cameras) + 1)}, cameras, where)
+    return rectify_pose(left, right, pose[:3, :3], pose[:3, 3], where)
+
+
+def _kalibr_pose(chain: Mapping[int, Document], cameras: tuple[int, int], where: str) -> Float:
+    """right_from_left (4, 4), by the steps from camera to camera, or by the poses of both in the frame of an IMU."""
+    left, right = cameras
+
+    def transform(number: int, name: str) -> Float:
+        expect_names(chain[number], (name,), f"{where}: cam{number}", "Kalibr's camera chain")
+        return numbers(chain[number][name], f"{where}: cam{number}: {name}", 16).reshape(4, 4)
+
+    if "T_cn_cnm1" not in chain[max(cameras)] and all("T_imu_cam" in chain[number] for number in cameras):
+        return np.linalg.inv(transform(right, "T_imu_cam")) @ transform(left, "T_imu_cam")
     last_from_first: Float = np.eye(4)
-    for number in range(first + 1, last + 1):
-        _expect_names(camera(number), ("T_cn_cnm1",), f"{where}: cam{number}", program)
-        step = numbers(camera(number)["T_cn_cnm1"], f"{where}: cam{number}: T_cn_cnm1", 16)
-        last_from_first = step.reshape(4, 4) @ last_from_first
-    right_from_left: Float = last_from_first if cameras[0] == first else np.linalg.inv(last_from_first).astype(float)
-    return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3], where)
+    for number in range(min(cameras) + 1, max(cameras) + 1):
+        last_from_first = transform(number, "T_cn_cnm1") @ last_from_first
+    return last_from_first if left < right else np.linalg.inv(last_from_first).astype(float)
 
 
 def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> RawCamera:
     """A camera without R and P; ``coefficients`` is the key of its distortion coefficients."""
-    _expect_names(camera, ("camera_model", "distortion_model"), where, program)
+    expect_names(camera, ("camera_model", "distortion_model"), where, program)
     model, distortion = str(camera["camera_model"]), str(camera["distortion_model"])
     if model != "pinhole" or distortion not in _KALIBR_MODELS:
         raise VfoaError(
             f"{where}: model {model}-{distortion}; expected pinhole with one of {', '.join(_KALIBR_MODELS)}"
         )
-    _expect_names(camera, ("intrinsics", "resolution"), where, program)
+    expect_names(camera, ("intrinsics", "resolution"), where, program)
     d = np.zeros(0)
     if distortion != "none":
-        _expect_names(camera, (coefficients,), where, program)
+        expect_names(camera, (coefficients,), where, program)
         d = numbers(camera[coefficients], f"{where}: {coefficients}", 4)
     fx, fy, cx, cy = numbers(camera["intrinsics"], f"{where}: intrinsics", 4)
     width, height = numbers(camera["resolution"], f"{where}: resolution", 2)

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import depthai, documents, texts
+from harness.sources.calibration_files import basalt, depthai, documents, orb_slam, texts
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -37,8 +37,8 @@ _MOST_ALIKE = 20
 class Options(Settings):
     """Settings of a manifest for what a calibration's file does not contain.
 
-    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr.
-    ``calibration_unit`` is that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``.
+    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr
+    and Basalt. ``calibration_unit`` is that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``.
     ``rectified``: the images are rectified already, although the file also says how to rectify. ``baseline_m``: the
     distance of the two cameras, which replaces the file's or completes a file without one.
     """
@@ -84,7 +84,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     else:
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
-    if (chosen := options.calibration_cameras) is not None and program not in ("KITTI", "Kalibr"):
+    if (chosen := options.calibration_cameras) is not None and program not in ("KITTI", "Kalibr", basalt.PROGRAM):
         raise VfoaError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
         raise VfoaError(f"{where}: fisheye: found true; expected it for files of OpenCV only, this is of {program}")
@@ -130,6 +130,10 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     merged = {name: value for document in contents for name, value in document.items()}
     if documents.is_kalibr_chain(merged):
         return "Kalibr", documents.kalibr_pair(merged, options.calibration_cameras or (0, 1), where)
+    if basalt.is_basalt(merged):
+        return basalt.PROGRAM, basalt.basalt_pair(merged, options.calibration_cameras or (0, 1), where)
+    if orb_slam.is_orb_slam(merged):
+        return orb_slam.PROGRAM, orb_slam.orb_slam_pair(merged, size, where, rectified=options.rectified)
     if depthai.is_depthai(merged):
         if options.rectified:
             raise VfoaError(
@@ -179,7 +183,8 @@ _CALIBRATION_NAME = re.compile(
     re.IGNORECASE,
 )
 _CALIBRATION_CONTENT = re.compile(
-    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b)",
+    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b|"
+    rb"Camera1?\.fx\b|T_imu_cam\b)",
     re.IGNORECASE,
 )
 

@@ -67,6 +67,10 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
     "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
     "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
+    "orb-slam 2": lambda root: [calibrations.write_orb_slam_2(root / "mine.yaml", RIG)],
+    "orb-slam 3": lambda root: [calibrations.write_orb_slam_3(root / "mine.yaml", RIG)],
+    "openvins": lambda root: [calibrations.write_openvins(root / "camchain.yaml", RIG)],
+    "basalt": lambda root: [calibrations.write_basalt(root / "mine.json", RIG)],
 }
 
 
@@ -183,9 +187,106 @@ def test_fisheye_lenses_of_every_program(tmp_path: Path) -> None:
     opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
     zed = _raw([calibrations.write_zed(tmp_path / "SN1.conf", FISHEYE)])
     oak = _raw([calibrations.write_depthai(tmp_path / "oak.json", FISHEYE)])
+    orb_slam = _raw([calibrations.write_orb_slam_3(tmp_path / "mine.yaml", FISHEYE)])
+    basalt = _raw([calibrations.write_basalt(tmp_path / "mine.json", FISHEYE)])
     assert kalibr.rectified() == opencv.rectified()
-    for found in (kalibr, zed, oak):
+    for found in (kalibr, zed, oak, orb_slam, basalt):
         _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
+
+
+EUROC = """%YAML:1.0
+
+# Camera calibration and distortion parameters (OpenCV)
+Camera.type: "PinHole"
+Camera.fx: 435.2046959714599
+Camera.fy: 435.2046959714599
+Camera.cx: 367.4517211914062
+Camera.cy: 252.2008514404297
+Camera.k1: 0.0
+Camera.width: 752
+Camera.height: 480
+Camera.fps: 20.0
+Camera.bf: 47.90639384423901
+ThDepth: 35
+"""
+LEFT_AND_RIGHT = """LEFT.height: 480
+LEFT.width: 752
+LEFT.D: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data:[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]
+LEFT.K: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
+LEFT.R:  !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [0.999966347530033, -0.001422739138722922, 0.008079580483432283, 0.001365741834644127, 0.9999741760894847,
+     0.007055629199258132, -0.008089410156878961, -0.007044357138835809, 0.9999424675829176]
+LEFT.P:  !!opencv-matrix
+   rows: 3
+   cols: 4
+   dt: d
+   data: [435.2046959714599, 0, 367.4517211914062, 0,  0, 435.2046959714599, 252.2008514404297, 0,  0, 0, 1, 0]
+RIGHT.height: 480
+RIGHT.width: 752
+RIGHT.D: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data:[-0.28368365, 0.07451284, -0.00010473, -3.555907e-05, 0.0]
+RIGHT.K: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [457.587, 0.0, 379.999, 0.0, 456.134, 255.238, 0.0, 0.0, 1]
+RIGHT.R:  !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [0.9999633526194376, -0.003625811871560086, 0.007755443660172947, 0.003680398547259526, 0.9999684752771629,
+     -0.007035845251224894, -0.007729688520722713, 0.007064130529506649, 0.999945173484644]
+RIGHT.P:  !!opencv-matrix
+   rows: 3
+   cols: 4
+   dt: d
+   data: [435.2046959714599, 0, 367.4517211914062, -47.90639384423901, 0, 435.2046959714599, 252.2008514404297, 0,
+     0, 0, 1, 0]
+Viewer.PointSize:2
+"""
+"""ORB-SLAM2's and 3's ``Examples/Stereo/EuRoC.yaml`` without comments and settings of other things."""
+
+
+@pytest.mark.parametrize("is_raw", [True, False])
+def test_orb_slam_s_settings_for_euroc(tmp_path: Path, is_raw: bool) -> None:
+    path = write_text(tmp_path / "EuRoC.yaml", EUROC + LEFT_AND_RIGHT * is_raw)
+    found = read_cameras([path], lambda: (752, 480))
+    assert isinstance(found, RawCalibration) == is_raw
+    rectified = found.rectified() if isinstance(found, RawCalibration) else found
+    assert (rectified.fx_px, rectified.cx_px, rectified.size_px) == (435.2046959714599, 367.4517211914062, (752, 480))
+    assert rectified.baseline_m == pytest.approx(0.110078, abs=1e-6)  # |T| of EuRoC's own files
+    if isinstance(found, RawCalibration):
+        pose = found.right.r.T @ found.left.r
+        k, d = (found.left.k, found.right.k), (found.left.d[:4], found.right.d[:4])
+        rotation, shift = cv2.Rodrigues(pose)[0].ravel(), found.right.r.T @ np.array([-rectified.baseline_m, 0, 0])
+        rig = Rig(k=k, d=d, rotation_vector=rotation, translation_m=shift)
+        _assert_rows_match_and_depths_come_back(found, rig, _points(3))
+
+
+def test_orb_slam_s_settings_for_rectified_cameras(tmp_path: Path) -> None:
+    """Numbers of ORB-SLAM3's ``Examples/Stereo/RealSense_D435i.yaml``."""
+    lens = {"fx": 382.613, "fy": 382.613, "cx": 320.183, "cy": 236.455}
+    lines = ["%YAML:1.0", 'File.version: "1.0"', 'Camera.type: "Rectified"', "Stereo.b: 0.0499585"]
+    lines += [*(f"Camera1.{name}: {value}" for name, value in lens.items()), "Camera.width: 640", "Camera.height: 480"]
+    path = write_text(tmp_path / "RealSense_D435i.yaml", "\n".join(lines))
+    found = read_cameras([path], lambda: pytest.fail("asked"))
+    assert isinstance(found, Calibration)
+    assert (found.fx_px, found.cx_px, found.cy_px, found.size_px) == (382.613, 320.183, 236.455, (640, 480))
+    assert found.baseline_m == pytest.approx(0.0499585)
 
 
 ZED_SIZES = {
@@ -365,6 +466,22 @@ def _zed_without_k2(root: Path) -> list[Path]:
     return [write_text(path, path.read_text().replace("k2=", "k_2="))]
 
 
+def _changed(name: str, before: str, after: str) -> Callable[[Path], list[Path]]:
+    """A format's file with one of its texts changed."""
+
+    def write(root: Path) -> list[Path]:
+        (path,) = FORMATS[name](root)
+        text = path.read_text(encoding="utf-8")
+        assert before in text
+        return [write_text(path, text.replace(before, after, 1))]
+
+    return write
+
+
+def _mono(text: str) -> Callable[[Path], list[Path]]:
+    return lambda root: [write_text(root / "mono.yaml", "%YAML:1.0\n" + text)]
+
+
 def _two_zeds(root: Path) -> list[Path]:
     return [calibrations.write_zed(root / f"SN{number}.conf", RIG) for number in (1, 2)]
 
@@ -385,6 +502,20 @@ FIRST = Options(calibration_cameras=(0, 1))
         (partial(_kalibr, intrinsics=None), Options(), "cam1: no intrinsics"),
         (partial(_kalibr, distortion_model="fov"), Options(), "cam1: model pinhole-fov"),
         (_zed_without_k2, Options(), r"SN1\.conf: .*K2: found None"),
+        (_changed("orb-slam 3", '"PinHole"', '"Pinhole"'), Options(), r"Camera\.type: no 'Pinhole'.*PinHole"),
+        (_changed("orb-slam 3", "Camera2.fx", "Camera2.f"), Options(), r"no Camera2\.fx; expected two cameras"),
+        (_changed("orb-slam 3", "Camera1.cy: ", "Camera1.cy: a"), Options(), r"Camera1\.cy: found 'a"),
+        (_changed("orb-slam 2", "RIGHT.P", "RIGHT.Q"), Options(), r"no RIGHT\.P"),
+        (_mono("Camera.fx: 500"), Options(), r"no Camera\.bf"),
+        (
+            _mono("Camera.fx: 5\nCamera.fy: 5\nCamera.cx: 5\nCamera.cy: 5\nCamera.bf: 1\nCamera.k1: 0.1"),
+            Options(),
+            "LEFT",
+        ),
+        (_changed("basalt", "pinhole-radtan8", "ds"), Options(), r"camera 0: camera_type: no 'ds'"),
+        (_changed("basalt", '"qw"', '"q"'), Options(), r"T_imu_cam: no qw"),
+        (FORMATS["basalt"], Options(calibration_cameras=(0, 2)), r"no camera 2; found 2 cameras"),
+        (FORMATS["orb-slam 3"], FIRST, r"calibration_cameras: found \(0, 1\)"),
         (_two_zeds, Options(), r"SN2\.conf: a second "),
         # what means nothing for a file
         (FORMATS["opencv yaml"], FIRST, r"c\.yml: calibration_cameras: found \(0, 1\)"),

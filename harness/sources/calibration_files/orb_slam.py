@@ -1,0 +1,117 @@
+"""The cameras in the settings of ORB-SLAM2 and ORB-SLAM3 (YAML).
+
+Camera.type: "PinHole"            KannalaBrandt8; Rectified: Camera1 alone, and Stereo.b in metres
+Camera1.fx: 458.654               Camera2 is the right one; k1, k2, p1, p2 (k3), of KannalaBrandt8 k1 to k4
+Stereo.T_c1_c2: 4 x 4             takes points of Camera2 to Camera1, metres
+
+Camera.fx: 435.2                  ORB-SLAM2: of the rectified pair, Camera.bf is fx times the baseline in metres
+LEFT.K  LEFT.D  LEFT.R  LEFT.P    how images are rectified, if they are not yet; RIGHT the same
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.sources.calibration import Calibration, from_projections
+from harness.sources.calibration_files.documents import Document, expect_names, numbers
+from harness.sources.rectification import Cameras, ImageSize, Model, RawCalibration, RawCamera, rectify_pose
+from vfoa.errors import VfoaError, check_known
+from vfoa.types import Float
+
+PROGRAM = "ORB-SLAM"
+_MODELS: dict[str, tuple[Model, tuple[str, ...]]] = {
+    "PinHole": ("plumb_bob", ("k1", "k2", "p1", "p2", "k3")),
+    "KannalaBrandt8": ("equidistant", ("k1", "k2", "k3", "k4")),
+}
+_RECTIFIED = "Rectified"
+
+
+def is_orb_slam(document: Document) -> bool:
+    """Whether a document has such settings."""
+    return "Camera1.fx" in document or "Camera.fx" in document
+
+
+def orb_slam_pair(document: Document, size: ImageSize, where: str, *, rectified: bool = False) -> Cameras:
+    """Return the pair; ``rectified``: the images are rectified already, although the file says how to do it.
+
+    Raises
+    ------
+    VfoaError
+        If a value is missing or wrong, or the settings are of one camera.
+    """
+    if "Camera1.fx" in document:
+        kind = str(document.get("Camera.type", ""))
+        check_known(kind, [_RECTIFIED, *_MODELS], f"{where}: Camera.type: no")
+        if kind == _RECTIFIED:
+            expect_names(document, ("Stereo.b",), where, f"the settings of {PROGRAM}")
+            return _parallel(document, "Camera1", numbers(document["Stereo.b"], f"{where}: Stereo.b", 1)[0], where)
+        return _posed(document, kind, size, where)
+    if "LEFT.K" in document:
+        cameras = [_of_side(document, side, where) for side in ("LEFT", "RIGHT")]
+        return RawCalibration(left=cameras[0], right=cameras[1], where=where)
+    expect_names(document, ("Camera.bf",), where, f"the settings of {PROGRAM} for a stereo pair")
+    if not rectified and any(_coefficients(document, "Camera", _MODELS["PinHole"][1], where)):
+        raise VfoaError(
+            f"{where}: Camera.k1 ...: lens distortion of one camera; expected LEFT.K and the others of both, or "
+            "rectified = true in [source] if the images are rectified"
+        )
+    (times_fx,) = numbers(document["Camera.bf"], f"{where}: Camera.bf", 1)
+    return _parallel(document, "Camera", times_fx / _matrix(document, "Camera", where)[0, 0], where)
+
+
+def _parallel(document: Document, camera: str, baseline_m: float, where: str) -> Calibration:
+    """The pair of two rectified cameras with one matrix."""
+    left = np.column_stack([_matrix(document, camera, where), np.zeros(3)])
+    right = left.copy()
+    right[0, 3] = -left[0, 0] * baseline_m
+    return from_projections(left, right, where, _size(document))
+
+
+def _posed(document: Document, kind: str, size: ImageSize, where: str) -> RawCalibration:
+    """The pair of two cameras by their pose."""
+    expect_names(document, ("Camera2.fx", "Stereo.T_c1_c2"), where, f"two cameras ({PROGRAM}, Camera.type {kind})")
+    model, coefficients = _MODELS[kind]
+    size_px = _size(document) or size()
+    left, right = (
+        RawCamera(
+            size_px=size_px,
+            k=_matrix(document, camera, where),
+            d=np.array(_coefficients(document, camera, coefficients, where)),
+            model=model,
+        )
+        for camera in ("Camera1", "Camera2")
+    )
+    left_from_right = numbers(document["Stereo.T_c1_c2"], f"{where}: Stereo.T_c1_c2", 16).reshape(4, 4)
+    rotation = left_from_right[:3, :3].T
+    return rectify_pose(left, right, rotation, -rotation @ left_from_right[:3, 3], where)
+
+
+def _of_side(document: Document, side: str, where: str) -> RawCamera:
+    """A camera with what rectifies its images, in pixels and metres."""
+    names = tuple(f"{side}.{name}" for name in ("K", "D", "R", "P", "width", "height"))
+    expect_names(document, names, where, f"the settings of {PROGRAM} with LEFT and RIGHT")
+    k, r, p = (
+        numbers(document[f"{side}.{name}"], f"{where}: {side}.{name}", 3 * columns).reshape(3, columns)
+        for name, columns in (("K", 3), ("R", 3), ("P", 4))
+    )
+    width, height = (int(numbers(document[name], f"{where}: {name}", 1)[0]) for name in names[4:])
+    return RawCamera(size_px=(width, height), k=k, d=numbers(document[f"{side}.D"], f"{where}: {side}.D"), r=r, p=p)
+
+
+def _matrix(document: Document, camera: str, where: str) -> Float:
+    names = tuple(f"{camera}.{name}" for name in ("fx", "fy", "cx", "cy"))
+    expect_names(document, names, where, f"the settings of {PROGRAM}")
+    fx, fy, cx, cy = (numbers(document[name], f"{where}: {name}", 1)[0] for name in names)
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def _coefficients(document: Document, camera: str, names: tuple[str, ...], where: str) -> list[float]:
+    """Lens distortion; what is missing is 0."""
+    keys = [f"{camera}.{name}" for name in names]
+    return [float(numbers(document.get(key, 0), f"{where}: {key}", 1)[0]) for key in keys]
+
+
+def _size(document: Document) -> tuple[int, int] | None:
+    sides = [document.get(f"Camera.{side}") for side in ("width", "height")]
+    width, height = (side if isinstance(side, int) and side > 0 else None for side in sides)
+    return (width, height) if width and height else None
