@@ -22,8 +22,15 @@ MODELS: dict[str, Model] = {
     "equidistant": "equidistant",
     "fisheye": "equidistant",
     "kannala_brandt": "equidistant",
+    "None": "plumb_bob",
+    "Brown Conrady": "plumb_bob",
+    "Modified Brown Conrady": "plumb_bob",
+    "Inverse Brown Conrady": "plumb_bob",
+    "Kannala Brandt4": "equidistant",
 }
-"""Names of distortion models in ROS and Foxglove."""
+"""Names of distortion models in ROS, Foxglove and librealsense, whose Brown Conrady's are all projected alike, and are
+``plumb_bob`` in its ROS driver.
+"""
 
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 

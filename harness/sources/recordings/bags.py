@@ -208,6 +208,22 @@ class BagContainer:
             messages = reader.messages(connections, place.offset, place.offset + 1)
             return bytes([data for _, _, data in messages][place.place])
 
+    def first(self, name: str) -> tuple[MessageType, bytes]:
+        """The first message of a topic that is not indexed, and its type.
+
+        Raises
+        ------
+        VfoaError
+            If it cannot be read, or there is none.
+        """
+        for part in self._parts:
+            with reported_as(f"{part}: {name} cannot be read"), self._lock:
+                reader = self._reader(part)
+                connections = [connection for connection in reader.connections if connection.topic == name]
+                for connection, _, data in reader.messages(connections) if connections else ():
+                    return _message_type(connection), bytes(data)
+        raise VfoaError(f"{self._parts[0]}: {name} has no message; expected one")
+
     def _reader(self, part: Path) -> Any:
         if part not in self._readers:
             self._readers[part] = open_reader(part)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
+from harness.sources.recordings import realsense
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, reading
 from harness.sources.recordings.topics import (
@@ -82,6 +83,7 @@ class PairCameras:
         else:
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
+            self._baseline_m = settings.baseline_m or _baseline_m(topics, pair, recording)
             self.notes = self._notes()
 
     def frame(
@@ -123,23 +125,33 @@ class PairCameras:
 
     def _pair(self, left: RawCamera, right: RawCamera, where: str) -> Cameras:
         """The pair of two recorded cameras, with the settings' baseline if they have one."""
-        baseline_m = self._recording.settings.baseline_m
+        baseline_m = self._baseline_m
         if self._rectified:
             left, right = left.of_rectified_images(), right.of_rectified_images()
         raw = pair_of_infos(left, right, where, baseline_m)
         return raw.rectified() if self._rectified and baseline_m is None else raw
 
     def _notes(self) -> tuple[str, ...]:
-        """What the settings' baseline replaces in the first calibrations."""
-        settings = self._recording.settings
-        if settings.baseline_m is None or not all(topic.places for topic in self._topics):
+        """What a baseline from elsewhere replaces in the first calibrations."""
+        if self._baseline_m is None or not all(topic.places for topic in self._topics):
             return ()
         cameras = [camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics]
         if not (unset := unset_matrices(*cameras)):
             return ()
         names = " and ".join(topic.name for topic in self._topics)
         parallel = "; the cameras are taken as parallel" if "R" in unset else ""
-        return (f"{names}: {unset}: zeros (not set), baseline_m = {settings.baseline_m:g} replaces them{parallel}",)
+        return (f"{names}: {unset}: zeros (not set), baseline_m = {self._baseline_m:g} replaces them{parallel}",)
+
+
+def _baseline_m(topics: Collection[Topic], pair: tuple[Topic, Topic], recording: Recording) -> float | None:
+    """The baseline of RealSense's infrared cameras, whose images are rectified; None for others, or without poses."""
+    left, right = pair
+    if not all(map(realsense.is_of_sdk, pair)):
+        return None
+    motion = realsense.find_pose(topics, recording.container, right, left)
+    if motion is None and not has_no_frames(left):
+        motion = find_transform(topics, recording, right.frame_id, left.frame_id)
+    return None if motion is None or motion[0, 3] >= 0 else -float(motion[0, 3])
 
 
 # the maps are computed again only if a calibration has changed
@@ -287,6 +299,8 @@ class DepthCamera:
         """The pose colour_from_depth in the recording."""
         colour, depth = self._colour, self._depth
         motion = find_extrinsics(topics, self._recording)
+        if motion is None:
+            motion = realsense.find_pose(topics, self._recording.container, colour, depth)
         if motion is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
             motion = find_transform(topics, self._recording, colour.frame_id, depth.frame_id)
         if motion is None:

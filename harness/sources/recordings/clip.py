@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +15,8 @@ from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
+from harness.sources.media.maps import MILLIMETRES
+from harness.sources.recordings import realsense
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
 from harness.sources.recordings.containers import Container, starts_with, window_of
@@ -168,6 +170,7 @@ class RecordingClip:
             for topic in self._streams
             if topic is not None and topic.kind == "video"
         }
+        self._counts_per_m, counted = self._depth_unit(topics)
         self._frames, paired = join_streams(self._streams, settings, self._where)
         self.frames = range(1, len(self._frames) + 1)
         """Frame numbers from 1; dropped frames have no number."""
@@ -181,7 +184,7 @@ class RecordingClip:
         self.notes = (
             *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
             *notes_on_files(self._streams.left.places, self._container.files),
-            *self._optics.notes,
+            *(*self._optics.notes, *counted),
             *([by_log] if settings.stamps == "log" else []),
         )
 
@@ -235,7 +238,17 @@ class RecordingClip:
 
     def _depth(self, topic: Topic, place: Place) -> Map:
         data = self._container.read(topic, place)
-        return read_depth(topic.type, data, self._settings.depth_scale, self._of_topic(topic, place))
+        return read_depth(topic.type, data, self._counts_per_m, self._of_topic(topic, place))
+
+    def _depth_unit(self, topics: Collection[Topic]) -> tuple[float | None, tuple[str, ...]]:
+        """Counts of depth per metre, by the settings or the recording, and a note if that has another unit than mm."""
+        depth, given = self._streams.depth, self._settings.depth_scale
+        unit_m = None if depth is None or given else realsense.metres_per_count(topics, self._container, depth)
+        if depth is None or unit_m is None:
+            return given, ()
+        counts_per_m = round(1 / unit_m, 3)
+        is_mm = counts_per_m == MILLIMETRES
+        return counts_per_m, () if is_mm else (f"{depth.name}: {counts_per_m:g} counts a metre, as the recording says",)
 
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"

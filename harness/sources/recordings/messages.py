@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -12,6 +12,7 @@ import mcap_protobuf.decoder
 from mcap.records import Schema
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
@@ -173,12 +174,19 @@ def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
 def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
     definitions, store = _definitions_of(kind), get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in definitions.items() if name not in store.types})
-    deserialize = store.deserialize_ros1 if kind.message_encoding == "ros1" else store.deserialize_cdr
+    if kind.message_encoding == "cdr":
+        return lambda data: store.deserialize_cdr(data, kind.name)
 
     def decode(data: bytes) -> Any:
-        return deserialize(data, kind.name)
+        with suppress(SerdeError):
+            return store.deserialize_ros1(data, kind.name)
+        return store.deserialize_ros1(data[:-_REALSENSE_BYTES], kind.name)
 
     return decode
+
+
+_REALSENSE_BYTES = 4
+"""RealSense's SDK appends the unit of depth to each image, which the definition in the file does not have."""
 
 
 @lru_cache(maxsize=256)

@@ -283,8 +283,8 @@ def is_aligned(depth: Topic, colour: Topic) -> bool:
 
 
 def has_no_frames(topic: Topic) -> bool:
-    """Whether a topic is of RealSense's SDK, which never aligns depth, and names no coordinate frames."""
-    return topic.name.startswith(_REALSENSE_SDK)
+    """Whether a topic is of RealSense's SDK, which never aligns depth, and has numbers in place of frames' names."""
+    return topic.name.startswith(_REALSENSE_SDK) and (topic.frame_id.isdecimal() or not topic.frame_id)
 
 
 def find_colour_and_depth(

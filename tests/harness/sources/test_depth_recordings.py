@@ -322,18 +322,6 @@ def test_a_bag_that_is_refused_is_closed(tmp_path: Path) -> None:
     assert len(os.listdir("/proc/self/fd")) == len(before), error.value
 
 
-def test_the_sdk_of_realsense_never_aligns(tmp_path: Path) -> None:
-    """Its topics are found with their calibrations; what is missing is said."""
-    colour, depth = "/device_0/sensor_1/Color_0", "/device_0/sensor_0/Depth_0"
-    with messages(tmp_path, "bag") as (path, write):
-        for stream in (colour, depth):
-            write.camera(f"{stream}/info/camera_info", START_NS, LENS, "0")
-        write.image(f"{colour}/image/data", START_NS, moving_picture(1), "rgb8", "0")
-        write.image(f"{depth}/image/data", START_NS, depth_mm(1), "mono16", "0")
-    with pytest.raises(VfoaError, match=r"Depth_0/image/data.*align_depth"):
-        open_clip(path)
-
-
 def test_depth_of_another_camera_than_the_pairs_is_left_out_and_said(tmp_path: Path) -> None:
     with messages(tmp_path, "mcap") as (path, write):
         for number in (1, 2):
