@@ -46,6 +46,7 @@ DOORS = {
     "av": (
         "harness/sources/recordings/video.py",
         "harness/sources/media/images.py",
+        "harness/sources/media/matroska.py",
         "harness/sources/media/video.py",
         "harness/record/images.py",
         "harness/clips/export.py",

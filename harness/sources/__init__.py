@@ -202,6 +202,7 @@ def check_number(number: int, frames: Sequence[int], where: object) -> None:
 ADAPTERS = Registry(
     kind="adapter",
     builtin={
+        "azure_kinect": "harness.sources.azure_kinect:AzureKinectClip",
         "depth_folder": "harness.sources.depth_folder:DepthFolderClip",
         "idiap_vfoa": "harness.sources.measured.idiap:IdiapClip",
         "mcap": "harness.sources.recordings.clip:McapClip",

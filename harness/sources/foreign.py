@@ -9,7 +9,6 @@ from typing import Any
 
 from harness.files.io import check_fetched, read_bytes
 from harness.files.parsing import parse_json
-from harness.sources.media.video import container_tags
 from harness.sources.recordings.containers import is_zstd
 from vfoa.errors import VfoaError
 
@@ -28,11 +27,6 @@ def refuse_foreign(path: Path) -> None:
             f"{path}: a recording of the ZED's SDK, which is not read; expected its views, which the SDK's sample "
             "svo_export.py writes: --mode 0 a film of both, --mode 2 two series of images. They are rectified: give "
             "fx, cx, cy and the baseline of the SDK's calibration_parameters (--fx --cx --cy --baseline)"
-        )
-    if path.suffix.lower() == ".mkv" and any(name.startswith("K4A_") for name in container_tags(path)):
-        raise VfoaError(
-            f"{path}: a recording of Azure Kinect's recorder (colour, depth and infrared in one file), which is not "
-            "read; expected a folder of its images: Open3D's azure_kinect_mkv_reader.py writes one"
         )
     if path.suffix.lower() == ".json" and (what := _foxglove(path)):
         raise VfoaError(f"{path}: {what} of Foxglove in JSON, no recording; expected the MCAP file or bag itself")

@@ -29,6 +29,7 @@ from tests.disk import (
     write_video,
 )
 from tests.examples import few
+from tests.kinect import kinect_recording
 from tests.measured import idiap_file, measured_tables, open_measured, openface_file
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
@@ -109,9 +110,15 @@ def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
     return clip
 
 
+def azure_kinect(root: Path, frames: tuple[int, ...]) -> Clip:
+    """The three frames of a genuine recording."""
+    return opened("azure_kinect", {"recording": kinect_recording(root).name}, root)
+
+
 Builder = Callable[[Path, tuple[int, ...]], Clip | MeasuredClip]
 
 BUILDERS: dict[str, Builder] = {
+    "azure_kinect": azure_kinect,
     "depth_folder": depth_folder,
     "idiap_vfoa": idiap_vfoa,
     "measured": measured,

@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import av
-import numpy as np
 import pytest
 from mcap.writer import Writer
 
 from harness.sources.foreign import refuse_foreign
 from harness.sources.media.video import Video
 from harness.sources.recordings.clip import McapClip, open_container
-from tests.disk import HEIGHT, WIDTH, write_text
+from tests.disk import write_text
 from vfoa.errors import VfoaError
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
@@ -39,23 +37,6 @@ def test_a_recording_that_is_a_pointer_of_git_lfs_is_named(name: str, is_folder:
 def test_a_film_that_is_a_pointer_of_git_lfs_is_named(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"a\.mp4: a pointer of Git LFS"):
         Video(write_text(tmp_path / "a.mp4", POINTER))
-
-
-def _film(path: Path, **tags: str) -> Path:
-    with av.open(str(path), "w") as film:
-        film.metadata.update(tags)
-        stream = film.add_stream("ffv1", rate=30)
-        stream.width, stream.height = WIDTH, HEIGHT
-        picture = av.VideoFrame.from_ndarray(np.zeros((HEIGHT, WIDTH, 3), np.uint8)).reformat(format="yuv420p")
-        film.mux([*stream.encode(picture), *stream.encode()])
-    return path
-
-
-def test_a_recording_of_azure_kinect_is_named_and_another_film_passes(tmp_path: Path) -> None:
-    refuse_foreign(_film(tmp_path / "film.mkv", title="COLOR"))
-    path = _film(tmp_path / "k4a.mkv", K4A_COLOR_MODE="MJPG_720P", K4A_DEPTH_MODE="NFOV_UNBINNED")
-    with pytest.raises(VfoaError, match=r"k4a\.mkv: a recording of Azure Kinect"):
-        refuse_foreign(path)
 
 
 @pytest.mark.parametrize("name", ["zed.svo", "ZED.SVO2"])
