@@ -134,7 +134,7 @@ class StereoPairs:
     def read(self, number: int) -> tuple[Image, Image]:
         """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""
         if self._right is None:
-            first, second = _split(self._left.read(number), self._packing, self.where(number))
+            first, second = split_views(self._left.read(number), self._packing, self.where(number))
         else:
             first, second = self._left.read(number), self._right.read(number)
             check_sizes(first, second, self._left.file(number), self._right.file(number))
@@ -316,7 +316,7 @@ def _joined_by_time(
     return renumbered
 
 
-def _split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
+def split_views(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
     """Split an image (H, W, 3) into left and right view: left is the left, or the upper half."""
     axis = 1 if packing == "side_by_side" else 0
     if image.shape[axis] % 2:

@@ -81,6 +81,11 @@ class PairCameras:
                 read_cameras([path], size, Options(rectified=self._rectified, baseline_m=settings.baseline_m))
             )
         else:
+            if pair[0] is pair[1] and not (settings.left_info and settings.right_info):
+                raise VfoaError(
+                    f"{where}: {pair[0].name} has both views; expected left_info = and right_info = in [source], or "
+                    "--calibration FILE of a pair, or --fx --cx --cy (or --fov-deg) and --baseline"
+                )
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
             self._baseline_m = settings.baseline_m or _baseline_m(topics, pair, recording)

@@ -33,6 +33,7 @@ from harness.sources.recordings.topics import (
     unused_pairs,
 )
 from harness.sources.recordings.video import VideoDecoder
+from harness.sources.stereo_pairs import split_views
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
 
@@ -57,6 +58,9 @@ def join_streams(
     VfoaError
         If no two stamps are near enough; the message says how far apart they are.
     """
+    if streams.right is streams.left:
+        first_of_stamp = {place.stamp_ns: place for place in reversed(streams.left.places)}
+        return tuple(Sides(place, place, None) for place in reversed(first_of_stamp.values())), ()
     partner = streams.right or streams.depth
     assert partner is not None
     joined, notes = _join_partners(
@@ -202,7 +206,9 @@ class RecordingClip:
         places, streams = self._places(number), self._streams
         try:
             left, right, depth_m = self._image(streams.left, places.left), None, None
-            if streams.right is not None and places.right is not None:
+            if streams.right is streams.left:
+                left, right = split_views(left, self._settings.packing, streams.left.name)
+            elif streams.right is not None and places.right is not None:
                 right = self._image(streams.right, places.right)
             if streams.depth is not None:  # unknown everywhere for a frame of a pair without one
                 depth_m = np.full(left.shape[:2], np.nan, np.float32)
@@ -254,8 +260,10 @@ class RecordingClip:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
 
     def _size_px(self) -> tuple[int, int]:
-        height, width = self._image(self._streams.left, self._frames[0].left).shape[:2]
-        return width, height
+        image = self._image(self._streams.left, self._frames[0].left)
+        if self._streams.right is self._streams.left:
+            image, _ = split_views(image, self._settings.packing, self._streams.left.name)
+        return image.shape[1], image.shape[0]
 
 
 def open_container(path: Path) -> Container:

@@ -16,6 +16,7 @@ from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
 from harness.sources.recordings.messages import IMAGES, READ, ImageMessage, Kind, MessageType, codec_of
 from harness.sources.recordings.pixels import INFRARED, may_be_depth
+from harness.sources.stereo_pairs import Packing
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 
@@ -93,7 +94,8 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
     if len(pairs) != 1:
         raise VfoaError(
             f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
-            f"(--set left=/TOPIC --set right=/TOPIC): found {listed(images)}"
+            "(--set left=/TOPIC --set right=/TOPIC), or --set both=/TOPIC if one has both views: found "
+            f"{listed(images)}"
         )
     return pairs[0]
 
@@ -210,7 +212,8 @@ class RecordingSettings(Settings):
     ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera. Instead
     of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a camera
     without distortion, with a baseline for a pair. ``baseline_m`` is the distance of a pair's cameras, which replaces
-    that of the recording's calibrations or of the file, and keeps their K, D and R. ``depth_scale`` is the number of
+    that of the recording's calibrations or of the file, and keeps their K, D and R. ``both`` is a topic whose images
+    have both views, beside or above each other (``packing``), the left one first. ``depth_scale`` is the number of
     the sensor's counts per metre (if not given, integers are millimetres). Stamps of a frame are at most
     ``tolerance_ms`` apart (2 for a pair, 20 for depth). ``rectified`` says whether the images are rectified already; if
     not given, those whose topics are called ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds
@@ -222,6 +225,8 @@ class RecordingSettings(Settings):
     left: str | None = None
     right: str | None = None
     depth: str | None = None
+    both: str | None = None
+    packing: Packing = "side_by_side"
     left_info: str | None = None
     right_info: str | None = None
     depth_info: str | None = None
@@ -241,6 +246,8 @@ class RecordingSettings(Settings):
             raise ValueError(f"found end_s {self.end_s:g}; expected more than start_s, {self.start_s or 0:g}")
         if self.calibration is not None and self.camera is not None:
             raise ValueError("found calibration and camera; expected one of them")
+        if self.both is not None and (self.left or self.right or self.depth):
+            raise ValueError("found both beside left, right or depth; expected it alone")
         if self.baseline_m is not None and self.camera is not None:
             raise ValueError("baseline_m: found beside camera; expected camera.baseline_m alone")
         return self
@@ -374,6 +381,9 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     VfoaError
         If there are none, or several candidates.
     """
+    if settings.both is not None:
+        packed = named((topic for topic in topics if topic.is_image), settings.both, "both", where)
+        return Sides(packed, packed, None)
     if settings.depth is not None and settings.right is None:
         left, depth = find_colour_and_depth(topics, settings.left, settings.depth, where)
         return Sides(left, None, depth)

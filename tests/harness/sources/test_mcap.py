@@ -370,3 +370,32 @@ def test_fisheye_lenses_have_three_names(tmp_path: Path, name: str) -> None:
         images.append(open_clip(path).frame(1).left)
     assert np.array_equal(*images)
     assert not np.array_equal(images[0], picture(1))
+
+
+@pytest.mark.parametrize(("packing", "axis"), [("side_by_side", 1), ("top_bottom", 0)])
+def test_a_topic_may_have_both_views(tmp_path: Path, packing: str, axis: int) -> None:
+    """As cheap stereo cameras on USB and the ZED's driver send them."""
+    views = {number: (picture(number), picture(1000 + number)) for number in (1, 2, 3)}
+    path = tmp_path / "a.mcap"
+    with recorder(path, "ros2") as write:
+        for number, both in views.items():
+            write.picture("/usb_cam/image_raw", stamp(number), np.concatenate(both, axis=axis), "raw")
+        write.camera("/usb_cam/left/camera_info", stamp(1), LEFT)
+        write.camera("/usb_cam/right/camera_info", stamp(1), RIGHT)
+    given = {"both": "/usb_cam/image_raw", "packing": packing}
+    infos = {f"{side}_info": f"/usb_cam/{side}/camera_info" for side in ("left", "right")}
+    numbers = {"camera": {"fx_px": 100.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.12}}
+    for calibrated in (infos, numbers):
+        clip = open_clip(path, **given, **calibrated)
+        assert list(clip.frames) == [1, 2, 3]
+        assert clip.rate_hz == 25.0
+        frame = clip.frame(2)
+        assert np.array_equal(frame.left, views[2][0])
+        assert np.array_equal(frame.right, views[2][1])
+        assert frame.rig.baseline_m == pytest.approx(0.12)
+    with pytest.raises(VfoaError, match=r"both views; expected left_info"):
+        open_clip(path, **given)
+    with pytest.raises(VfoaError, match=r"--set both=/TOPIC"):
+        open_clip(path, **numbers)
+    with pytest.raises(VfoaError, match=r"no both topic '/usb_cam/image'"):
+        open_clip(path, both="/usb_cam/image", **numbers)
