@@ -1,10 +1,11 @@
 """A table of one's own, of a spreadsheet or a script: a row for each look, or for each frame.
 
 Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
-(:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, in seconds,
-milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in one frame, which is that of
-the number ``frame``, or nearest to ``time_s``, or to ``time_ns`` by the clip's own stamps. In place of ``subject`` and
-``target`` there may be a column named after each subject, with the subject's targets.
+(:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
+``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
+one frame, which is that of the number ``frame``, or nearest to ``time_s`` or ``time_ms``, or to ``time_ns`` by the
+clip's own stamps. In place of ``subject`` and ``target`` there may be a column named after each subject, with the
+subject's targets; in place of ``target``, a column named after each target, with 1 where it is looked at and else 0.
 """
 
 from __future__ import annotations
@@ -23,28 +24,32 @@ from vfoa.errors import VfoaError
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant"),
-    "target": ("target", "object", "what", "looks_at", "label", "aoi"),
+    "target": ("target", "object", "what", "looks_at", "label", "aoi", "gaze_target", "vfoa", "trial_type"),
     "note": ("note", "notes", "comment", "comments"),
     "frame": ("frame", "frame_number", "frame_index"),
     "first_frame": ("first_frame", "start_frame", "frame_start"),
     "last_frame": ("last_frame", "end_frame", "frame_end"),
-    "start_s": ("start_s", "start", "start_time", "begin", "begin_time", "start_time_s"),
-    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s"),
-    "start_ms": ("start_ms", "start_time_ms", "begin_ms"),
-    "end_ms": ("end_ms", "end_time_ms", "stop_ms"),
+    "start_s": ("start_s", "start", "start_time", "begin", "begin_time", "start_time_s", "onset", "onset_s"),
+    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "offset", "offset_s"),
+    "duration_s": ("duration_s", "duration"),
+    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
+    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
+    "duration_ms": ("duration_ms",),
     "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
+    "time_ms": ("time_ms", "timestamp_ms", "recording_timestamp_ms"),
     "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
 }
 """The names of each column, as :func:`plain_name` has them."""
 
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("first_frame", "last_frame")),
-    *(("frame",), ("time_s",), ("time_ns",)),
+    *(("start_s", "duration_s"), ("start_ms", "duration_ms")),
+    *(("frame",), ("time_s",), ("time_ms",), ("time_ns",)),
 )
-"""The columns that say where a row holds; a table has those of one kind."""
+"""The columns that say where a row holds; a table has those of one kind. A duration beside an end is not read."""
 
-_MS_PER_UNIT = {"start_s": 1000, "start_ms": 1}
-_CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:\.[0-9]+)?)")
+_MS_PER_UNIT = {"start_s": 1000, "start_ms": 1, "time_s": 1000, "time_ms": 1}
+_CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
 _NUMBER = re.compile(r"-?[0-9]{1,12}(?:\.[0-9]*)?")
 
 
@@ -53,7 +58,7 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        (line, header), *lines = _by_subject(_even_rows(path), exchange)
+        (line, header), *lines = _by_target(_by_subject(_even_rows(path), exchange), exchange, path)
         columns, left_out = _columns(header, f"{path}:{line}")
         place = _place(columns, f"{path}:{line}")
         if "subject" not in columns and len(exchange.subjects) != 1:
@@ -63,7 +68,9 @@ class OwnTable(ReadOnly):
             )
         rows = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
         known = [row for row in rows if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
-        if place[0] in ("time_s", "time_ns"):
+        if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
+            _check_unit(known, place, exchange, path)
+        if place[0] in ("time_s", "time_ms", "time_ns"):
             imported = _moments(known, place[0], exchange, path)
         elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
             imported = _spans(known, place, exchange, path)
@@ -98,6 +105,41 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
             for number, cells in lines
         ),
     ]
+
+
+_SEEN, _NOT_SEEN = frozenset({"1", "1.0", "true"}), frozenset({"0", "0.0", "false"})
+
+
+def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
+    """Rows with a target each, of those with a column of 0 and 1 for each target; others as they are."""
+    (line, header), *lines = rows
+    if "target" in {_column(name) for name in header}:
+        return rows
+    known = {*exchange.targets, *exchange.subjects}
+    targets = [
+        place
+        for place, name in enumerate(header)
+        if exchange.names.translate(name) in known
+        and all(is_missing(cells[place]) or cells[place].lower() in _SEEN | _NOT_SEEN for _, cells in lines)
+    ]
+    if not targets:
+        return rows
+    others = [place for place in range(len(header)) if place not in targets]
+    return [
+        (line, [*(header[place] for place in others), "target"]),
+        *(
+            (number, [*(cells[place] for place in others), _seen(header, cells, targets, f"{path}:{number}")])
+            for number, cells in lines
+        ),
+    ]
+
+
+def _seen(header: Sequence[str], cells: Sequence[str], targets: Sequence[int], where: str) -> str:
+    """The only target with a 1; none where all have 0, and nothing where all are blank."""
+    seen = [header[place] for place in targets if cells[place].lower() in _SEEN]
+    if len(seen) > 1:
+        raise VfoaError(f"{where}: found 1 for {' and '.join(seen)}; expected one target")
+    return next(iter(seen), "" if all(is_missing(cells[place]) for place in targets) else NOWHERE)
 
 
 _Row = tuple[str, Mapping[str, str]]
@@ -136,6 +178,7 @@ def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
 def _place(columns: Mapping[str, int], where: str) -> tuple[str, ...]:
     """The columns that say where a row holds."""
     whole = [place for place in _PLACES if columns.keys() >= {*place}]
+    whole = [place for place in whole if "duration" not in place[-1] or len(whole) == 1]
     if len(whole) != 1:
         kinds = "; ".join(" and ".join(place) for place in _PLACES)
         found = " and of ".join(" and ".join(place) for place in whole) or "none of them"
@@ -158,6 +201,7 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
         if place[0] in _MS_PER_UNIT:
             start, end = (_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]]) for each in ends)
+            end += start if place[-1].startswith("duration") else 0
         else:
             first, last = (_whole(*each) for each in ends)
             start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (first, last + 1))
@@ -165,10 +209,38 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
     return from_spans(spans, exchange, path)
 
 
+_UNITS = ("s", "sec", "seconds", "ms", "ns", "frame", "frames")
+"""Last words of columns that name their unit."""
+_LEAST_TIMES, _LEAST, _LEAST_SHARE, _MOST_SHARE = 5, 20, 0.2, 1.2
+
+
+def _check_unit(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> None:
+    """Reject seconds that are probably milliseconds, or frames: their column names no unit, and they fit as these.
+
+    Raises
+    ------
+    VfoaError
+        If times reach more than five times the clip's end, and in the other unit end near it.
+    """
+    cells = [cells[column] for _, cells in rows for column in place]
+    if place[0] not in ("start_s", "time_s") or not cells or not all(_NUMBER.fullmatch(cell) for cell in cells):
+        return
+    last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
+    units = (("milliseconds", 1000 * end_s, "_ms"), ("frames", exchange.frames[-1], "_frame"))
+    fit = [(unit, suffix) for unit, end, suffix in units if _LEAST_SHARE <= last / max(end, 1) <= _MOST_SHARE]
+    if last > max(_LEAST_TIMES * end_s, _LEAST) and fit:
+        unit, suffix = fit[0]
+        names = {"_ms": ("start_ms and end_ms", "time_ms"), "_frame": ("first_frame and last_frame", "frame")}
+        raise VfoaError(
+            f"{path}: {' and '.join(place)}: times reach {last:g} s, the clip ends at {end_s:g} s; expected seconds, "
+            f"or columns called {names[suffix][len(place) == 1]} if they are {unit}"
+        )
+
+
 def _time_ms(cell: str, where: str, *, unit_ms: int) -> int:
     if clock := _CLOCK.fullmatch(cell):
         hours, minutes, seconds = clock.groups()
-        return round(1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds)))
+        return round(1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", "."))))
     if not _NUMBER.fullmatch(cell):
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
     return round(float(cell) * unit_ms)
@@ -214,7 +286,8 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
         subject, label = _label(cells, where, exchange)
         place = f"{where}: {column}"
         cell = cells[column]
-        own_ns = _whole(cell, place, "ns") if column == "time_ns" else MS * _time_ms(cell, place, unit_ms=1000)
+        is_ns = column == "time_ns"
+        own_ns = _whole(cell, place, "ns") if is_ns else MS * _time_ms(cell, place, unit_ms=_MS_PER_UNIT[column])
         if (frame := _nearest(own_ns, timeline, within_ns)) is None:
             outside.append(where)
         else:

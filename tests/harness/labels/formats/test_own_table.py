@@ -37,6 +37,12 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
         "who,what,start,end\ngirl,bird,0,0.2\ngirl,none,0.2,0.5\nboy,girl,0.1,0.2\n",
         "who;what;Start (s);End (s)\ngirl;bird;0;0,2\ngirl;none;0,2;0,5\nboy;girl;0,1;0,2\n",
         "who,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
+        "onset\tduration\ttrial_type\twho\n0\t0.2\tbird\tgirl\n0.2\t0.3\tnone\tgirl\n0.1\t0.1\tgirl\tboy\n",
+        "who,what,start_ms,duration_ms\ngirl,bird,0,200\ngirl,none,200,300\nboy,girl,100,100\n",
+        "who,what,start,end,duration\ngirl,bird,0,0.2,9\ngirl,none,0.2,0.5,9\nboy,girl,0.1,0.2,9\n",
+        "who;what;start;end\ngirl;bird;0:00:00,0;0:00,2\ngirl;none;00:00:00,2;0:00,5\nboy;girl;0:00,1;0:00,2\n",
+        "frame,who,bird,cup,girl\n" + "".join(f"{n},girl,{int(n < 3)},0,0\n" for n in range(1, 6)) + "2,boy,0,0,1\n",
+        "time_ms,who,bird,girl\n" + "".join(f"{100 * n},girl,{n < 2},0\n" for n in range(5)) + "100,boy,False,True\n",
         "who,what,start,end\ngirl,bird,0:00:00,0:00.2\ngirl,none,00:00:00.2,0:00.5\nboy,girl,0:00.1,0:00.2\n",
         "person,looks_at,time_s\n" + "".join(f"girl,{'bird' if n < 2 else 'none'},{n / 10 + 0.03}\n" for n in range(5))
         + "boy,girl,0.1\n",
@@ -54,6 +60,49 @@ def test_with_a_rate_frames_are_those_of_another_program_from_0(tmp_path: Path) 
     text = "first_frame,last_frame,subject,target\n5,6,girl,bird\n7,9,girl,none\n"
     labels, _ = _read(tmp_path, text, fps=10.0, offset=0.5)
     assert labels == Labels([row(1, 2, "bird"), row(3, 5, "none")])
+
+
+def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
+    text = "frame,subject,bird,cup\n1,girl,1,0\n2,girl,,\n3,girl,0,0\n4,girl,0,\n"
+    labels, notes = _read(tmp_path, text)
+    assert [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges] == [
+        (1, 1, "bird"), (2, 2, "ignore"), (3, 4, "none")
+    ]  # fmt: skip
+    assert any("1 rows without a target" in note for note in notes)
+    with pytest.raises(VfoaError, match=r"mine\.csv:3: found 1 for bird and cup"):
+        _read(tmp_path, "frame,subject,bird,cup\n1,girl,1,0\n2,girl,1,1\n")
+
+
+MINUTE = PlainClip(frames=range(1, 1501))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("subject,target,start,end\ngirl,bird,0,4000\ngirl,cup,4000,59000\n", "start_ms and end_ms"),
+        ("subject,target,start,end\ngirl,bird,1,100\ngirl,cup,101,1490\n", "first_frame and last_frame"),
+        ("subject,target,time\ngirl,bird,40\ngirl,cup,50000\n", "time_ms"),
+        ("subject,target,time\ngirl,bird,1\ngirl,cup,1500\n", "called frame"),
+    ],
+)
+def test_seconds_that_are_something_else_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    """They would be labels of nearly nothing, or of the whole clip."""
+    with pytest.raises(VfoaError, match=said):
+        _read(tmp_path, text, MINUTE)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "subject,target,start_s,end_s\ngirl,bird,0,4000\n",
+        "subject,target,start,end\ngirl,bird,0,70\n",
+        "subject,target,start,end\ngirl,bird,0,4\ngirl,cup,5400,7200\n",
+        "subject,target,start,end\ngirl,bird,0,0:59.5\n",
+    ],
+)
+def test_labels_of_a_longer_film_stay_seconds(tmp_path: Path, text: str) -> None:
+    labels, _ = _read(tmp_path, text, MINUTE)
+    assert [row.label.target for row in labels.ranges] == ["bird"]
 
 
 def test_what_is_left_out_is_said(tmp_path: Path) -> None:
