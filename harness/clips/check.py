@@ -245,8 +245,9 @@ class ClipCheck:
 def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels.
 
-    With ``every_frame``, decode all frames, and count those that cannot be read. Of a clip of measurements, check every
-    frame: that its names exist and that its positions are in metres.
+    Of a pair, also decode up to 48 frames in the middle, for the motion in both views; with ``every_frame``, decode all
+    frames. Those of them that cannot be read are counted and named. Of a clip of measurements, check every frame: that
+    its names exist and that its positions are in metres.
     """
     name = Path(name_or_path).stem if name_or_path.endswith(".toml") else name_or_path
     unreadable: tuple[str, ...] = ()
@@ -271,7 +272,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
     if not every_frame:
         is_asked = has_right and manifest.adapter != "studio"  # rendered views are of one time
-        changes, _ = _moving(clip, _middle(clip.frames) if is_asked else ())
+        changes, unreadable = _moving(clip, _middle(clip.frames) if is_asked else ())
     offsets = _offsets_px(frames)
     is_matched = len(offsets) >= MIN_MATCHES
     disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0

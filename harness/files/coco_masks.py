@@ -44,7 +44,8 @@ def read_mask(segmentation: bytes, size: tuple[int, int], where: str) -> Mask:
             raise VfoaError(f"{where}: size: found {[*found.size]}; expected {expected}")
         return _of_runs(found.counts, size, where)
     if not found or not all(found):
-        raise VfoaError(f"{where}: found no mask; expected polygons [[u, v, ...], ...] or run lengths")
+        expected = "expected polygons [[u, v, ...], ...] or run lengths (boxes: vfoa labels import --format coco)"
+        raise VfoaError(f"{where}: found no mask; {expected}")
     return np.logical_or.reduce([_of_polygon(polygon, size, where) for polygon in found])
 
 
