@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.sources import ADAPTERS, MeasuredClip
 from tests.disk import labels_text
@@ -127,6 +128,29 @@ def openface_file(path: Path, rows: Sequence[Mapping[str, Any]], *, points: bool
         lines.append(",".join(f"{cells.get(name, 0):g}" for name in header))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def motive_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, kind: str = "Rigid Body", **said: str) -> Path:
+    """A take as Motive's CSV export lays it out, 100 frames a second from 0; ``said`` are entries of the first line.
+
+    A pose is a row (7,) of x, y, z, w and the position for each frame, blank where it is NaN. Each body has a marker.
+    """
+    entries = {"Rotation_Type": "Quaternion", "Length_Units": "Meters", "Coordinate_Space": "Global", **said}
+    first = ["Format Version", "1.23", "Take Name", "talk", "Take Notes", ""]
+    first += [text for name, value in entries.items() for text in (name.replace("_", " "), value)]
+    pose = [*(("Rotation", axis) for axis in "XYZW"), *(("Position", axis) for axis in "XYZ")]
+    each = [*pose, ("Mean Marker Error", "")]
+    columns = [(kind, name, *what) for name in bodies for what in each]
+    columns += [(f"{kind} Marker", f'"{name}:Marker1"', "Position", axis) for name in bodies for axis in "XYZ"]
+    kinds, names, quantities, axes = zip(*columns, strict=True)
+    above = [["", "Type", *kinds], ["", "Name", *names], ["", "ID", *names], ["", "", *quantities]]
+    rows: list[list[str]] = [first, [], *above, ["Frame", "Time (Seconds)", *axes]]
+    for number, poses in enumerate(zip(*bodies.values(), strict=True)):
+        cells = [*(cell for pose in poses for cell in (*pose, 0.0007)), *(0.1 for _ in range(3 * len(bodies)))]
+        rows.append([str(number), f"{number / 100:.6f}", *("" if np.isnan(cell) else f"{cell:.6f}" for cell in cells)])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
     return path
 
 

@@ -185,6 +185,17 @@ def read_header(path: Path) -> tuple[str, ...]:
         return ()
 
 
+def header_names(path: Path) -> frozenset[str]:
+    """The names in the first line of a CSV file, without reading the rest; none of any other file."""
+    try:
+        if path.suffix.lower() != ".csv" or not path.is_file():
+            return frozenset()
+        with path.open(encoding="utf-8-sig") as file:
+            return frozenset(name.strip() for name in file.readline(2**16).split(","))
+    except (OSError, UnicodeDecodeError):
+        return frozenset()
+
+
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """Write a CSV table atomically: floats are exact, None is a blank."""
     atomic_write(path, format_rows(columns, rows))

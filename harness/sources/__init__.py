@@ -207,6 +207,7 @@ ADAPTERS = Registry(
         "idiap_vfoa": "harness.sources.measured.idiap:IdiapClip",
         "mcap": "harness.sources.recordings.clip:McapClip",
         "measured": "harness.sources.measured.tables:MeasuredTables",
+        "motive": "harness.sources.measured.motive:MotiveClip",
         "openface": "harness.sources.measured.openface:OpenFaceClip",
         "rosbag": "harness.sources.recordings.clip:BagClip",
         "sintel": "harness.sources.sintel:SintelClip",

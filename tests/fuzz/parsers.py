@@ -206,6 +206,7 @@ PARSERS: Sequence[Parser] = (
         names_file=False,
     ),
     Parser("Idiap tracker", "tracker.csv", lambda path: idiap_file(path.parent, 4), states.open_idiap),
+    Parser("Motive take", "take.csv", states.write_motive, states.open_motive),
     Parser("OpenFace table", "faces.csv", states.write_openface, states.open_openface),
     Parser("OpenFace heads", "faces.csv", states.write_openface, states.read_faces),
     Parser("gaze3d table", "gazes.csv", whole.GAZE3D, states.read_faces),

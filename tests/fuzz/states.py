@@ -45,7 +45,7 @@ from tests.disk import labels_text, write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
-from tests.measured import idiap_file, measured_tables, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file
 from tests.openvino import affine
 from tests.records import labels, score
 from vfoa.errors import VfoaError
@@ -291,6 +291,19 @@ def write_openface(path: Path) -> None:
 
 def open_openface(path: Path) -> Any:
     clip = open_measured("openface", path.parent, file=path.name)
+    return [clip.scene(number) for number in clip.frames]
+
+
+def write_motive(path: Path) -> None:
+    """Two rigid bodies in four frames; one is lost in the last."""
+    poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.4, 1.6, 2.0], (4, 1))
+    lost = poses.copy()
+    lost[3] = np.nan
+    motive_file(path, {"anna": poses, "cup": lost})
+
+
+def open_motive(path: Path) -> Any:
+    clip = open_measured("motive", path.parent, file=path.name, heads={"anna": {}})
     return [clip.scene(number) for number in clip.frames]
 
 

@@ -23,8 +23,8 @@ from typing import Literal
 import numpy as np
 
 from harness.files.digests import file_digest
-from harness.files.tables import TableColumns, read_columns
-from harness.sources.measured.openface import REQUIRED, Face, header_names, is_openface, read_openface
+from harness.files.tables import TableColumns, header_names, read_columns
+from harness.sources.measured.openface import REQUIRED, Face, is_openface, read_openface
 from vfoa.crops import grow, head_box
 from vfoa.errors import VfoaError
 from vfoa.types import Float

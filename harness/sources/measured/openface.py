@@ -30,6 +30,7 @@ from pydantic import Field
 
 from harness.files.dialects import check_width
 from harness.files.digests import file_digest
+from harness.files.tables import header_names
 from harness.sources import Recognised
 from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
 from vfoa.errors import VfoaError
@@ -94,17 +95,6 @@ def is_openface(path: Path) -> bool:
             "sequence: FeatureExtraction -fdir FOLDER"
         )
     return {"frame", "confidence", "success"} <= names and bool({*_PLACE, *_GAZES} & names)
-
-
-def header_names(path: Path) -> frozenset[str]:
-    """The names in the first line of a CSV file, without reading the rest; none of any other file."""
-    try:
-        if path.suffix.lower() != ".csv" or not path.is_file():
-            return frozenset()
-        with path.open(encoding="utf-8-sig") as file:
-            return frozenset(name.strip() for name in file.readline(2**16).split(","))
-    except (OSError, UnicodeDecodeError):
-        return frozenset()
 
 
 def read_openface(path: Path) -> FaceTable:

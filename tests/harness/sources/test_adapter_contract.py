@@ -30,7 +30,7 @@ from tests.disk import (
 )
 from tests.examples import few
 from tests.kinect import kinect_recording
-from tests.measured import idiap_file, measured_tables, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -104,6 +104,12 @@ def openface(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     return open_measured("openface", root, file=openface_file(root / "faces.csv", rows).name)
 
 
+def motive(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
+    """Numbered from 0 without gaps whatever the frames were."""
+    poses = {name: np.tile([0, 0, 0, 1, x, 1.6, 2], (len(frames), 1)) for name, x in (("anna", -0.4), ("ben", 0.4))}
+    return open_measured("motive", root, file=motive_file(root / "take.csv", poses).name, heads={"anna": {}})
+
+
 def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
     adapter = ADAPTERS.load(name)
     clip: Clip = adapter(adapter.Settings.model_validate(source), root)
@@ -123,6 +129,7 @@ BUILDERS: dict[str, Builder] = {
     "idiap_vfoa": idiap_vfoa,
     "measured": measured,
     "mcap": mcap,
+    "motive": motive,
     "openface": openface,
     "rosbag": rosbag,
     "sintel": sintel,
