@@ -54,8 +54,8 @@ def import_(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, or a package's. Default: "
-            "as the file's name says (.boris, .eaf, .opf, .TextGrid).",
+            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, via, or a package's. "
+            "Default: as the file's name says (.boris, .eaf, .opf, .TextGrid).",
         ),
     ] = None,
     annotator: Annotator = None,
@@ -76,14 +76,16 @@ def import_(
     ] = None,
     film: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="ELAN, BORIS, Datavyu: film that shows the clip, if the file has several."),
+        typer.Option(
+            metavar="NAME", help="ELAN, BORIS, Datavyu, VIA: film that shows the clip, if the file has several."
+        ),
     ] = None,
     modifier: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
             help='What names targets. BORIS, Observer: set of modifiers, "none": leave modifiers out. Datavyu: code. '
-            "CVAT: attribute.",
+            "CVAT, VIA: attribute.",
         ),
     ] = None,
     confirm: Annotated[

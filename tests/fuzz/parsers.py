@@ -156,6 +156,7 @@ PARSERS: Sequence[Parser] = (
     Parser("labels of a table", "theirs.csv", whole.LOOKS, _labels("table")),
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
+    Parser("VIA", "theirs.csv", whole.VIA, _labels("via")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),
     Parser("CVAT", "theirs.xml", whole.CVAT, _shapes("cvat")),

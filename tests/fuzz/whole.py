@@ -82,6 +82,16 @@ TEXT_GRID = (
     'class = "IntervalTier"\nname = "girl"\nxmin = 0\nxmax = 2\nintervals: size = 1\n'
     'intervals [1]:\nxmin = 0.1\nxmax = 0.9\ntext = "bird"\n'
 )
+VIA = (
+    '{"attribute": {"1": {"aname": "girl", "type": 4, "options": {"0": "bird"}}}, '
+    '"file": {"1": {"fid": "1", "fname": "talk.mp4"}}, "view": {"1": {"fid_list": ["1"]}}, '
+    '"metadata": {"1_a": {"vid": "1", "flg": 0, "z": [0.1, 0.9], "xy": [], "av": {"1": "0"}}}}',
+    '# ATTRIBUTE = {"1": {"aname": "girl", "type": 1, "options": {}}}\n'
+    "# CSV_HEADER = metadata_id,file_list,flags,temporal_coordinates,spatial_coordinates,metadata\n"
+    '"1_a","[""talk.mp4""]",0,"[0.1,0.9]","[]","{""1"":""bird""}"\n',
+    "# CSV_HEADER = metadata_id,file_list,temporal_segment_start,temporal_segment_end,metadata\n"
+    '"1_a","[""talk.mp4""]",0.1,0.9,"{""girl"":""bird""}"\n',
+)
 DATAVYU = (
     "#4\ngirl (MATRIX,true,)-target|NOMINAL,how|NOMINAL\n00:00:00:100,00:00:00:900,(bird,well\\, so)\n",
     "girl.ordinal,girl.onset,girl.offset,girl.target,girl.how,\n1,100,900,bird,so,\n",

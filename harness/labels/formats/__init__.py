@@ -72,6 +72,7 @@ FORMATS = Registry(
         "observer": "harness.labels.formats.observer:Observer",
         "praat": "harness.labels.formats.praat:Praat",
         "table": "harness.labels.formats.own_table:OwnTable",
+        "via": "harness.labels.formats.via:Via",
     },
     group="vfoa.annotation_formats",
 )

@@ -6,13 +6,14 @@ Notes, image points, tags and suggestions are in tiers of their own beside a sub
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line
+from harness.labels.formats.own_table import COLUMNS
 from harness.labels.labels import Label
 from harness.labels.rows import SUGGESTED, parse_point, parse_tags
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, check_known
 
 NOTE, POINT, TAG, STATE = ":note", ":point_px", ":tag", ":state"
 """What follows a subject's name in the names of the tiers beside it."""
@@ -24,6 +25,8 @@ Annotation = tuple[int, int, str]
 """Start and end, ms, and value."""
 Read = Callable[[str], Sequence[Annotation]]
 """The annotations of a tier by its name; none of an unknown one."""
+Codes = Mapping[str, str]
+"""What an annotation of several values has: the text of each, "" for none, by the name of a code or attribute."""
 
 
 def from_tiers(
@@ -97,3 +100,35 @@ def _spans(
                 tags=parse_tags(tags.get((start, end), ""), where),
             )
             yield Span(start_ms=start + origin_ms, end_ms=end + origin_ms, subject=subject, label=label, where=where)
+
+
+def check_chosen(chosen: str | None, annotations: Iterable[Codes], path: Path) -> None:
+    """Raise a :class:`VfoaError` if no annotation has the chosen code (``--modifier``)."""
+    if chosen is not None:
+        check_known(chosen, {code for codes in annotations for code in codes}, f"{path}: --modifier: no")
+
+
+def named_subject(codes: Codes) -> str | None:
+    """The subject that a code of an annotation names, such as ``who``; None if the annotation is its tier's."""
+    return next((text for code, text in codes.items() if text and _is("subject", code)), None)
+
+
+def target_code(annotations: Collection[Codes], chosen: str | None, where: str, *, kind: str) -> str:
+    """The code that names the targets: the chosen one, the only one, or the only one with a name such as ``target``.
+
+    ``kind`` is what the program calls a code. A :class:`VfoaError` lists the codes if there is no such one.
+    """
+    codes = [*dict.fromkeys(code for each in annotations for code in each)]
+    others = [code for code in codes if not _is("subject", code)]
+    named = [code for code in others if _is("target", code)]
+    kinds = ([code for code in codes if code == chosen], others, named)
+    found = next((each for each in kinds if len(each) == 1), None)
+    if annotations and found is None:
+        listed = ", ".join(codes) or "none"
+        expected = f"expected --modifier {kind.upper()}, the one that names the targets"
+        raise VfoaError(f"{where}: found the {kind}s {listed}; {expected}")
+    return found[0] if found else ""
+
+
+def _is(kind: str, code: str) -> bool:
+    return code.lower() in COLUMNS[kind]
