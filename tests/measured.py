@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from harness.sources import ADAPTERS, MeasuredClip
 from tests.disk import labels_text
@@ -151,6 +152,30 @@ def motive_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, kind: str = "
         rows.append([str(number), f"{number / 100:.6f}", *("" if np.isnan(cell) else f"{cell:.6f}" for cell in cells)])
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return path
+
+
+def qualisys_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, times: bool = True, **said: str) -> Path:
+    """6DOF data as QTM's TSV export lays it out, 100 frames a second; poses and ``said`` as in :func:`motive_file`.
+
+    The room's z is up. Lines end with a tab, as QTM writes them.
+    """
+    entries = {"NO_OF_FRAMES": "3", "FREQUENCY": "100", "DATA_INCLUDED": "6D", **said, "BODY_NAMES": "\t".join(bodies)}
+    others = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{place}]" for place in range(9))]
+    columns = [column for name in bodies for column in (f"{name} X", *others)]
+    lines = [f"{name}\t{value}" for name, value in entries.items()]
+    lines.append("\t".join([*(["Frame", "Time"] if times else []), *columns, ""]))
+    for number, poses in enumerate(zip(*bodies.values(), strict=True), start=1):
+        cells = [str(number), f"{(number - 1) / 100:.5f}"] if times else []
+        for pose in poses:
+            if np.isnan(pose).any():
+                cells += [""] * 16
+                continue
+            matrix = Rotation.from_quat(pose[:4]).as_matrix()
+            cells += [f"{value:.5f}" for value in (*(1000 * pose[4:]), 0, 0, 0, 0.4, *matrix.T.ravel())]
+        lines.append("\t".join([*cells, ""]))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 

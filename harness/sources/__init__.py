@@ -209,6 +209,7 @@ ADAPTERS = Registry(
         "measured": "harness.sources.measured.tables:MeasuredTables",
         "motive": "harness.sources.measured.motive:MotiveClip",
         "openface": "harness.sources.measured.openface:OpenFaceClip",
+        "qualisys": "harness.sources.measured.qualisys:QualisysClip",
         "rosbag": "harness.sources.recordings.clip:BagClip",
         "sintel": "harness.sources.sintel:SintelClip",
         "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",

@@ -36,7 +36,7 @@ from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity,
 from tests.exchanges import PlainClip, exchange
 from tests.fuzz import states, whole
 from tests.fuzz.states import Read
-from tests.measured import idiap_file
+from tests.measured import idiap_file, motive_file, qualisys_file
 
 KINDS = {
     "boris": "json",
@@ -207,7 +207,18 @@ PARSERS: Sequence[Parser] = (
         names_file=False,
     ),
     Parser("Idiap tracker", "tracker.csv", lambda path: idiap_file(path.parent, 4), states.open_idiap),
-    Parser("Motive take", "take.csv", states.write_motive, states.open_motive),
+    Parser(
+        "Motive take",
+        "take.csv",
+        lambda path: motive_file(path, states.bodies()),
+        states.open_motion_capture("motive"),
+    ),
+    Parser(
+        "Qualisys bodies",
+        "take.tsv",
+        lambda path: qualisys_file(path, states.bodies()),
+        states.open_motion_capture("qualisys"),
+    ),
     Parser("OpenFace table", "faces.csv", states.write_openface, states.open_openface),
     Parser("OpenFace heads", "faces.csv", states.write_openface, states.read_faces),
     Parser("gaze3d table", "gazes.csv", whole.GAZE3D, states.read_faces),

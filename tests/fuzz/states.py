@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
@@ -45,7 +46,7 @@ from tests.disk import labels_text, write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
-from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, open_measured, openface_file
 from tests.openvino import affine
 from tests.records import labels, score
 from vfoa.errors import VfoaError
@@ -294,17 +295,22 @@ def open_openface(path: Path) -> Any:
     return [clip.scene(number) for number in clip.frames]
 
 
-def write_motive(path: Path) -> None:
-    """Two rigid bodies in four frames; one is lost in the last."""
+def bodies() -> dict[str, NDArray[Any]]:
+    """Poses of two rigid bodies in four frames; one is lost in the last."""
     poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.4, 1.6, 2.0], (4, 1))
     lost = poses.copy()
     lost[3] = np.nan
-    motive_file(path, {"anna": poses, "cup": lost})
+    return {"anna": poses, "cup": lost}
 
 
-def open_motive(path: Path) -> Any:
-    clip = open_measured("motive", path.parent, file=path.name, heads={"anna": {}})
-    return [clip.scene(number) for number in clip.frames]
+def open_motion_capture(adapter: str) -> Callable[[Path], Any]:
+    """Reads all frames of a file in which Anna wears a body."""
+
+    def opened(path: Path) -> Any:
+        clip = open_measured(adapter, path.parent, file=path.name, heads={"anna": {}})
+        return [clip.scene(number) for number in clip.frames]
+
+    return opened
 
 
 def read_faces(path: Path) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from harness.processes import spawning
 from harness.sources import ADAPTERS, Clip, MeasuredClip, PersonTruth, Truth
@@ -30,7 +31,7 @@ from tests.disk import (
 )
 from tests.examples import few
 from tests.kinect import kinect_recording
-from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file, qualisys_file
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -104,10 +105,21 @@ def openface(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     return open_measured("openface", root, file=openface_file(root / "faces.csv", rows).name)
 
 
+def bodies(count: int) -> dict[str, NDArray[Any]]:
+    """Poses at rest."""
+    return {name: np.tile([0, 0, 0, 1, x, 1.6, 2], (count, 1)) for name, x in (("anna", -0.4), ("ben", 0.4))}
+
+
 def motive(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     """Numbered from 0 without gaps whatever the frames were."""
-    poses = {name: np.tile([0, 0, 0, 1, x, 1.6, 2], (len(frames), 1)) for name, x in (("anna", -0.4), ("ben", 0.4))}
-    return open_measured("motive", root, file=motive_file(root / "take.csv", poses).name, heads={"anna": {}})
+    file = motive_file(root / "take.csv", bodies(len(frames)))
+    return open_measured("motive", root, file=file.name, heads={"anna": {}})
+
+
+def qualisys(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
+    """Numbered from 1 without gaps whatever the frames were."""
+    file = qualisys_file(root / "take.tsv", bodies(len(frames)))
+    return open_measured("qualisys", root, file=file.name, heads={"anna": {}})
 
 
 def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
@@ -131,6 +143,7 @@ BUILDERS: dict[str, Builder] = {
     "mcap": mcap,
     "motive": motive,
     "openface": openface,
+    "qualisys": qualisys,
     "rosbag": rosbag,
     "sintel": sintel,
     "stereo_folder": stereo_folder,

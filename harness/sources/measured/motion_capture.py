@@ -1,0 +1,210 @@
+"""Clips of motion capture: people whose heads wear a rigid body, and other rigid bodies as objects.
+
+Where the eyes and the face are in a body's own axes is in no file: it follows from how the body was made.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from harness.files.dialects import check_width, is_missing
+from harness.files.digests import file_digest
+from harness.sources.measured.clip import (
+    Extents,
+    FramesOfMeasurements,
+    MeasuredFrame,
+    MeasuredObject,
+    MeasuredPerson,
+    MeasuredSettings,
+    Metres,
+)
+from vfoa.errors import VfoaError, did_you_mean, listed
+from vfoa.settings import Settings
+from vfoa.types import Float, HeadPose
+
+Up = Literal["y", "z"]
+_LEFT_FROM_ROOM: Mapping[Up, Float] = {
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+}
+"""The rotation from the room's axes, which are right-handed, into axes whose y is down, by the axis that is up."""
+
+
+class WornBody(Settings):
+    """A rigid body, or a bone of a skeleton, that moves with somebody's head.
+
+    ``body`` is its name in the file; without it, it has the person's. In its own axes, ``forward`` is where the face
+    points, and ``eyes_m`` the point between the eyes, from the body's origin.
+    """
+
+    body: str | None = None
+    forward: Metres = (0.0, 0.0, 1.0)
+    eyes_m: Metres = (0.0, 0.0, 0.0)
+
+    @field_validator("forward")
+    @classmethod
+    def _check_forward(cls, forward: Metres) -> Metres:
+        if not any(forward):
+            raise ValueError(f"found {[*forward]}; expected a direction")
+        return forward
+
+
+class MotionCaptureSettings(MeasuredSettings):
+    """The file under the manifest's root, and who wears which body; all other rigid bodies are objects.
+
+    ``sizes_m`` are the extents of objects along their own axes, about their origins. ``up`` is the axis of the room
+    that points up. ``every`` takes each n-th frame of the file: its cameras are faster than looks.
+    """
+
+    file: str = Field(min_length=1)
+    heads: dict[str, WornBody] = Field(default_factory=dict)
+    sizes_m: dict[str, Extents] = Field(default_factory=dict)
+    up: Up
+    every: int = Field(default=1, ge=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Poses:
+    """A body in N frames, NaN where it was lost: rotations (N, 3, 3) from its axes to the room's, places (N, 3), m."""
+
+    rotations: Float
+    places_m: Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Take:
+    """A file's frames: numbers (N,), times (N,) s, and the poses of each body by name; ``bones`` are some of these."""
+
+    numbers: Sequence[int]
+    times_s: Sequence[float]
+    poses: Mapping[str, Poses]
+    bones: frozenset[str] = frozenset()
+
+
+class MotionCaptureClip(FramesOfMeasurements, ABC):
+    """A clip without images from a take; a subclass reads the files of one program."""
+
+    def __init__(self, settings: MotionCaptureSettings, root: Path | None) -> None:
+        path = (root if root is not None else Path.cwd()) / settings.file
+        take = self.read(path, settings.every)
+        worn = _worn(settings, take, path)
+        things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
+        _check_known(settings.sizes_m, things, f"{path}: sizes_m")
+        people = [_people(name, settings, take.poses[body]) for name, body in worn.items()]
+        objects = [_objects(name, settings, take.poses[name]) for name in things]
+        frames = {
+            number: MeasuredFrame(
+                time_ns=round(1e9 * time_s),
+                people=tuple(each[place] for each in people),
+                objects=tuple(each[place] for each in objects),
+            )
+            for place, (number, time_s) in enumerate(zip(take.numbers, take.times_s, strict=True))
+        }
+        super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
+        self.notes = (*_lost({**worn, **{name: name for name in things}}, take), *_unsaid_eyes(settings))
+
+    @staticmethod
+    @abstractmethod
+    def read(path: Path, every: int) -> Take:
+        """Read each n-th frame of a file; raises a :class:`VfoaError` for the first mistake."""
+
+
+def read_cells(
+    rows: Iterator[tuple[int, list[str]]], header: Sequence[str], columns: Sequence[int], every: int, path: Path
+) -> tuple[list[int], Float]:
+    """The line of each n-th row, and the numbers (N, C) of some columns; NaN for a blank.
+
+    Raises
+    ------
+    VfoaError
+        If a row is not as long as the header, or a cell is no finite number.
+    """
+    lines, values = [], []
+    for line, cells in islice(rows, 0, None, every):
+        check_width(cells, header, f"{path}:{line}")
+        try:
+            values.append([np.nan if is_missing(cells[place]) else float(cells[place]) for place in columns])
+        except ValueError as error:
+            raise VfoaError(f"{path}:{line}: {error}; expected a number") from None
+        lines.append(line)
+    numbers = np.array(values, dtype=np.float64).reshape(len(lines), len(columns))
+    for row in np.flatnonzero(np.isinf(numbers).any(axis=1))[:1]:
+        raise VfoaError(f"{path}:{lines[row]}: found an infinite number; expected finite ones")
+    return lines, numbers
+
+
+def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:
+    """Numbers of frames from a column (N,)."""
+    for row in np.flatnonzero(values != np.floor(values))[:1]:  # a blank, too
+        raise VfoaError(f"{path}:{lines[row]}: Frame: expected a whole number")
+    return [int(value) for value in values.tolist()]
+
+
+def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, str]:
+    """The body that each person wears, by the person's name."""
+    if not settings.heads:
+        raise VfoaError(
+            f"{path}: heads: found none; expected who wears which rigid body on the head, of: {listed([*take.poses])}; "
+            "say --set 'heads={anna={body=\"NAME\"}}'"
+        )
+    worn = {name: head.body or name for name, head in settings.heads.items()}
+    _check_known(worn.values(), take.poses, f"{path}: heads")
+    return worn
+
+
+def _check_known(names: Iterable[str], known: Collection[str], where: str) -> None:
+    for name in names:
+        if name not in known:
+            raise VfoaError(f"{where}: no rigid body {name!r}; {did_you_mean(name, known)}")
+
+
+def _people(name: str, settings: MotionCaptureSettings, poses: Poses) -> list[MeasuredPerson]:
+    """A person in each frame."""
+    head, (rotations, places) = settings.heads[name], _in_camera_axes(poses, settings.up)
+    forward = rotations @ (np.array(head.forward) / np.linalg.norm(head.forward))
+    eyes_m = places + rotations @ np.array(head.eyes_m)
+    return [
+        MeasuredPerson(name=name, eyes_m=None)
+        if np.isnan(eyes).any()
+        else MeasuredPerson(name=name, eyes_m=eyes, head_pose=HeadPose(direction=direction))
+        for eyes, direction in zip(eyes_m, forward, strict=True)
+    ]
+
+
+def _objects(name: str, settings: MotionCaptureSettings, poses: Poses) -> list[MeasuredObject]:
+    """An object in each frame."""
+    size_m = settings.sizes_m.get(name)
+    boxes = (
+        None if np.isnan(place).any() else settings.box(place, size_m, None if size_m is None else rotation)
+        for rotation, place in zip(*_in_camera_axes(poses, settings.up), strict=True)
+    )
+    return [MeasuredObject(name=name, category=name, box=box) for box in boxes]
+
+
+def _in_camera_axes(poses: Poses, up: Up) -> tuple[Float, Float]:
+    """Rotations (N, 3, 3) and places (N, 3) in axes whose y is down."""
+    return _LEFT_FROM_ROOM[up] @ poses.rotations, poses.places_m @ _LEFT_FROM_ROOM[up].T
+
+
+def _lost(bodies: Mapping[str, str], take: Take) -> Iterator[str]:
+    """A note for each name whose body was lost at times."""
+    for name, body in bodies.items():
+        if lost := int(np.isnan(take.poses[body].places_m).any(axis=1).sum()):
+            yield f"{name}: not tracked in {lost} of {len(take.numbers)} frames"
+
+
+def _unsaid_eyes(settings: MotionCaptureSettings) -> Iterator[str]:
+    """A note for people whose eyes are at the origin of their body, because nothing else was said."""
+    if names := [name for name, head in settings.heads.items() if not any(head.eyes_m)]:
+        yield (
+            f"the eyes of {listed(names)} are taken to be at the origin of the rigid body, which is in the middle of "
+            "its markers if it was not moved: say heads.NAME.eyes_m in [source]"
+        )
