@@ -12,12 +12,14 @@ import rerun.blueprint as rrb
 
 from harness.record import entities
 from harness.record.layers import LayerNames
-from vfoa.geometry import box_corners
+from vfoa.geometry import box_corners, unit
 from vfoa.types import CUES, Float, Scene
 
-FROM_MIDDLE = (0.46, -0.4, -0.55)
-"""Position of the viewer's eye, in diagonals of the scene from its middle: right of the camera, above, and behind it.
-"""
+FROM_MIDDLE = np.array([0.46, -0.4, -0.55]) / np.linalg.norm([0.46, -0.4, -0.55])
+"""The unit vector from the middle of the scene to the viewer's eye: right of the camera, above, and behind it."""
+
+HALF_VIEW = np.tan(np.radians(24))
+"""The tangent of half of the angle within which the eye sees the scene; Rerun shows 55 degrees from top to bottom."""
 
 MOST_TABS = 8
 """Most subjects with tabs of their own; if there are more, all share one tab, beside that of the one asked for."""
@@ -235,9 +237,11 @@ def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
     It is above and to the side of the left camera, so that depth, which the image hides, is visible.
     """
     points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, extent = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.2)
-    return middle + extent * np.array(FROM_MIDDLE), middle
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    right = unit(np.cross(FROM_MIDDLE, [0, 1, 0]))
+    aside = np.abs((points - middle) @ np.array([right, np.cross(right, FROM_MIDDLE)]).T).max(axis=1)
+    distances = (points - middle) @ FROM_MIDDLE + aside / HALF_VIEW
+    return middle + max(float(distances.max()), 0.2) * FROM_MIDDLE, middle
 
 
 GUIDE = """\

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
+from scipy.spatial.transform import Rotation
 
 from harness.record import entities
 from harness.record.layers import RecordingIds
 from vfoa.errors import VfoaError
-from vfoa.types import Float
+from vfoa.geometry import box_corners
+from vfoa.types import Box3D, Float
 
 
 @contextmanager
@@ -74,18 +76,33 @@ def _has_video(recording: Path, stamp: tuple[int, ...]) -> bool:
         return any(True for _ in RrdReader(recording).stream().filter(components="VideoStream:codec"))
 
 
-def first_points(recording: Path) -> list[Float]:
-    """Return the points (N, 3) of each instance at its first frame, camera frame, metres, for the first instances."""
-    first_clouds: dict[str, Float] = {}
+def first_shapes(recording: Path) -> list[Float]:
+    """Return the points (N, 3) of each instance at its first frame, camera frame, metres, for the first instances.
+
+    They are those of its cloud; in a recording without clouds, the corners of its box.
+    """
+    if clouds := _first_rows(recording, ("Points3D:positions",)):
+        return [points for (points,) in clouds]
+    boxes = [
+        Box3D(center_m=center, half_size_m=half_size, left_from_box=Rotation.from_quat(quaternion).as_matrix())
+        for (center,), (half_size,), (quaternion,) in _first_rows(recording, _BOX)
+    ]
+    return list(box_corners(boxes)) if boxes else []
+
+
+_BOX = ("Boxes3D:centers", "Boxes3D:half_sizes", "Boxes3D:quaternions")
+
+
+def _first_rows(recording: Path, components: tuple[str, ...]) -> list[list[Float]]:
+    """The first row of each instance with these components, each as an array (N, ...)."""
+    first: dict[str, list[Float]] = {}
     with reading(recording):
-        clouds = RrdReader(recording).stream().filter(content=f"{entities.RECONSTRUCTION}/**", components=_POSITIONS)
-        for chunk in clouds:
-            if chunk.entity_path in first_clouds:  # the time of a cloud repeats: all first clouds have been read
+        stream = RrdReader(recording).stream().filter(content=f"{entities.RECONSTRUCTION}/**", components=[*components])
+        for chunk in stream:
+            if chunk.entity_path in first:  # the time of an instance repeats: all first rows have been read
                 break
-            clouds_of = [cloud for cloud in chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist() if cloud]
-            if clouds_of:
-                first_clouds[chunk.entity_path] = np.array(clouds_of[0], dtype=np.float64).reshape(-1, 3)
-    return list(first_clouds.values())
-
-
-_POSITIONS = "Points3D:positions"
+            batch = chunk.to_record_batch()
+            rows = zip(*(batch.column(component).to_pylist() for component in components), strict=True)
+            if row := next((row for row in rows if all(row)), None):
+                first[chunk.entity_path] = [np.array(values, dtype=np.float64) for values in row]
+    return list(first.values())

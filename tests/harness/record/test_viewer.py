@@ -13,16 +13,18 @@ import cv2
 import numpy as np
 import psutil
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
 from harness.cli import main
 from harness.record import viewer
-from harness.record.blueprint import eye_controls
+from harness.record.blueprint import eye_controls, eye_for
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
-from harness.record.reading import RecordingFile
+from harness.record.reading import RecordingFile, first_shapes
 from harness.record.viewer import screenshot
-from tests.harness.record.conftest import ANN, write_run
+from tests.harness.record.conftest import ANN, CONFIGURATION, write_run
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_corners
 
@@ -36,6 +38,33 @@ def test_the_eye_looks_at_the_scene_from_outside(frames):
     assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
     empty = replace(frames[0].result.scene, targets=(), people=())
     assert np.isfinite(eye_controls(empty)).all()
+
+
+PLACES = st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=1, max_size=6)
+
+
+@given(PLACES)
+def test_the_eye_sees_every_point_wherever_the_scene_is(places):
+    """A scene without a camera may be anywhere; Rerun shows 55 degrees from top to bottom."""
+    points = np.array(places)
+    position, target = eye_for([points])
+    ahead = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(ahead, [0, -1, 0])
+    right /= np.linalg.norm(right)
+    seen = (points - position) @ np.array([right, np.cross(ahead, right), ahead]).T
+    assert (np.abs(seen[:, :2]) <= np.tan(np.radians(27.5)) * seen[:, 2:]).all()
+
+
+def test_a_scene_without_clouds_is_seen_by_its_boxes(frames, record_run):
+    def without_clouds(shown):
+        scene = shown.result.scene
+        targets = tuple(replace(target, points_left=target.points_left[:0]) for target in scene.targets)
+        return replace(shown, result=replace(shown.result, scene=replace(scene, targets=targets)))
+
+    files = record_run([without_clouds(each) for each in frames[:2]]).files
+    boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
+    found = np.array(first_shapes(files.reconstruction(CONFIGURATION)))
+    np.testing.assert_allclose(np.sort(found, axis=1), np.sort(box_corners(boxes), axis=1), atol=1e-6)
 
 
 needs_vulkan = pytest.mark.skipif(
