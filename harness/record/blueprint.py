@@ -18,8 +18,9 @@ from vfoa.types import CUES, Float, Scene
 FROM_MIDDLE = np.array([0.46, -0.4, -0.55]) / np.linalg.norm([0.46, -0.4, -0.55])
 """The unit vector from the middle of the scene to the viewer's eye: right of the camera, above, and behind it."""
 
-HALF_VIEW = np.tan(np.radians(24))
-"""The tangent of half of the angle within which the eye sees the scene; Rerun shows 55 degrees from top to bottom."""
+HALF_VIEW = np.tan(np.radians(26)) * np.array([1.2, 1])
+"""Tangents of half of the angles, across and down, in which the scene is seen: Rerun shows 55 degrees down, and the
+view is wider than high."""
 
 MOST_TABS = 8
 """Most subjects with tabs of their own; if there are more, all share one tab, beside that of the one asked for."""
@@ -239,8 +240,8 @@ def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
     points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     right = unit(np.cross(FROM_MIDDLE, [0, 1, 0]))
-    aside = np.abs((points - middle) @ np.array([right, np.cross(right, FROM_MIDDLE)]).T).max(axis=1)
-    distances = (points - middle) @ FROM_MIDDLE + aside / HALF_VIEW
+    aside = np.abs((points - middle) @ np.array([right, np.cross(right, FROM_MIDDLE)]).T) / HALF_VIEW
+    distances = (points - middle) @ FROM_MIDDLE + aside.max(axis=1)
     return middle + max(float(distances.max()), 0.2) * FROM_MIDDLE, middle
 
 
