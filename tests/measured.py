@@ -179,6 +179,20 @@ def qualisys_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, times: bool
     return path
 
 
+def vicon_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, rate: str = "100") -> Path:
+    """Objects as Vicon Tracker exports them, with quaternions; poses as in :func:`motive_file`, the room's z is up."""
+    columns = ["RX", "RY", "RZ", "RW", "TX", "TY", "TZ"]
+    names = [cell for name in bodies for cell in (f"Global Angle (Quaternion) {name}:{name}", *[""] * 6)]
+    rows = [["Objects"], [rate], ["", "", *names], ["Frame", "Sub Frame", *columns * len(bodies)]]
+    rows.append(["", "", *["", "", "", "", "mm", "mm", "mm"] * len(bodies)])
+    for number, poses in enumerate(zip(*bodies.values(), strict=True), start=1):
+        cells = [cell for pose in poses for cell in (*pose[:4], *(1000 * pose[4:]))]
+        rows.append([str(number), "0", *("" if np.isnan(cell) else f"{cell:.6f}" for cell in cells)])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return path
+
+
 def open_measured(adapter: str, root: Path, **source: object) -> MeasuredClip:
     """A clip as a manifest opens it."""
     kind = ADAPTERS.load(adapter)

@@ -214,6 +214,7 @@ ADAPTERS = Registry(
         "sintel": "harness.sources.sintel:SintelClip",
         "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",
         "studio": "harness.studio:StudioClip",
+        "vicon": "harness.sources.measured.vicon:ViconClip",
         "vr_objects": "harness.sources.measured.vr_objects:VrObjectsClip",
     },
     group="vfoa.adapters",

@@ -31,6 +31,7 @@ from vfoa.settings import Settings
 from vfoa.types import Float, HeadPose
 
 Up = Literal["y", "z"]
+_UNIT_TOLERANCE = 0.01
 _LEFT_FROM_ROOM: Mapping[Up, Float] = {
     "y": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
     "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
@@ -146,6 +147,24 @@ def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:
     for row in np.flatnonzero(values != np.floor(values))[:1]:  # a blank, too
         raise VfoaError(f"{path}:{lines[row]}: Frame: expected a whole number")
     return [int(value) for value in values.tolist()]
+
+
+def poses_of(cells: Float, unit_m: float, lines: Sequence[int], where: str, name: str) -> Poses:
+    """The poses of a body from its quaternions x, y, z, w and its places (N, 7), NaN or zeros where it was lost.
+
+    A :class:`VfoaError` says where a quaternion is not of length 1.
+    """
+    from scipy.spatial.transform import Rotation  # not above: every adapter is imported to recognise a path
+
+    lengths = np.linalg.norm(cells[:, :4], axis=1)
+    is_known = ~np.isnan(cells).any(axis=1) & (lengths > 0)
+    for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
+        raise VfoaError(f"{where}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
+    rotations, places_m = np.full((len(cells), 3, 3), np.nan), np.full((len(cells), 3), np.nan)
+    if is_known.any():
+        rotations[is_known] = Rotation.from_quat(cells[is_known, :4]).as_matrix()
+        places_m[is_known] = unit_m * cells[is_known, 4:]
+    return Poses(rotations=rotations, places_m=places_m)
 
 
 def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, str]:

@@ -29,21 +29,19 @@ from harness.sources import Recognised
 from harness.sources.measured.motion_capture import (
     MotionCaptureClip,
     MotionCaptureSettings,
-    Poses,
     Take,
     Up,
     frame_numbers,
+    poses_of,
     read_cells,
 )
 from vfoa.errors import VfoaError, did_you_mean, reported_as
-from vfoa.types import Float
 
 _FIRST = "Format Version"
 _UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
 _READ = {"Rotation Type": "Quaternion", "Coordinate Space": "Global"}
 _POSE = (*(("Rotation", axis) for axis in "XYZW"), *(("Position", axis) for axis in "XYZ"))
 _BODY, _BONE = "Rigid Body", "Bone"
-_UNIT_TOLERANCE = 0.01
 
 
 class MotiveSettings(MotionCaptureSettings):
@@ -93,7 +91,7 @@ class MotiveClip(MotionCaptureClip):
             numbers=frame_numbers(cells[:, 0], lines, path),
             times_s=cells[:, 1].tolist(),
             poses={
-                name: _poses(of_body, unit_m, lines, f"{path}", name)
+                name: poses_of(of_body, unit_m, lines, f"{path}", name)
                 for name, of_body in zip(bodies, of_bodies, strict=True)
             },
             bones=bones,
@@ -143,18 +141,3 @@ def _columns(
     if not whole:
         raise VfoaError(f"{path}: no rigid body; expected Rigid Body Bones, chosen in Motive's CSV export")
     return axes, whole, frozenset(bones & whole.keys())
-
-
-def _poses(cells: Float, unit_m: float, lines: Sequence[int], where: str, name: str) -> Poses:
-    """The poses of a body from its quaternions and positions (N, 7)."""
-    from scipy.spatial.transform import Rotation  # not above: every adapter is imported to recognise a path
-
-    is_known = ~np.isnan(cells).any(axis=1)
-    lengths = np.linalg.norm(cells[:, :4], axis=1)
-    for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
-        raise VfoaError(f"{where}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
-    rotations, places_m = np.full((len(cells), 3, 3), np.nan), np.full((len(cells), 3), np.nan)
-    if is_known.any():
-        rotations[is_known] = Rotation.from_quat(cells[is_known, :4]).as_matrix()
-        places_m[is_known] = unit_m * cells[is_known, 4:]
-    return Poses(rotations=rotations, places_m=places_m)

@@ -31,7 +31,15 @@ from tests.disk import (
 )
 from tests.examples import few
 from tests.kinect import kinect_recording
-from tests.measured import idiap_file, measured_tables, motive_file, open_measured, openface_file, qualisys_file
+from tests.measured import (
+    idiap_file,
+    measured_tables,
+    motive_file,
+    open_measured,
+    openface_file,
+    qualisys_file,
+    vicon_file,
+)
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -122,6 +130,12 @@ def qualisys(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     return open_measured("qualisys", root, file=file.name, heads={"anna": {}})
 
 
+def vicon(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
+    """Numbered from 1 without gaps whatever the frames were."""
+    file = vicon_file(root / "take.csv", bodies(len(frames)))
+    return open_measured("vicon", root, file=file.name, heads={"anna": {}})
+
+
 def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
     adapter = ADAPTERS.load(name)
     clip: Clip = adapter(adapter.Settings.model_validate(source), root)
@@ -148,6 +162,7 @@ BUILDERS: dict[str, Builder] = {
     "sintel": sintel,
     "stereo_folder": stereo_folder,
     "studio": studio,
+    "vicon": vicon,
 }
 
 

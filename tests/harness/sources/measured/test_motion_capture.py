@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from harness.clips.add import add_clip
 from harness.clips.check import check_clip
 from harness.sources import MeasuredClip
-from tests.measured import motive_file, open_measured, qualisys_file
+from tests.measured import motive_file, open_measured, qualisys_file, vicon_file
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.types import Box3D, Scene
@@ -24,8 +24,9 @@ from vfoa.types import Box3D, Scene
 WRITERS: Mapping[str, tuple[Callable[[Path, Mapping[str, NDArray[Any]]], Path], str]] = {
     "motive": (motive_file, "take.csv"),
     "qualisys": (qualisys_file, "take.tsv"),
+    "vicon": (vicon_file, "take.csv"),
 }
-UP = {"motive": [0.0, 1.0, 0.0], "qualisys": [0.0, 0.0, 1.0]}
+UP = {"motive": [0.0, 1.0, 0.0], "qualisys": [0.0, 0.0, 1.0], "vicon": [0.0, 0.0, 1.0]}
 """In the axes of the room."""
 ANGLES = st.floats(-3, 3)
 
@@ -90,7 +91,7 @@ def test_an_object_has_its_size_along_its_own_axes(adapter: str, tmp_path: Path)
     clip = opened(adapter, tmp_path, bodies, sizes_m={"table": [1.6, 0.04, 0.8]})
     scene = clip.scene(clip.frames[0])
     table = box_of(scene, "table")
-    extents = {"motive": [0.8, 0.04, 1.6], "qualisys": [0.04, 0.8, 1.6]}[adapter]  # qualisys: its z is up
+    extents = [0.8, 0.04, 1.6] if adapter == "motive" else [0.04, 0.8, 1.6]  # the others' z is up
     np.testing.assert_allclose(np.abs(table.left_from_box) @ (2 * table.half_size_m), extents, atol=1e-6)
     np.testing.assert_allclose(2 * box_of(scene, "cup").half_size_m, 0.1)
 
