@@ -27,6 +27,8 @@ LEAST_MORE = 0.35
 """How much larger the share must be in the other axes than as the directions are."""
 FEWEST = 10
 """Fewer directions tell nothing."""
+FAR_DEG = 30.0
+"""How far the face must be from where it is said to be on a body: eyes look this far aside from where heads point."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +65,20 @@ def other_axes(directions: Float, to_targets: Float) -> OtherAxes | None:
     if share < least or share - as_they_are < LEAST_MORE:
         return None
     return OtherAxes(change=change, n=len(directions), share=share, share_as_they_are=as_they_are)
+
+
+def other_forward(to_targets: Float, forward: Float) -> Float | None:
+    """Where the face is on a body that a head wears, a unit vector (3,), if it is not where it is said to be.
+
+    ``to_targets`` (N, 3) are the vectors from the eyes to the true targets in the body's own axes, and ``forward`` (3,)
+    the unit vector that was said. None unless most targets are about one direction, which is far from that.
+    """
+    if len(to_targets) < FEWEST:
+        return None
+    aims = _unit(to_targets)
+    found = _unit(np.median(aims, axis=0))
+    is_one = np.mean(aims @ found >= np.cos(np.radians(FAR_DEG))) >= LEAST_SHARE
+    return found if is_one and forward @ found < np.cos(np.radians(FAR_DEG)) else None
 
 
 def _changes() -> Iterator[tuple[str, Float]]:

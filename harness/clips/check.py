@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.clips.axes import other_axes
 from harness.clips.camera import camera_notes, camera_problems
+from harness.clips.check_measured import direction_notes, measurement_problems
 from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import first_middle_last, matched_offsets_px, motion, near_notes, right_offset
-from harness.labels.labels import RESERVED, Label, Labels
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, StereoFrame
 
@@ -163,63 +162,6 @@ def _known_depths_m(frames: Sequence[StereoFrame]) -> Float:
     return np.concatenate([np.zeros(0), *depths])
 
 
-MAX_DISTANCE_M = 100.0
-"""A position further from the origin than this is probably in millimetres."""
-
-
-def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
-    """Names of the manifest that do not occur, and positions that cannot be in metres."""
-    ids = {**clip.people, **clip.objects}
-    kinds = {number: clip.categories[name] for name, number in ids.items()}
-    for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
-        for name, rule in rules.items():
-            if rule.category not in kinds.values():
-                yield f"{table}.{name}.category: {did_you_mean(rule.category, kinds.values())}"
-            elif rule.instance is not None and kinds.get(rule.instance) != rule.category:
-                yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
-            elif rule.instance is None and not rule.is_shared:
-                yield f"{table}.{name}: without images, expected instance, or the category alone"
-    if (farthest := clip.farthest()) is not None and farthest[2] > MAX_DISTANCE_M:
-        name, number, distance_m = farthest
-        yield f"frame {number}: {name} is {distance_m:g} m away; expected metres (millimetres?)"
-
-
-MOST_AIMS = 400
-"""Most labelled frames of a clip in which directions are compared with the labels."""
-
-
-def axis_notes(manifest: ClipManifest, clip: MeasuredClip, labels: Labels | None) -> Iterator[str]:
-    """A note if the directions seem to be in another program's axes: gazes, or heads where no gaze was measured."""
-    looks = [look for look in labels.labelled(clip.frames) if look[2].target not in RESERVED] if labels else []
-    aims = [aim for look in looks[:: -(-len(looks) // MOST_AIMS) or 1] if (aim := _aim(manifest, clip, *look))]
-    directions, to_targets = np.array(aims, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
-    if (found := other_axes(directions, to_targets)) is not None:
-        yield str(found)
-
-
-def _aim(
-    manifest: ClipManifest, clip: MeasuredClip, number: int, subject: str, label: Label
-) -> tuple[Float, Float] | None:
-    """A person's direction in a frame, and the vector from the eyes to the labelled target; None if not known."""
-    scene = clip.scene(number)
-    own, aimed_at = _ids(manifest, clip, subject), _ids(manifest, clip, label.target)
-    person = next((person for person in scene.people if person.instance_id in own), None)
-    boxes = (target.box for target in scene.targets if target.instance.id in aimed_at)
-    box = next((box for box in boxes if box is not None), None)
-    if person is None or box is None or person.eye_origin_left is None:
-        return None
-    measured = person.view.gaze or person.view.head_pose
-    return None if measured is None else (measured.direction, box.center_m - person.eye_origin_left)
-
-
-def _ids(manifest: ClipManifest, clip: MeasuredClip, name: str) -> set[int]:
-    """The instances that a name of the manifest may be."""
-    rule = {**manifest.subjects, **manifest.targets}[name]
-    ids = {**clip.people, **clip.objects}
-    of_kind = {ids[own] for own, category in clip.categories.items() if category == rule.category}
-    return of_kind if rule.instance is None else {rule.instance}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipCheck:
     """The result of checking one clip; it can be used if there are no ``problems``.
@@ -266,7 +208,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             name=manifest.name,
             frames=len(clip.frames),
             labels=scored_labels(labels, clip),
-            notes=(*clip.notes, *axis_notes(manifest, clip, labels)),
+            notes=(*clip.notes, *direction_notes(manifest, clip, labels)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)

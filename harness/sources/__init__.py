@@ -117,6 +117,17 @@ class MeasuredClip(AnyClip, Protocol):
 
 
 @runtime_checkable
+class WornBodies(Protocol):
+    """An optional part of a clip of measurements: heads are bodies, and the user says where the face is on them."""
+
+    def forward(self, person: str) -> Float:
+        """Return where the face points in the axes of the body that a person wears, a unit vector (3,)."""
+
+    def left_from_body(self, person: str, number: int) -> Float:
+        """Return the rotation (3, 3) from these axes into the clip's in one frame; NaN where it was not tracked."""
+
+
+@runtime_checkable
 class SightTruth(Protocol):
     """An optional part of a clip: it knows which lines of sight are blocked."""
 

@@ -27,6 +27,7 @@ from harness.sources.measured.clip import (
     Metres,
 )
 from vfoa.errors import VfoaError, did_you_mean, listed
+from vfoa.geometry import unit
 from vfoa.settings import Settings
 from vfoa.types import Float, HeadPose
 
@@ -99,6 +100,8 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         worn = _worn(settings, take, path)
         things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
         _check_known(settings.sizes_m, things, f"{path}: sizes_m")
+        self._forward = {name: unit(head.forward) for name, head in settings.heads.items()}
+        self._rotations = {name: _in_camera_axes(take.poses[body], settings.up)[0] for name, body in worn.items()}
         people = [_people(name, settings, take.poses[body]) for name, body in worn.items()]
         objects = [_objects(name, settings, take.poses[name]) for name in things]
         frames = {
@@ -111,6 +114,14 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         }
         super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
         self.notes = (*_lost({**worn, **{name: name for name in things}}, take), *_unsaid_eyes(settings))
+
+    def forward(self, person: str) -> Float:
+        """Return where the face points in the axes of the body that a person wears, a unit vector (3,)."""
+        return self._forward[person]
+
+    def left_from_body(self, person: str, number: int) -> Float:
+        """Return the rotation (3, 3) from these axes into the clip's in one frame; NaN where the body was lost."""
+        return np.asarray(self._rotations[person][self.frames.index(number)])
 
     @staticmethod
     @abstractmethod
@@ -188,7 +199,7 @@ def _check_known(names: Iterable[str], known: Collection[str], where: str) -> No
 def _people(name: str, settings: MotionCaptureSettings, poses: Poses) -> list[MeasuredPerson]:
     """A person in each frame."""
     head, (rotations, places) = settings.heads[name], _in_camera_axes(poses, settings.up)
-    forward = rotations @ (np.array(head.forward) / np.linalg.norm(head.forward))
+    forward = rotations @ unit(head.forward)
     eyes_m = places + rotations @ np.array(head.eyes_m)
     return [
         MeasuredPerson(name=name, eyes_m=None)

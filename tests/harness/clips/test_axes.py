@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.clips.axes import FEWEST, other_axes
+from harness.clips.axes import FAR_DEG, FEWEST, other_axes, other_forward
 from harness.clips.check import check_clip
 from harness.report.tables import terminal_table
 from harness.report.write import rescore
@@ -17,6 +17,7 @@ from harness.run.experiment import load_experiment
 from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from tests.disk import labels_text, write_text
+from vfoa.geometry import angle_between
 from vfoa.types import Float
 
 WRONG = {
@@ -60,6 +61,29 @@ def test_few_directions_and_none_tell_nothing() -> None:
     directions, to_targets = _looks(FEWEST - 1)
     assert other_axes(-directions, to_targets) is None
     assert other_axes(np.empty((0, 3)), np.empty((0, 3))) is None
+
+
+@given(st.sampled_from([[1, 0, 0], [0, -1, 0], [0, 0, -1], [0.6, 0, -0.8]]), st.integers(0, 2**32 - 1))
+def test_a_face_that_is_elsewhere_on_its_body_is_found(forward: list[float], seed: int) -> None:
+    """Looks scatter by 15 degrees about the face, and a third of the labels are of anything."""
+    rng = np.random.default_rng(seed)
+    aims = np.array(forward) + rng.normal(0, np.radians(15) / np.sqrt(2), (90, 3))
+    aims[:30] = rng.normal(0, 1, (30, 3))
+    found = other_forward(aims * rng.uniform(0.5, 3, (90, 1)), np.array([0.0, 0.0, 1.0]))
+    assert found is not None
+    assert angle_between(found, np.array(forward)) < np.radians(15)
+    assert other_forward(aims, found) is None
+
+
+@given(st.floats(0, 1), st.integers(0, 2**32 - 1))
+def test_a_face_that_is_where_it_is_said_to_be_is_not_questioned(share: float, seed: int) -> None:
+    """However many labels are of anything; eyes that look aside by less than the limit say nothing either."""
+    rng = np.random.default_rng(seed)
+    aside = np.radians(FAR_DEG - 10)
+    aims = np.array([np.sin(aside), 0, np.cos(aside)]) + rng.normal(0, 0.1, (200, 3))
+    aims[: int(200 * share)] = rng.normal(0, 1, (int(200 * share), 3))
+    assert other_forward(aims, np.array([0.0, 0.0, 1.0])) is None
+    assert other_forward(aims[: FEWEST - 1], np.array([0.0, 0.0, -1.0])) is None
 
 
 def _clip(folder: Path, name: str, directions: Float) -> None:

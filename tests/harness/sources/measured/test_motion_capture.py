@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from harness.clips.add import add_clip
 from harness.clips.check import check_clip
 from harness.sources import MeasuredClip
+from tests.disk import labels_text
 from tests.measured import motive_file, open_measured, qualisys_file, vicon_file
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
@@ -133,3 +134,25 @@ def test_names_of_no_body_are_refused(adapter: str, source: dict[str, Any], tmp_
     with pytest.raises(VfoaError) as refused:
         opened(adapter, tmp_path, {"anna": pose([0, 1.6, 0]), "cup": pose([0, 1, 1])}, **source)
     assert "no rigid body" in str(refused.value)
+
+
+@adapters
+@pytest.mark.parametrize(("forward", "noted"), [([1, 0, 0], 0), ([0, 0, 1], 1)])
+def test_labels_say_where_the_face_is_on_the_body(
+    adapter: str, forward: list[float], noted: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Anna's face is at x of her body, and turns from the cup to the lamp."""
+    monkeypatch.chdir(tmp_path)
+    places = {"cup": np.array([2.0, 0.5, 0.3]), "lamp": np.array([1.0, -1.5, 1.0])}
+    looks = [places["cup"]] * 10 + [places["lamp"]] * 10
+    turns = [Rotation.align_vectors([unit(place)], [[1, 0, 0]])[0].as_quat() for place in looks]
+    bodies = {"anna": np.array([[*turn, 0, 0, 0] for turn in turns])}
+    bodies |= {name: np.tile([0, 0, 0, 1, *place], (20, 1)) for name, place in places.items()}
+    write, name = WRITERS[adapter]
+    added = add_clip(write(tmp_path / name, bodies), source={"heads": {"anna": {"forward": forward}}})
+    first = opened(adapter, tmp_path, bodies).frames[0]
+    rows = [f"{first},{first + 9},anna,cup,", f"{first + 10},{first + 19},anna,lamp,"]
+    (tmp_path / "annotations" / f"{added.name}.csv").write_text(labels_text(*rows))
+    notes = [note for note in check_clip(added.name).notes if "face" in note]
+    assert len(notes) == noted
+    assert all("anna: with the labels, the face points along [1.0, 0.0, 0.0]" in note for note in notes)
