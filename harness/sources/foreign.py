@@ -14,6 +14,20 @@ from vfoa.errors import VfoaError
 
 _ZSTD_SUFFIXES = (".zst", ".zstd")
 _MOST_JSON_BYTES = 2**24
+_ZED = (
+    "a recording of the ZED's SDK",
+    "its views, which the SDK's sample svo_export.py writes: --mode 0 a film of both, --mode 2 two series of images. "
+    "They are rectified: give fx, cx, cy and the baseline of the SDK's calibration_parameters (--fx --cx --cy "
+    "--baseline)",
+)
+_RECORDINGS = {
+    ".svo": _ZED,
+    ".svo2": _ZED,
+    ".tak": ("a take of Motive", "the CSV of its rigid bodies: Export Tracking Data, as quaternions"),
+    ".qtm": ("a measurement of QTM", "the TSV of its 6DOF data: Export to TSV, with header and names of columns"),
+    ".c3d": ("markers in C3D", "rigid bodies: the CSV of Motive or Vicon Tracker, or the TSV of QTM's 6DOF data"),
+}
+"""By the end of a file's name, what it is, and what can be read in its place."""
 
 
 def refuse_foreign(path: Path) -> None:
@@ -22,12 +36,9 @@ def refuse_foreign(path: Path) -> None:
     if not path.is_file():
         return
     check_fetched(path)
-    if path.suffix.lower() in (".svo", ".svo2"):
-        raise VfoaError(
-            f"{path}: a recording of the ZED's SDK, which is not read; expected its views, which the SDK's sample "
-            "svo_export.py writes: --mode 0 a film of both, --mode 2 two series of images. They are rectified: give "
-            "fx, cx, cy and the baseline of the SDK's calibration_parameters (--fx --cx --cy --baseline)"
-        )
+    if (known := _RECORDINGS.get(path.suffix.lower())) is not None:
+        kind, instead = known
+        raise VfoaError(f"{path}: {kind}, which is not read; expected {instead}")
     if path.suffix.lower() == ".json" and (what := _foxglove(path)):
         raise VfoaError(f"{path}: {what} of Foxglove in JSON, no recording; expected the MCAP file or bag itself")
 

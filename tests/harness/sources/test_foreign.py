@@ -45,6 +45,15 @@ def test_a_recording_of_the_zed_is_named(name: str, tmp_path: Path) -> None:
         refuse_foreign(write_text(tmp_path / name, ""))
 
 
+@pytest.mark.parametrize(
+    ("name", "instead"),
+    [("a.tak", "CSV of its rigid bodies"), ("A.QTM", "TSV of its 6DOF data"), ("a.c3d", "rigid bodies")],
+)
+def test_motion_capture_that_is_not_exported_is_named(name: str, instead: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}: .*, which is not read; expected .*{instead}"):
+        refuse_foreign(write_text(tmp_path / name, ""))
+
+
 @pytest.mark.parametrize(("content", "what"), [(LAYOUT, "a layout"), (MESSAGE, "messages"), ([MESSAGE], "messages")])
 def test_json_of_foxglove_is_named(content: object, what: str, tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.json", json.dumps(content))
