@@ -21,15 +21,13 @@ from harness.sources.measured.clip import (
     Extents,
     FramesOfMeasurements,
     MeasuredFrame,
-    MeasuredObject,
-    MeasuredPerson,
     MeasuredSettings,
     Metres,
 )
 from vfoa.errors import VfoaError, did_you_mean, listed
 from vfoa.geometry import unit
 from vfoa.settings import Settings
-from vfoa.types import Float, HeadPose
+from vfoa.types import Box3D, Float, HeadPose
 
 Up = Literal["y", "z"]
 _UNIT_TOLERANCE = 0.01
@@ -101,14 +99,18 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
         _check_known(settings.sizes_m, things, f"{path}: sizes_m")
         self._forward = {name: unit(head.forward) for name, head in settings.heads.items()}
-        self._rotations = {name: _in_camera_axes(take.poses[body], settings.up)[0] for name, body in worn.items()}
-        people = [_people(name, settings, take.poses[body]) for name, body in worn.items()]
-        objects = [_objects(name, settings, take.poses[name]) for name in things]
+        moving = {name: _in_camera_axes(take.poses[name], settings.up) for name in {*worn.values(), *things}}
+        self._rotations = {name: dict(zip(take.numbers, moving[body][0], strict=True)) for name, body in worn.items()}
         frames = {
             number: MeasuredFrame(
                 time_ns=round(1e9 * time_s),
-                people=tuple(each[place] for each in people),
-                objects=tuple(each[place] for each in objects),
+                people=tuple(
+                    _TrackedPerson(name, settings.heads[name], *(of_all[place] for of_all in moving[body]))
+                    for name, body in worn.items()
+                ),
+                objects=tuple(
+                    _TrackedObject(name, settings, *(of_all[place] for of_all in moving[name])) for name in things
+                ),
             )
             for place, (number, time_s) in enumerate(zip(take.numbers, take.times_s, strict=True))
         }
@@ -121,7 +123,7 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
 
     def left_from_body(self, person: str, number: int) -> Float:
         """Return the rotation (3, 3) from these axes into the clip's in one frame; NaN where the body was lost."""
-        return np.asarray(self._rotations[person][self.frames.index(number)])
+        return self._rotations[person][number]
 
     @staticmethod
     @abstractmethod
@@ -143,7 +145,7 @@ def read_cells(
     for line, cells in islice(rows, 0, None, every):
         check_width(cells, header, f"{path}:{line}")
         try:
-            values.append([np.nan if is_missing(cells[place]) else float(cells[place]) for place in columns])
+            values.append([_number(cells[place]) for place in columns])
         except ValueError as error:
             raise VfoaError(f"{path}:{line}: {error}; expected a number") from None
         lines.append(line)
@@ -153,10 +155,22 @@ def read_cells(
     return lines, numbers
 
 
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        if is_missing(cell):
+            return np.nan
+        raise
+
+
 def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:
-    """Numbers of frames from a column (N,)."""
+    """Numbers of frames from a column (N,); a :class:`VfoaError` says where they are not whole, or do not ascend."""
     for row in np.flatnonzero(values != np.floor(values))[:1]:  # a blank, too
         raise VfoaError(f"{path}:{lines[row]}: Frame: expected a whole number")
+    for row in np.flatnonzero(np.diff(values) <= 0)[:1]:
+        found = f"found {values[row + 1]:.0f} after {values[row]:.0f}"
+        raise VfoaError(f"{path}:{lines[row + 1]}: Frame: {found}; expected ascending numbers")
     return [int(value) for value in values.tolist()]
 
 
@@ -196,27 +210,50 @@ def _check_known(names: Iterable[str], known: Collection[str], where: str) -> No
             raise VfoaError(f"{where}: no rigid body {name!r}; {did_you_mean(name, known)}")
 
 
-def _people(name: str, settings: MotionCaptureSettings, poses: Poses) -> list[MeasuredPerson]:
-    """A person in each frame."""
-    head, (rotations, places) = settings.heads[name], _in_camera_axes(poses, settings.up)
-    forward = rotations @ unit(head.forward)
-    eyes_m = places + rotations @ np.array(head.eyes_m)
-    return [
-        MeasuredPerson(name=name, eyes_m=None)
-        if np.isnan(eyes).any()
-        else MeasuredPerson(name=name, eyes_m=eyes, head_pose=HeadPose(direction=direction))
-        for eyes, direction in zip(eyes_m, forward, strict=True)
-    ]
+@dataclass(frozen=True, slots=True)
+class _TrackedPerson:
+    """A :class:`~harness.sources.measured.clip.SeenPerson` whose head is a body."""
+
+    name: str
+    head: WornBody
+    rotation: Float
+    place_m: Float
+    gaze: None = None
+    true_gaze: None = None
+    true_target: None = None
+
+    @property
+    def eyes_m(self) -> Float | None:
+        """The point between the eyes (3,)."""
+        return None if np.isnan(self.place_m[0]) else self.place_m + self.rotation @ self.head.eyes_m
+
+    @property
+    def head_pose(self) -> HeadPose | None:
+        """The direction of the face."""
+        return None if np.isnan(self.place_m[0]) else HeadPose(direction=unit(self.rotation @ self.head.forward))
 
 
-def _objects(name: str, settings: MotionCaptureSettings, poses: Poses) -> list[MeasuredObject]:
-    """An object in each frame."""
-    size_m = settings.sizes_m.get(name)
-    boxes = (
-        None if np.isnan(place).any() else settings.box(place, size_m, None if size_m is None else rotation)
-        for rotation, place in zip(*_in_camera_axes(poses, settings.up), strict=True)
-    )
-    return [MeasuredObject(name=name, category=name, box=box) for box in boxes]
+@dataclass(frozen=True, slots=True)
+class _TrackedObject:
+    """A :class:`~harness.sources.measured.clip.PlacedObject` that is a body; its name is its category."""
+
+    name: str
+    settings: MotionCaptureSettings
+    rotation: Float
+    place_m: Float
+
+    @property
+    def category(self) -> str:
+        """The name."""
+        return self.name
+
+    @property
+    def box(self) -> Box3D | None:
+        """The box about the body's origin; a cube along the camera's axes if its size was not said."""
+        if np.isnan(self.place_m[0]):
+            return None
+        size_m = self.settings.sizes_m.get(self.name)
+        return self.settings.box(self.place_m, size_m, None if size_m is None else self.rotation)
 
 
 def _in_camera_axes(poses: Poses, up: Up) -> tuple[Float, Float]:
