@@ -201,6 +201,9 @@ def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, 
         )
     worn = {name: head.body or name for name, head in settings.heads.items()}
     _check_known(worn.values(), take.poses, f"{path}: heads")
+    for name, body in worn.items():
+        if (wearer := next(each for each in worn if worn[each] == body)) != name:
+            raise VfoaError(f"{path}: heads: {wearer} and {name} both wear {body!r}; expected a body for each")
     return worn
 
 

@@ -137,6 +137,13 @@ def test_names_of_no_body_are_refused(adapter: str, source: dict[str, Any], tmp_
 
 
 @adapters
+def test_a_body_is_worn_by_one_person(adapter: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError) as refused:
+        opened(adapter, tmp_path, {"cap": pose([0, 1.6, 0])}, heads={"anna": {"body": "cap"}, "ben": {"body": "cap"}})
+    assert "anna and ben both wear 'cap'" in str(refused.value)
+
+
+@adapters
 @pytest.mark.parametrize(("forward", "noted"), [([1, 0, 0], 0), ([0, 0, 1], 1)])
 def test_labels_say_where_the_face_is_on_the_body(
     adapter: str, forward: list[float], noted: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
