@@ -20,8 +20,19 @@ from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.labels.labels import timeline_of
-from harness.sources import Clip
+from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
+
+
+def _images_of(manifest: ClipManifest) -> Clip:
+    """The clip of a manifest, whose images are shown."""
+    clip = manifest.open()
+    if isinstance(clip, MeasuredClip):
+        raise VfoaError(
+            f"{manifest.path}: the clip holds measurements; expected one with images: write its labels by hand "
+            f"(annotations/README.md), or vfoa labels import FILE --clip {manifest.name} --format FORMAT"
+        )
+    return clip
 
 
 class Session:
@@ -55,7 +66,7 @@ class Session:
         annotator: str | None = None,
         blind: bool = False,
         uncertain_first: bool = False,
-        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open_images,
+        open_clip: Callable[[ClipManifest], Clip] = _images_of,
     ) -> None:
         _check_choices(run, configuration, blind, uncertain_first)
         manifest = load_manifest(clip)

@@ -25,6 +25,8 @@ from harness.clips.naming import NameRule
 from harness.run.directory import RunDirectory
 from tests.annotating import MANIFEST
 from tests.disk import HEIGHT, WIDTH, write_text
+from tests.measured import MANIFEST as MEASURED
+from tests.measured import measured_tables
 from tests.records import write_manifest
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
@@ -37,6 +39,14 @@ def test_an_outline_is_the_edge_of_the_mask() -> None:
     (polygon,) = outline(mask)
     drawn = cv2.fillPoly(np.zeros(mask.shape, np.uint8), [np.array(polygon)], (1,))
     assert np.array_equal(drawn.astype(bool), mask)
+
+
+def test_a_clip_without_images_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    measured_tables(tmp_path / "data" / "talk")
+    manifest = write_text(tmp_path / "datasets" / "talk.toml", MEASURED)
+    with pytest.raises(VfoaError) as refused:
+        Session(str(manifest))
+    assert "vfoa labels import FILE --clip talk --format FORMAT" in str(refused.value)
 
 
 def test_a_run_shows_its_boxes_and_names(opened: Any, work: Path) -> None:
