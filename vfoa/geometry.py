@@ -276,6 +276,13 @@ def quaternion(rotation: ArrayLike) -> tuple[float, float, float, float]:
     return x / length, y / length, z / length, w / length
 
 
+def rotation_of(quaternion: ArrayLike) -> Float:
+    """The rotation (..., 3, 3) of quaternions (..., 4), x, y, z, w, of any length but 0. See :func:`quaternion`."""
+    from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
+
+    return np.asarray(Rotation.from_quat(np.asarray(quaternion, dtype=np.float64)).as_matrix())
+
+
 # Boxes
 
 _PARALLEL = 1e-200

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
-from scipy.spatial.transform import Rotation
 
 from harness.record import entities
 from harness.record.layers import RecordingIds
 from vfoa.errors import VfoaError
-from vfoa.geometry import box_corners
+from vfoa.geometry import box_corners, rotation_of
 from vfoa.types import Box3D, Float
 
 
@@ -84,7 +83,7 @@ def first_shapes(recording: Path) -> list[Float]:
     if clouds := _first_rows(recording, ("Points3D:positions",)):
         return [points for (points,) in clouds]
     boxes = [
-        Box3D(center_m=center, half_size_m=half_size, left_from_box=Rotation.from_quat(quaternion).as_matrix())
+        Box3D(center_m=center, half_size_m=half_size, left_from_box=rotation_of(quaternion))
         for (center,), (half_size,), (quaternion,) in _first_rows(recording, _BOX)
     ]
     return list(box_corners(boxes)) if boxes else []

@@ -8,6 +8,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from harness.sources.calibration import Calibration, ProjectionError, from_projections
 from vfoa.errors import VfoaError
@@ -234,6 +235,13 @@ def rays(pixels: Float, camera: RawCamera) -> Float:
     """(x / z, y / z) (N, 2) of pixels (N, 2) in the camera's own image, distortion included."""
     undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
     return np.asarray(undistort(pixels[:, None], camera.k, _coefficients(camera))).reshape(-1, 2)
+
+
+def motion(rotation: ArrayLike, translation_m: ArrayLike) -> Float:
+    """The motion (4, 4) that is a rotation (3, 3) and then a translation (3,)."""
+    matrix: Float = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, translation_m
+    return matrix
 
 
 def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation: Float, where: str) -> RawCalibration:

@@ -33,6 +33,7 @@ from vfoa.geometry import (
     pixel_ray,
     project,
     quaternion,
+    rotation_of,
     stacked,
     tangent_offset,
     turn_about_z,
@@ -263,6 +264,12 @@ def test_a_quaternion_is_that_of_scipy(seed):
     rotation = Rotation.random(rng=seed)
     found, expected = quaternion(rotation.as_matrix()), rotation.as_quat()
     assert found == pytest.approx(expected * np.sign(np.dot(found, expected)), abs=1e-12)
+
+
+def test_a_rotation_comes_back_from_its_quaternion_whatever_its_length():
+    rotations = Rotation.random(20, random_state=1).as_matrix()
+    quaternions = np.array([quaternion(rotation) for rotation in rotations])
+    np.testing.assert_allclose(rotation_of(3 * quaternions), rotations, atol=1e-12)
 
 
 @pytest.mark.parametrize("half_turn", [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)])

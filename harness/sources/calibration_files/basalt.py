@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.documents import Document, expect_names, numbers
-from harness.sources.rectification import Model, RawCalibration, RawCamera, rectify_pose
+from harness.sources.rectification import Model, RawCalibration, RawCamera, motion, rectify_pose
 from vfoa.errors import VfoaError, check_known
+from vfoa.geometry import rotation_of
 from vfoa.types import Float
 
 PROGRAM = "Basalt"
@@ -75,10 +75,7 @@ def _pose(value: Any, where: str) -> Float:
     quaternion = _named(value, ("qx", "qy", "qz", "qw"), where)
     if not any(quaternion):
         raise VfoaError(f"{where}: found a quaternion of zeros; expected a rotation")
-    pose: Float = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    pose[:3, 3] = _named(value, ("px", "py", "pz"), where)
-    return pose
+    return motion(rotation_of(quaternion), _named(value, ("px", "py", "pz"), where))
 
 
 def _named(values: Any, names: tuple[str, ...], where: str) -> list[float]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from harness.sources.calibration_files.documents import Document, numbers
-from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, rectify_pose
+from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, motion, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -111,9 +111,8 @@ def _ways(cameras: Mapping[int, Document], socket: int, where: str) -> dict[int,
         there = int(numbers(_value(extrinsics, "toCameraSocket", place), f"{place}: toCameraSocket", 1)[0])
         if there in ways or there < 0:
             break
-        step: Float = np.eye(4)
-        step[:3, :3] = numbers(_value(extrinsics, "rotationMatrix", place), f"{place}: rotationMatrix", 9).reshape(3, 3)
+        rotation = numbers(_value(extrinsics, "rotationMatrix", place), f"{place}: rotationMatrix", 9).reshape(3, 3)
         shift = _value(extrinsics, "translation", place)
-        step[:3, 3] = [numbers(_value(shift, axis, place), f"{place}: translation", 1)[0] for axis in "xyz"]
+        step = motion(rotation, [numbers(_value(shift, axis, place), f"{place}: translation", 1)[0] for axis in "xyz"])
         ways[there], here = step @ ways[here], there
     return ways

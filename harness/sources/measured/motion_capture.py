@@ -25,7 +25,7 @@ from harness.sources.measured.clip import (
     Metres,
 )
 from vfoa.errors import VfoaError, did_you_mean, listed
-from vfoa.geometry import unit
+from vfoa.geometry import rotation_of, unit
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, HeadPose
 
@@ -179,15 +179,13 @@ def poses_of(cells: Float, unit_m: float, lines: Sequence[int], where: str, name
 
     A :class:`VfoaError` says where a quaternion is not of length 1.
     """
-    from scipy.spatial.transform import Rotation  # not above: every adapter is imported to recognise a path
-
     lengths = np.linalg.norm(cells[:, :4], axis=1)
     is_known = ~np.isnan(cells).any(axis=1) & (lengths > 0)
     for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
         raise VfoaError(f"{where}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
     rotations, places_m = np.full((len(cells), 3, 3), np.nan), np.full((len(cells), 3), np.nan)
     if is_known.any():
-        rotations[is_known] = Rotation.from_quat(cells[is_known, :4]).as_matrix()
+        rotations[is_known] = rotation_of(cells[is_known, :4])
         places_m[is_known] = unit_m * cells[is_known, 4:]
     return Poses(rotations=rotations, places_m=places_m)
 

@@ -42,6 +42,7 @@ from harness.sources.measured.clip import (
     SeenPerson,
 )
 from vfoa.errors import VfoaError, located
+from vfoa.geometry import rotation_of
 from vfoa.measured import PERSON
 from vfoa.types import Box3D, Float, Gaze, HeadPose
 
@@ -338,11 +339,7 @@ class _ObjectRows:
         center, size, quaternion = (
             None if np.isnan(part[0]) else part for part in np.split(self.geometry[row], (3, 6))
         )
-        rotation = None
-        if quaternion is not None:
-            from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
-
-            rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
+        rotation = None if quaternion is None else rotation_of(quaternion)
         return None if center is None else self.settings.box(center, size, rotation)
 
 
@@ -417,7 +414,7 @@ def _object_cells(number: int, measured_object: PlacedObject) -> Cells:
         return [*named, *[None] * 10]
     quaternion: Cells = [None] * 4
     if not np.array_equal(box.left_from_box, np.eye(3)):
-        from scipy.spatial.transform import Rotation  # not above: as in _object
+        from scipy.spatial.transform import Rotation  # not above: as in rotation_of
 
         quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
     return [*named, *_vector_cells(box.center_m), *_vector_cells(2 * box.half_size_m), *quaternion]

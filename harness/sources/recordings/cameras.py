@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.recordings import realsense
 from harness.sources.recordings.containers import Container
-from harness.sources.recordings.messages import camera, fields_of, reading
+from harness.sources.recordings.messages import camera, fields_of, motion_in, reading
 from harness.sources.recordings.topics import (
     Place,
     RecordingSettings,
@@ -27,7 +25,15 @@ from harness.sources.recordings.topics import (
     has_no_frames,
     is_aligned,
 )
-from harness.sources.rectification import Cameras, ImageSize, RawCamera, Rectifier, pair_of_infos, unset_matrices
+from harness.sources.rectification import (
+    Cameras,
+    ImageSize,
+    RawCamera,
+    Rectifier,
+    motion,
+    pair_of_infos,
+    unset_matrices,
+)
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map, StereoFrame, StereoRig
 
@@ -202,11 +208,9 @@ def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, st
     with reading(topic.type, where):
         for stamped in fields_of(topic.type, data, where)("transforms"):
             transform = stamped.transform
-            rotation = Rotation.from_quat([float(getattr(transform.rotation, axis)) for axis in "xyzw"]).as_matrix()
-            translation = [float(getattr(transform.translation, axis)) for axis in "xyz"]
             # tf's old names began with a slash
             parent, child = (str(name).removeprefix("/") for name in (stamped.header.frame_id, stamped.child_frame_id))
-            yield parent, child, _motion(rotation, translation)
+            yield parent, child, motion_in(transform.rotation, transform.translation)
 
 
 def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | None:
@@ -219,14 +223,8 @@ def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | No
             data, where = recording.read(topic, topic.places[0])
             with reading(topic.type, where):
                 field = fields_of(topic.type, data, where)
-                return _motion(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
+                return motion(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
     return None
-
-
-def _motion(rotation: Float, translation_m: ArrayLike) -> Float:
-    motion: Float = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = rotation, translation_m
-    return motion
 
 
 class DepthCamera:

@@ -16,8 +16,10 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
-from harness.sources.rectification import RawCamera
+from harness.sources.rectification import RawCamera, motion
 from vfoa.errors import VfoaError, reported_as
+from vfoa.geometry import rotation_of
+from vfoa.types import Float
 
 Kind = Literal["raw", "compressed", "video", "calibration", "transforms", "extrinsics"]
 IMAGES: frozenset[Kind] = frozenset({"raw", "compressed", "video"})
@@ -153,6 +155,14 @@ def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any
         raise VfoaError(f"{where}: a {kind.name} without {name!r}")
 
     return field
+
+
+def motion_in(rotation: Any, translation: Any) -> Float:
+    """The motion (4, 4) of a message's quaternion and translation, metres."""
+    return motion(
+        rotation_of([float(getattr(rotation, axis)) for axis in "xyzw"]),
+        [float(getattr(translation, axis)) for axis in "xyz"],
+    )
 
 
 def reading(kind: MessageType, where: str) -> AbstractContextManager[None]:

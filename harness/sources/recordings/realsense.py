@@ -14,11 +14,10 @@ import re
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from harness.sources.recordings.bags import BagContainer
 from harness.sources.recordings.containers import Container
-from harness.sources.recordings.messages import fields_of, reading
+from harness.sources.recordings.messages import fields_of, motion_in, reading
 from harness.sources.recordings.topics import Topic
 from vfoa.errors import VfoaError
 from vfoa.types import Float
@@ -54,10 +53,7 @@ def _pose(container: BagContainer, name: str) -> Float | None:
         return None
     with reading(kind, name):
         field = fields_of(kind, data, name)
-        pose: Float = np.eye(4)
-        pose[:3, :3] = Rotation.from_quat([float(getattr(field("rotation"), axis)) for axis in "xyzw"]).as_matrix()
-        pose[:3, 3] = [float(getattr(field("translation"), axis)) for axis in "xyz"]
-    return pose
+        return motion_in(field("rotation"), field("translation"))
 
 
 def metres_per_count(topics: Iterable[Topic], container: Container, depth: Topic) -> float | None:
