@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from harness.files.tables import LARGEST
-from harness.sources import PersonTruth, Truth, check_number
+from harness.sources import PersonTruth, Recognised, Truth, check_number
 from vfoa.errors import VfoaError, reported_as
 from vfoa.measured import HEAD_SIZE_M, PERSON, POINT_SIZE_M, box_of, target_of
 from vfoa.settings import Settings
@@ -147,6 +148,24 @@ class MeasuredFrame:
     time_ns: int
     people: tuple[SeenPerson, ...]
     objects: tuple[PlacedObject, ...] = ()
+
+
+def recognised_files(
+    path: Path, is_read: Callable[[Path], bool], what: str, pattern: str = "*.csv"
+) -> tuple[Recognised, ...]:
+    """Recognise a file that is a clip by itself, or the files of a folder; ``what`` they hold begins their layout."""
+    files = sorted(path.glob(pattern)) if path.is_dir() else [path]
+    return tuple(
+        Recognised(
+            root=file.parent,
+            source={"file": file.name},
+            layout=f"{what} in {file.name}",
+            name=file.stem,
+            calibration="not needed",
+        )
+        for file in files
+        if is_read(file)
+    )
 
 
 class FramesOfMeasurements:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,13 @@ from pydantic import Field
 from harness.files.digests import file_digest
 from harness.files.tables import TableColumns, csv_rows
 from harness.sources import Recognised
-from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
+from harness.sources.measured.clip import (
+    FramesOfMeasurements,
+    MeasuredFrame,
+    MeasuredPerson,
+    MeasuredSettings,
+    recognised_files,
+)
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.types import Float, HeadPose
@@ -66,18 +73,15 @@ class IdiapClip(FramesOfMeasurements):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a file of the tracker, or a folder that holds some."""
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
         robot = {"robot": {"center_m": [0.0, 0.0, 0.0], "size_m": [0.3, 0.3, 0.3]}}
         return tuple(
-            Recognised(
-                root=file.parent,
-                source={"file": file.name, "objects": robot},
-                layout=f"Idiap's head tracker in {file.name}, with the robot at the camera",
-                name=file.parent.name,
-                calibration="not needed",
+            replace(
+                found,
+                source={**found.source, "objects": robot},
+                layout=f"{found.layout}, with the robot at the camera",
+                name=found.root.name,
             )
-            for file in files
-            if is_tracker_output(file)
+            for found in recognised_files(path, is_tracker_output, "Idiap's head tracker")
         )
 
 

@@ -5,8 +5,9 @@ Where the eyes and the face are in a body's own axes is in no file: it follows f
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -24,7 +25,7 @@ from harness.sources.measured.clip import (
     MeasuredSettings,
     Metres,
 )
-from vfoa.errors import VfoaError, did_you_mean, listed
+from vfoa.errors import VfoaError, check_known, listed
 from vfoa.geometry import rotation_of, unit
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, HeadPose
@@ -97,7 +98,8 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         take = self.read(path, settings.every)
         worn = _worn(settings, take, path)
         things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
-        _check_known(settings.sizes_m, things, f"{path}: sizes_m")
+        for name in settings.sizes_m:
+            check_known(name, things, f"{path}: sizes_m: no rigid body")
         self._forward = {name: unit(head.forward) for name, head in settings.heads.items()}
         moving = {name: _in_camera_axes(take.poses[name], settings.up) for name in {*worn.values(), *things}}
         self._rotations = {name: dict(zip(take.numbers, moving[body][0], strict=True)) for name, body in worn.items()}
@@ -174,15 +176,27 @@ def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:
     return [int(value) for value in values.tolist()]
 
 
-def poses_of(cells: Float, unit_m: float, lines: Sequence[int], where: str, name: str) -> Poses:
-    """The poses of a body from its quaternions x, y, z, w and its places (N, 7), NaN or zeros where it was lost.
+def frames_per_second(cell: str, where: str, instead: str = "") -> float:
+    """A rate from a cell; a :class:`VfoaError`, which ends with ``instead``, if it is none."""
+    if not re.fullmatch(r"[0-9]+(\.[0-9]+)?", cell) or float(cell) == 0:
+        raise VfoaError(f"{where}: found {cell[:40]!r}; expected frames per second{instead}")
+    return float(cell)
 
-    A :class:`VfoaError` says where a quaternion is not of length 1.
+
+def poses_of(names: Collection[str], cells: Float, unit_m: float, lines: Sequence[int], path: Path) -> dict[str, Poses]:
+    """The poses of each body from its quaternions x, y, z, w and its places (N, 7), which are beside each other.
+
+    NaN or zeros are those of a body that was lost. A :class:`VfoaError` says where a quaternion is not of length 1.
     """
+    of_bodies = zip(names, np.split(cells, len(names), axis=1), strict=True)
+    return {name: _poses(of_body, unit_m, lines, path, name) for name, of_body in of_bodies}
+
+
+def _poses(cells: Float, unit_m: float, lines: Sequence[int], path: Path, name: str) -> Poses:
     lengths = np.linalg.norm(cells[:, :4], axis=1)
     is_known = ~np.isnan(cells).any(axis=1) & (lengths > 0)
     for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
-        raise VfoaError(f"{where}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
+        raise VfoaError(f"{path}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
     rotations, places_m = np.full((len(cells), 3, 3), np.nan), np.full((len(cells), 3), np.nan)
     if is_known.any():
         rotations[is_known] = rotation_of(cells[is_known, :4])
@@ -198,17 +212,11 @@ def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, 
             "say --set 'heads={anna={body=\"NAME\"}}'"
         )
     worn = {name: head.body or name for name, head in settings.heads.items()}
-    _check_known(worn.values(), take.poses, f"{path}: heads")
     for name, body in worn.items():
+        check_known(body, take.poses.keys(), f"{path}: heads: no rigid body")
         if (wearer := next(each for each in worn if worn[each] == body)) != name:
             raise VfoaError(f"{path}: heads: {wearer} and {name} both wear {body!r}; expected a body for each")
     return worn
-
-
-def _check_known(names: Iterable[str], known: Collection[str], where: str) -> None:
-    for name in names:
-        if name not in known:
-            raise VfoaError(f"{where}: no rigid body {name!r}; {did_you_mean(name, known)}")
 
 
 @dataclass(frozen=True, slots=True)

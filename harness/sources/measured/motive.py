@@ -21,11 +21,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from harness.files.safe_names import check_name
 from harness.files.tables import csv_rows, header_names
 from harness.sources import Recognised
+from harness.sources.measured.clip import recognised_files
 from harness.sources.measured.motion_capture import (
     MotionCaptureClip,
     MotionCaptureSettings,
@@ -58,18 +57,7 @@ class MotiveClip(MotionCaptureClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a file, or a folder that holds some."""
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        return tuple(
-            Recognised(
-                root=file.parent,
-                source={"file": file.name},
-                layout=f"a take of Motive in {file.name}",
-                name=file.stem,
-                calibration="not needed",
-            )
-            for file in files
-            if _FIRST in header_names(file)
-        )
+        return recognised_files(path, lambda file: _FIRST in header_names(file), "a take of Motive")
 
     @staticmethod
     def read(path: Path, every: int = 1) -> Take:
@@ -86,14 +74,10 @@ class MotiveClip(MotionCaptureClip):
         header, bodies, bones = _columns(rows, path)
         columns = [0, 1, *(place for places in bodies.values() for place in places)]
         lines, cells = read_cells(rows, header, columns, every, path)
-        of_bodies = np.split(cells[:, 2:], len(bodies), axis=1)
         return Take(
             numbers=frame_numbers(cells[:, 0], lines, path),
             times_s=cells[:, 1].tolist(),
-            poses={
-                name: poses_of(of_body, unit_m, lines, f"{path}", name)
-                for name, of_body in zip(bodies, of_bodies, strict=True)
-            },
+            poses=poses_of(bodies, cells[:, 2:], unit_m, lines, path),
             bones=bones,
         )
 

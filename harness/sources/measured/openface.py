@@ -32,7 +32,13 @@ from harness.files.dialects import check_width
 from harness.files.digests import file_digest
 from harness.files.tables import header_names
 from harness.sources import Recognised
-from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
+from harness.sources.measured.clip import (
+    FramesOfMeasurements,
+    MeasuredFrame,
+    MeasuredPerson,
+    MeasuredSettings,
+    recognised_files,
+)
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Gaze, HeadPose
 
@@ -218,18 +224,7 @@ class OpenFaceClip(FramesOfMeasurements):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a table, or a folder that holds some."""
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        return tuple(
-            Recognised(
-                root=file.parent,
-                source={"file": file.name},
-                layout=f"faces of OpenFace in {file.name}",
-                name=file.stem,
-                calibration="not needed",
-            )
-            for file in files
-            if is_openface(file)
-        )
+        return recognised_files(path, is_openface, "faces of OpenFace")
 
 
 def _times_ns(table: FaceTable, rate_hz: float | None, path: Path) -> dict[int, int]:

@@ -26,6 +26,7 @@ from harness.files.dialects import csv_lines
 from harness.files.io import read_text
 from harness.files.safe_names import check_name
 from harness.sources import Recognised
+from harness.sources.measured.clip import recognised_files
 from harness.sources.measured.motion_capture import (
     MotionCaptureClip,
     MotionCaptureSettings,
@@ -33,6 +34,7 @@ from harness.sources.measured.motion_capture import (
     Take,
     Up,
     frame_numbers,
+    frames_per_second,
     read_cells,
 )
 from vfoa.errors import VfoaError, reported_as
@@ -65,24 +67,11 @@ class QualisysClip(MotionCaptureClip):
         VfoaError
             If the path is a file of QTM with other data: markers.
         """
-        files = [path]
-        if path.is_dir():
-            files = [file for file in sorted(path.iterdir()) if _included(file) == "6D"]
-        elif (included := _included(path)) not in (None, "6D"):
+        if (included := _included(path)) not in (None, "6D"):
             raise VfoaError(
                 f"{path}: DATA_INCLUDED: found {included!r}; expected 6D: rigid bodies, chosen in QTM's TSV export"
             )
-        return tuple(
-            Recognised(
-                root=file.parent,
-                source={"file": file.name},
-                layout=f"rigid bodies of QTM in {file.name}",
-                name=file.stem,
-                calibration="not needed",
-            )
-            for file in files
-            if _included(file) == "6D"
-        )
+        return recognised_files(path, lambda file: _included(file) == "6D", "rigid bodies of QTM", pattern="*")
 
     @staticmethod
     def read(path: Path, every: int = 1) -> Take:
@@ -104,7 +93,9 @@ class QualisysClip(MotionCaptureClip):
             numbers, times_s = frame_numbers(cells[:, 0], lines, path), cells[:, 1]
         else:
             numbers = [1 + every * place for place in range(len(lines))]
-            times_s = (np.array(numbers) - 1) / _rate_hz(said, path)
+            cell = next(iter(said.get("FREQUENCY", ())), "")
+            rate_hz = frames_per_second(cell, f"{path}: FREQUENCY", ", or the columns Frame and Time")
+            times_s = (np.array(numbers) - 1) / rate_hz
         of_bodies = np.split(cells[:, len(clock) :], len(bodies), axis=1)
         return Take(
             numbers=numbers,
@@ -158,14 +149,6 @@ def _bodies(header: Sequence[str], path: Path) -> dict[str, list[int]]:
     if not found:
         raise VfoaError(f"{path}: no rigid body; expected a column 'NAME X' for each")
     return {name: [of_body[column] for column in _POSE] for name, of_body in found.items()}
-
-
-def _rate_hz(said: Mapping[str, Sequence[str]], path: Path) -> float:
-    """Frames per second of a file without times."""
-    cell = next(iter(said.get("FREQUENCY", ())), "")
-    if not re.fullmatch(r"[0-9]+(\.[0-9]+)?", cell) or float(cell) == 0:
-        raise VfoaError(f"{path}: FREQUENCY: found {cell!r}; expected frames per second, or the columns Frame and Time")
-    return float(cell)
 
 
 def _poses(cells: Float, lines: Sequence[int], path: Path, name: str) -> Poses:

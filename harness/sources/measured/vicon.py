@@ -22,17 +22,17 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from harness.files.safe_names import check_name
 from harness.files.tables import csv_rows, header_names
 from harness.sources import Recognised
+from harness.sources.measured.clip import recognised_files
 from harness.sources.measured.motion_capture import (
     MotionCaptureClip,
     MotionCaptureSettings,
     Take,
     Up,
     frame_numbers,
+    frames_per_second,
     poses_of,
     read_cells,
 )
@@ -57,18 +57,7 @@ class ViconClip(MotionCaptureClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a file, or a folder that holds some."""
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        return tuple(
-            Recognised(
-                root=file.parent,
-                source={"file": file.name},
-                layout=f"objects of Vicon in {file.name}",
-                name=file.stem,
-                calibration="not needed",
-            )
-            for file in files
-            if any(header_names(file) - {""} == {title} for title in _TITLES)
-        )
+        return recognised_files(path, _has_title, "objects of Vicon")
 
     @staticmethod
     def read(path: Path, every: int = 1) -> Take:
@@ -86,15 +75,15 @@ class ViconClip(MotionCaptureClip):
         columns = [0, *(place for first in bodies.values() for place in range(first, first + len(_POSE)))]
         lines, cells = read_cells(_frames(rows, len(header)), header, columns, every, path)
         numbers = frame_numbers(cells[:, 0], lines, path)
-        of_bodies = np.split(cells[:, 1:], len(bodies), axis=1)
         return Take(
             numbers=numbers,
             times_s=[(number - numbers[0]) / rate_hz for number in numbers],
-            poses={
-                name: poses_of(of_body, 0.001, lines, f"{path}", name)
-                for name, of_body in zip(bodies, of_bodies, strict=True)
-            },
+            poses=poses_of(bodies, cells[:, 1:], 0.001, lines, path),
         )
+
+
+def _has_title(path: Path) -> bool:
+    return any(header_names(path) - {""} == {title} for title in _TITLES)
 
 
 def _rate_hz(rows: Iterator[tuple[int, list[str]]], path: Path) -> float:
@@ -103,9 +92,7 @@ def _rate_hz(rows: Iterator[tuple[int, list[str]]], path: Path) -> float:
     if title[0] not in _TITLES:
         raise VfoaError(f"{path}:1: found {title[0][:40]!r}; expected {' or '.join(_TITLES)}, as Vicon Tracker writes")
     line, cells = next(rows, (2, [""]))
-    if not re.fullmatch(r"[0-9]+(\.[0-9]+)?", cells[0]) or float(cells[0]) == 0:
-        raise VfoaError(f"{path}:{line}: found {cells[0][:40]!r}; expected frames per second")
-    return float(cells[0])
+    return frames_per_second(cells[0], f"{path}:{line}")
 
 
 def _bodies(rows: Iterator[tuple[int, list[str]]], path: Path) -> tuple[list[str], dict[str, int]]:
