@@ -20,19 +20,16 @@ from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.labels.labels import timeline_of
-from harness.sources import Clip, MeasuredClip
+from harness.sources import Clip
 from vfoa.errors import VfoaError
 
 
 def _images_of(manifest: ClipManifest) -> Clip:
     """The clip of a manifest, whose images are shown."""
-    clip = manifest.open()
-    if isinstance(clip, MeasuredClip):
-        raise VfoaError(
-            f"{manifest.path}: the clip holds measurements; expected one with images: write its labels by hand "
-            f"(annotations/README.md), or vfoa labels import FILE --clip {manifest.name} --format FORMAT"
-        )
-    return clip
+    return manifest.open_images(
+        ": write its labels by hand (annotations/README.md), or vfoa labels import FILE "
+        f"--clip {manifest.name} --format FORMAT"
+    )
 
 
 class Session:

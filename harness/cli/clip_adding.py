@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json
-from harness.cli.terminal import clips_by_line, print_json, print_table, say
+from harness.cli.terminal import print_json, print_table, say
+from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:

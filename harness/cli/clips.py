@@ -11,7 +11,8 @@ import typer
 
 from harness.cli.clip_adding import add_clip
 from harness.cli.options import Json, clip_and_family_names
-from harness.cli.terminal import bytes_bar, clips_by_line, frames_bar, print_json, print_table, say, told_if_interrupted
+from harness.cli.terminal import bytes_bar, frames_bar, print_json, print_table, say, told_if_interrupted
+from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, check_known, listed
 
 if TYPE_CHECKING:

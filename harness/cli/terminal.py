@@ -6,7 +6,7 @@ import math
 import signal
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -27,15 +27,6 @@ if TYPE_CHECKING:
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     """Print text that may hold names of files, clips and people; control characters in it have no effect."""
     typer.echo(shown(text), err=err, nl=nl)
-
-
-def clips_by_line(lines: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
-    """The clips of each line, from the lines of each clip: what is true of several is said once."""
-    clips: dict[str, list[str]] = {}
-    for clip, of_clip in lines.items():
-        for line in of_clip:
-            clips.setdefault(line, []).append(clip)
-    return clips
 
 
 def print_table(

@@ -165,17 +165,17 @@ class ClipManifest(Settings):
         moved._path = self._path
         return moved
 
-    def open_images(self) -> Clip:
+    def open_images(self, instead: str = "") -> Clip:
         """Open a clip that has images.
 
         Raises
         ------
         VfoaError
-            As :meth:`open`, or if the clip holds measurements instead.
+            As :meth:`open`, or if the clip holds measurements; the message ends with what to do ``instead``.
         """
         clip = self.open()
         if isinstance(clip, MeasuredClip):
-            raise VfoaError(f"{self._path}: the clip holds measurements; expected one with images")
+            raise VfoaError(f"{self._path}: the clip holds measurements; expected one with images{instead}")
         return clip
 
     def open(self) -> Clip | MeasuredClip:

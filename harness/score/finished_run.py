@@ -20,7 +20,7 @@ from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.manifest import ClipOfRun, RunManifest, differences
-from harness.run.notes import Note, NoteKind, unlabelled
+from harness.run.notes import Note, NoteKind, clips_by_line, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
 from harness.run.table_columns import ColumnReader
@@ -149,11 +149,9 @@ class FinishedRun:
             frames = {clip.name: clip.frames for clip in run.clips}
             times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
             labels = subset(labels, where, frames, times_ns, self.columns)
-        of_clips: dict[str, list[str]] = {}
+        of_clips = clips_by_line({clip.name: clip.notes for clip in run.clips})
         changed: list[str] = []
         for clip in run.clips:
-            for note in clip.notes:
-                of_clips.setdefault(note, []).append(clip.name)
             manifest, digest = manifests[clip.name], (run.run_labels_sha256 or run.labels_sha256).get(clip.name)
             is_relabelled = manifest.annotations.digest(run.annotator) != digest
             if is_relabelled and annotator == run.annotator and digest is not None:
