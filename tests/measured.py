@@ -132,6 +132,12 @@ def openface_file(path: Path, rows: Sequence[Mapping[str, Any]], *, points: bool
     return path
 
 
+def pose(place: Sequence[float], rotation: Rotation | None = None, frames: int = 3) -> NDArray[Any]:
+    """The pose of a body at rest, as the files below take it: a row x, y, z, w and its place for each frame."""
+    quaternion = (Rotation.identity() if rotation is None else rotation).as_quat()
+    return np.tile([*quaternion, *place], (frames, 1))
+
+
 def motive_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, kind: str = "Rigid Body", **said: str) -> Path:
     """A take as Motive's CSV export lays it out, 100 frames a second from 0; ``said`` are entries of the first line.
 

@@ -46,7 +46,7 @@ from tests.disk import labels_text, write_text
 from tests.exchanges import PlainClip
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
-from tests.measured import idiap_file, measured_tables, open_measured, openface_file
+from tests.measured import idiap_file, measured_tables, open_measured, openface_file, pose
 from tests.openvino import affine
 from tests.records import labels, score
 from vfoa.errors import VfoaError
@@ -297,7 +297,7 @@ def open_openface(path: Path) -> Any:
 
 def bodies() -> dict[str, NDArray[Any]]:
     """Poses of two rigid bodies in four frames; one is lost in the last."""
-    poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.4, 1.6, 2.0], (4, 1))
+    poses = pose([0.4, 1.6, 2.0], frames=4)
     lost = poses.copy()
     lost[3] = np.nan
     return {"anna": poses, "cup": lost}

@@ -37,6 +37,7 @@ from tests.measured import (
     motive_file,
     open_measured,
     openface_file,
+    pose,
     qualisys_file,
     vicon_file,
 )
@@ -115,7 +116,7 @@ def openface(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
 
 def bodies(count: int) -> dict[str, NDArray[Any]]:
     """Poses at rest."""
-    return {name: np.tile([0, 0, 0, 1, x, 1.6, 2], (count, 1)) for name, x in (("anna", -0.4), ("ben", 0.4))}
+    return {name: pose([x, 1.6, 2], frames=count) for name, x in (("anna", -0.4), ("ben", 0.4))}
 
 
 def motive(root: Path, frames: tuple[int, ...]) -> MeasuredClip:

@@ -17,7 +17,7 @@ from harness.clips.add import add_clip
 from harness.clips.check import check_clip
 from harness.sources import MeasuredClip
 from tests.disk import labels_text
-from tests.measured import motive_file, open_measured, qualisys_file, vicon_file
+from tests.measured import motive_file, open_measured, pose, qualisys_file, vicon_file
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 from vfoa.types import Box3D, Scene
@@ -32,12 +32,6 @@ UP = {"motive": [0.0, 1.0, 0.0], "qualisys": [0.0, 0.0, 1.0], "vicon": [0.0, 0.0
 ANGLES = st.floats(-3, 3)
 
 adapters = pytest.mark.parametrize("adapter", WRITERS)
-
-
-def pose(place: list[float], rotation: Rotation | None = None) -> NDArray[Any]:
-    """A pose in three frames."""
-    quaternion = Rotation.identity().as_quat() if rotation is None else rotation.as_quat()
-    return np.tile([*quaternion, *place], (3, 1))
 
 
 def opened(adapter: str, folder: Path, bodies: Mapping[str, NDArray[Any]], **source: Any) -> MeasuredClip:
@@ -61,9 +55,9 @@ def test_a_head_and_its_eyes_move_with_the_body(
     forward, eyes = np.array([0.6, 0, -0.8]), np.array([0.02, -0.08, -0.1])
     eyes_in_room = place + rotation.apply(eyes)
     bodies = {
-        "anna": pose([*place], rotation),
-        "cup": pose([*(eyes_in_room + 2 * rotation.apply(forward))]),
-        "lamp": pose([*(eyes_in_room + UP[adapter])]),
+        "anna": pose(place, rotation),
+        "cup": pose(eyes_in_room + 2 * rotation.apply(forward)),
+        "lamp": pose(eyes_in_room + UP[adapter]),
     }
     heads = {"anna": {"forward": [*forward], "eyes_m": [*eyes]}}
     clip = opened(adapter, tmp_path_factory.mktemp("take"), bodies, heads=heads)
@@ -154,7 +148,7 @@ def test_labels_say_where_the_face_is_on_the_body(
     looks = [places["cup"]] * 10 + [places["lamp"]] * 10
     turns = [Rotation.align_vectors([unit(place)], [[1, 0, 0]])[0].as_quat() for place in looks]
     bodies = {"anna": np.array([[*turn, 0, 0, 0] for turn in turns])}
-    bodies |= {name: np.tile([0, 0, 0, 1, *place], (20, 1)) for name, place in places.items()}
+    bodies |= {name: pose(place, frames=20) for name, place in places.items()}
     write, name = WRITERS[adapter]
     added = add_clip(write(tmp_path / name, bodies), source={"heads": {"anna": {"forward": forward}}})
     first = opened(adapter, tmp_path, bodies).frames[0]

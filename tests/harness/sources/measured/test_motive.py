@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from harness.sources.measured.motive import MotiveClip
-from tests.measured import motive_file, open_measured
+from tests.measured import motive_file, open_measured, pose
 from vfoa.errors import VfoaError
 
-ANNA = {"anna": np.tile([0, 0, 0, 1, 0.5, 1.6, 0], (3, 1))}
-"""A pose in three frames."""
+ANNA = {"anna": pose([0.5, 1.6, 0])}
 
 
 @pytest.mark.parametrize(("units", "metre"), [("Meters", 1), ("Centimeters", 100), ("Millimeters", 1000)])

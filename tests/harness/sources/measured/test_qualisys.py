@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from harness.clips.add import add_clip
 from harness.sources.measured.qualisys import QualisysClip
-from tests.measured import qualisys_file
+from tests.measured import pose, qualisys_file
 from vfoa.errors import VfoaError
 
-ANNA = {"anna": np.tile([0, 0, 0, 1, 0.5, 0, 1.6], (3, 1))}
-"""A pose in three frames."""
+ANNA = {"anna": pose([0.5, 0, 1.6])}
 _ABOVE = "NO_OF_FRAMES\t1\nFREQUENCY\t100\nDATA_INCLUDED\t6D\nBODY_NAMES\tPSVH\n"
 _COLUMNS = (
     "Frame Time PSVH_X Y Z Roll Pitch Yaw Residual Rot[0] Rot[1] Rot[2] Rot[3] Rot[4] Rot[5] Rot[6] Rot[7] Rot[8]"

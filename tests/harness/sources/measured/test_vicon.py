@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from harness.sources.measured.vicon import ViconClip
-from tests.measured import vicon_file
+from tests.measured import pose, vicon_file
 from vfoa.errors import VfoaError
 
-ANNA = {"anna": np.tile([0, 0, 0, 1, 0.5, 0, 1.6], (3, 1))}
-"""A pose in three frames."""
+ANNA = {"anna": pose([0.5, 0, 1.6])}
 
 
 def test_names_are_those_of_objects_unless_segments_differ(tmp_path: Path) -> None:
