@@ -24,7 +24,7 @@ from harness.sources.media.maps import MILLIMETRES, depth_map
 from harness.sources.media.matroska import FilmPicture, read_blocks, read_head
 from harness.sources.media.video import container_tags
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
-from harness.sources.rectification import RawCamera, motion
+from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import Float, Image, Map, StereoFrame
@@ -247,4 +247,4 @@ def _pose(camera: Document, where: str) -> Float:
     rt = camera["Rt"] if isinstance(camera["Rt"], dict) else {}
     expect_names(rt, ("Rotation", "Translation"), where, "Rt of Azure Kinect")
     rotation = numbers(rt["Rotation"], f"{where}: Rotation", 9).reshape(3, 3)
-    return motion(rotation, numbers(rt["Translation"], f"{where}: Translation", 3))
+    return motion_of(rotation, numbers(rt["Translation"], f"{where}: Translation", 3))

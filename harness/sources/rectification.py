@@ -237,7 +237,7 @@ def rays(pixels: Float, camera: RawCamera) -> Float:
     return np.asarray(undistort(pixels[:, None], camera.k, _coefficients(camera))).reshape(-1, 2)
 
 
-def motion(rotation: ArrayLike, translation_m: ArrayLike) -> Float:
+def motion_of(rotation: ArrayLike, translation_m: ArrayLike) -> Float:
     """The motion (4, 4) that is a rotation (3, 3) and then a translation (3,)."""
     matrix: Float = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, translation_m

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from harness.sources.calibration_files.documents import Document, expect_names, numbers
-from harness.sources.rectification import Model, RawCalibration, RawCamera, motion, rectify_pose
+from harness.sources.rectification import Model, RawCalibration, RawCamera, motion_of, rectify_pose
 from vfoa.errors import VfoaError, check_known
 from vfoa.geometry import rotation_of
 from vfoa.types import Float
@@ -75,7 +75,7 @@ def _pose(value: Any, where: str) -> Float:
     quaternion = _named(value, ("qx", "qy", "qz", "qw"), where)
     if not any(quaternion):
         raise VfoaError(f"{where}: found a quaternion of zeros; expected a rotation")
-    return motion(rotation_of(quaternion), _named(value, ("px", "py", "pz"), where))
+    return motion_of(rotation_of(quaternion), _named(value, ("px", "py", "pz"), where))
 
 
 def _named(values: Any, names: tuple[str, ...], where: str) -> list[float]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from harness.sources.calibration_files.documents import Document, numbers
-from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, motion, rectify_pose
+from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, motion_of, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -113,6 +113,8 @@ def _ways(cameras: Mapping[int, Document], socket: int, where: str) -> dict[int,
             break
         rotation = numbers(_value(extrinsics, "rotationMatrix", place), f"{place}: rotationMatrix", 9).reshape(3, 3)
         shift = _value(extrinsics, "translation", place)
-        step = motion(rotation, [numbers(_value(shift, axis, place), f"{place}: translation", 1)[0] for axis in "xyz"])
+        step = motion_of(
+            rotation, [numbers(_value(shift, axis, place), f"{place}: translation", 1)[0] for axis in "xyz"]
+        )
         ways[there], here = step @ ways[here], there
     return ways

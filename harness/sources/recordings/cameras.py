@@ -30,7 +30,7 @@ from harness.sources.rectification import (
     ImageSize,
     RawCamera,
     Rectifier,
-    motion,
+    motion_of,
     pair_of_infos,
     unset_matrices,
 )
@@ -87,7 +87,7 @@ class PairCameras:
                 read_cameras([path], size, Options(rectified=self._rectified, baseline_m=settings.baseline_m))
             )
         else:
-            if pair[0] is pair[1] and not (settings.left_info and settings.right_info):
+            if streams.is_packed and not (settings.left_info and settings.right_info):
                 raise VfoaError(
                     f"{where}: {pair[0].name} has both views; expected left_info = and right_info = in [source], or "
                     "--calibration FILE of a pair, or --fx --cx --cy (or --fov-deg) and --baseline"
@@ -159,10 +159,16 @@ def _baseline_m(topics: Collection[Topic], pair: tuple[Topic, Topic], recording:
     left, right = pair
     if not all(map(realsense.is_of_sdk, pair)):
         return None
-    motion = realsense.find_pose(topics, recording.container, right, left)
-    if motion is None and not has_no_frames(left):
-        motion = find_transform(topics, recording, right.frame_id, left.frame_id)
+    motion = _find_pose(topics, recording, right, left)
     return None if motion is None or motion[0, 3] >= 0 else -float(motion[0, 3])
+
+
+def _find_pose(topics: Collection[Topic], recording: Recording, target: Topic, source: Topic) -> Float | None:
+    """The motion (4, 4) from the source's frame to the target's, by the SDK's poses or by names of frames."""
+    motion = realsense.find_pose(topics, recording.container, target, source)
+    if motion is None and target.frame_id and source.frame_id and not has_no_frames(source):
+        return find_transform(topics, recording, target.frame_id, source.frame_id)
+    return motion
 
 
 # the maps are computed again only if a calibration has changed
@@ -223,7 +229,7 @@ def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | No
             data, where = recording.read(topic, topic.places[0])
             with reading(topic.type, where):
                 field = fields_of(topic.type, data, where)
-                return motion(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
+                return motion_of(np.array(field("rotation"), np.float64).reshape(3, 3).T, field("translation"))
     return None
 
 
@@ -303,9 +309,7 @@ class DepthCamera:
         colour, depth = self._colour, self._depth
         motion = find_extrinsics(topics, self._recording)
         if motion is None:
-            motion = realsense.find_pose(topics, self._recording.container, colour, depth)
-        if motion is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
-            motion = find_transform(topics, self._recording, colour.frame_id, depth.frame_id)
+            motion = _find_pose(topics, self._recording, colour, depth)
         if motion is None:
             raise VfoaError(
                 f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "

@@ -58,7 +58,7 @@ def join_streams(
     VfoaError
         If no two stamps are near enough; the message says how far apart they are.
     """
-    if streams.right is streams.left:
+    if streams.is_packed:
         first_of_stamp = {place.stamp_ns: place for place in reversed(streams.left.places)}
         return tuple(Sides(place, place, None) for place in reversed(first_of_stamp.values())), ()
     partner = streams.right or streams.depth
@@ -206,7 +206,7 @@ class RecordingClip:
         places, streams = self._places(number), self._streams
         try:
             left, right, depth_m = self._image(streams.left, places.left), None, None
-            if streams.right is streams.left:
+            if streams.is_packed:
                 left, right = split_views(left, self._settings.packing, streams.left.name)
             elif streams.right is not None and places.right is not None:
                 right = self._image(streams.right, places.right)
@@ -261,7 +261,7 @@ class RecordingClip:
 
     def _size_px(self) -> tuple[int, int]:
         image = self._image(self._streams.left, self._frames[0].left)
-        if self._streams.right is self._streams.left:
+        if self._streams.is_packed:
             image, _ = split_views(image, self._settings.packing, self._streams.left.name)
         return image.shape[1], image.shape[0]
 

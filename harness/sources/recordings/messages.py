@@ -16,7 +16,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
-from harness.sources.rectification import RawCamera, motion
+from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, reported_as
 from vfoa.geometry import rotation_of
 from vfoa.types import Float
@@ -159,7 +159,7 @@ def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any
 
 def motion_in(rotation: Any, translation: Any) -> Float:
     """The motion (4, 4) of a message's quaternion and translation, metres."""
-    return motion(
+    return motion_of(
         rotation_of([float(getattr(rotation, axis)) for axis in "xyzw"]),
         [float(getattr(translation, axis)) for axis in "xyz"],
     )

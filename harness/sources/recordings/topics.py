@@ -367,6 +367,11 @@ class Sides(NamedTuple, Generic[Item]):
     right: Item | None
     depth: Item | None
 
+    @property
+    def is_packed(self) -> bool:
+        """Whether each image has both views."""
+        return self.right is self.left
+
 
 Streams = Sides[Topic]
 
