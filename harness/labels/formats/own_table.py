@@ -226,14 +226,16 @@ def _check_unit(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, 
     if place[0] not in ("start_s", "time_s") or not cells or not all(_NUMBER.fullmatch(cell) for cell in cells):
         return
     last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
-    units = (("milliseconds", 1000 * end_s, "_ms"), ("frames", exchange.frames[-1], "_frame"))
-    fit = [(unit, suffix) for unit, end, suffix in units if _LEAST_SHARE <= last / max(end, 1) <= _MOST_SHARE]
+    units = (
+        ("milliseconds", 1000 * end_s, ("start_ms and end_ms", "time_ms")),
+        ("frames", exchange.frames[-1], ("first_frame and last_frame", "frame")),
+    )
+    fit = [(unit, names) for unit, end, names in units if _LEAST_SHARE <= last / max(end, 1) <= _MOST_SHARE]
     if last > max(_LEAST_TIMES * end_s, _LEAST) and fit:
-        unit, suffix = fit[0]
-        names = {"_ms": ("start_ms and end_ms", "time_ms"), "_frame": ("first_frame and last_frame", "frame")}
+        unit, names = fit[0]
         raise VfoaError(
             f"{path}: {' and '.join(place)}: times reach {last:g} s, the clip ends at {end_s:g} s; expected seconds, "
-            f"or columns called {names[suffix][len(place) == 1]} if they are {unit}"
+            f"or columns called {names[len(place) == 1]} if they are {unit}"
         )
 
 
