@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from harness.sources import ADAPTERS, MeasuredClip
 from tests.disk import labels_text
+from vfoa.errors import VfoaError
 from vfoa.geometry import unit
 
 ANNA, BEN, ROBOT = (np.array(place) for place in ([-0.4, 0.0, 1.2], [0.4, 0.05, 1.0], [0.0, 0.0, 0.0]))
@@ -197,6 +199,16 @@ def vicon_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, rate: str = "1
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(",".join(row) for row in rows) + "\n")
     return path
+
+
+def refusal(read: Callable[[Path], object], path: Path, before: str, after: str) -> str:
+    """What reading a file says after a part of its text, which is there, was replaced everywhere."""
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+    with pytest.raises(VfoaError) as refused:
+        read(path)
+    return str(refused.value)
 
 
 def open_measured(adapter: str, root: Path, **source: object) -> MeasuredClip:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.sources.measured.motive import MotiveClip
-from tests.measured import motive_file, open_measured, pose
+from tests.measured import motive_file, open_measured, pose, refusal
 from vfoa.errors import VfoaError
 
 ANNA = {"anna": pose([0.5, 1.6, 0])}
@@ -57,9 +57,4 @@ def test_exports_that_cannot_be_read_are_named(said: dict[str, str], found: str,
 )
 def test_a_damaged_file_is_named_with_its_line(before: str, after: str, found: str, tmp_path: Path) -> None:
     path = motive_file(tmp_path / "take.csv", ANNA)
-    text = path.read_text()
-    assert before in text
-    path.write_text(text.replace(before, after))
-    with pytest.raises(VfoaError) as refused:
-        MotiveClip.read(path)
-    assert str(refused.value).startswith(f"{path}{found}")
+    assert refusal(MotiveClip.read, path, before, after).startswith(f"{path}{found}")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.clips.add import add_clip
 from harness.sources.measured.qualisys import QualisysClip
-from tests.measured import pose, qualisys_file
+from tests.measured import pose, qualisys_file, refusal
 from vfoa.errors import VfoaError
 
 ANNA = {"anna": pose([0.5, 0, 1.6])}
@@ -68,12 +68,7 @@ def test_markers_alone_are_refused(tmp_path: Path) -> None:
 )
 def test_a_damaged_file_is_named_with_its_line(before: str, after: str, found: str, tmp_path: Path) -> None:
     path = qualisys_file(tmp_path / "take.tsv", ANNA)
-    text = path.read_text()
-    assert before in text
-    path.write_text(text.replace(before, after))
-    with pytest.raises(VfoaError) as refused:
-        QualisysClip.read(path)
-    assert str(refused.value).startswith(f"{path}{found}")
+    assert refusal(QualisysClip.read, path, before, after).startswith(f"{path}{found}")
 
 
 def test_a_file_without_times_and_frequency_is_refused(tmp_path: Path) -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from harness.sources.measured.vicon import ViconClip
-from tests.measured import pose, vicon_file
-from vfoa.errors import VfoaError
+from tests.measured import pose, refusal, vicon_file
 
 ANNA = {"anna": pose([0.5, 0, 1.6])}
 
@@ -53,9 +52,4 @@ def test_zeros_are_a_lost_object(tmp_path: Path) -> None:
 )
 def test_a_damaged_file_is_named_with_its_line(before: str, after: str, found: str, tmp_path: Path) -> None:
     path = vicon_file(tmp_path / "take.csv", ANNA)
-    text = path.read_text()
-    assert before in text
-    path.write_text(text.replace(before, after))
-    with pytest.raises(VfoaError) as refused:
-        ViconClip.read(path)
-    assert str(refused.value).startswith(f"{path}{found}")
+    assert refusal(ViconClip.read, path, before, after).startswith(f"{path}{found}")
