@@ -48,7 +48,7 @@ class IncompleteRunWarning(UserWarning):
     ``failures`` has one mapping for each: ``clip``, ``configuration``, ``error``.
     """
 
-    def __init__(self, message: str, failures: Sequence[Mapping[str, str]] = ()) -> None:
+    def __init__(self, message: str, failures: Sequence[Mapping[str, str]]) -> None:
         super().__init__(message)
         self.failures = tuple(failures)
 

@@ -311,7 +311,7 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
     return revised(window, count, FrameFeatures, of_track)
 
 
-def target_probabilities(seen: FrameFeatures, weights: Weights, after: Float | None = None) -> Float:
+def target_probabilities(seen: FrameFeatures, weights: Weights, after: Float | None) -> Float:
     """Probabilities (T,) of the targets of a frame; ``after`` (C, T) are the means of later frames, where known."""
     return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 

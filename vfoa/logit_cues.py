@@ -270,7 +270,7 @@ def later_means(seen: Sequence[FrameFeatures], gaps_s: Sequence[float]) -> list[
     return means[::-1]
 
 
-def features(seen: FrameFeatures, case: Case, after: Float | None = None) -> Float:
+def features(seen: FrameFeatures, case: Case, after: Float | None) -> Float:
     """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
     scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
     rows = ROWS[case]

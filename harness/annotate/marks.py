@@ -91,10 +91,8 @@ def looked_at(mark: Mark | None) -> object:
     return mark and (mark.target, mark.is_suggested)
 
 
-def stretch_at(
-    track: Sequence[Mark | None], at: int, key: Callable[[Mark | None], object] = lambda mark: mark
-) -> tuple[int, int]:
-    """First and last position around ``at`` whose marks are the same or, with a ``key``, have the same key."""
+def stretch_at(track: Sequence[Mark | None], at: int, key: Callable[[Mark | None], object]) -> tuple[int, int]:
+    """First and last position around ``at`` whose marks have the same key."""
     here = key(track[at])
     first = last = at
     while first > 0 and (track[first - 1] is track[first] or key(track[first - 1]) == here):

@@ -47,14 +47,14 @@ class AttentionTiming:
         return self.plain_ms / self.vectorised_ms
 
 
-def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 15) -> AttentionTiming:
+def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int) -> AttentionTiming:
     """Time both implementations on one seeded frame with all of its subjects, for cones of 40 surface rays per cue."""
     settings = ConesSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
     people, targets = seeded_frame(boxes=boxes, subjects=subjects)
 
     def best_ms(way: Callable[[Subject, tuple[Target, ...], ConesSettings], object], frames: int) -> float:
         frame = Timer(lambda: [way(subject, targets, settings) for subject in people])
-        return 1e3 * min(frame.repeat(rounds, frames)) / frames
+        return 1e3 * min(frame.repeat(15, frames)) / frames
 
     return AttentionTiming(
         rays_per_subject=2 * 40 * len(cones_cm),

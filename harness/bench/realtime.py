@@ -214,7 +214,7 @@ def _median_and_95(values: Sequence[float] | Float) -> tuple[float, float]:
     return float(np.median(values)), float(np.percentile(values, 95))
 
 
-def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str] = ()) -> Table:
+def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str]) -> Table:
     """Matching alone, and the pipeline."""
     baseline = next(row for row in rows if row.what == BASELINE)
     return Table(

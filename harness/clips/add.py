@@ -204,7 +204,7 @@ def add_clip(
     """
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, recognised = recognise(path, adapter, source or {})
-    name = name or as_clip_name(recognised.name, default="clip")
+    name = name or as_clip_name(recognised.name)
     bare = _manifest_text(name, chosen, recognised, {}, {})
     manifest_path, annotations_path = _free_paths(name, bare if subjects or targets else None)
     clip, first = _open(path, make_manifest(parse_toml(bare, manifest_path), manifest_path))
@@ -262,7 +262,7 @@ def distinct_names(paths: Sequence[str]) -> dict[str, str | None]:
     whole = {path: Path(os.path.abspath(os.path.expanduser(path))) for path in paths}
     parts = {path: (found.with_suffix("") if found.is_file() else found).parts for path, found in whole.items()}
     for depth in range(1, max(map(len, parts.values())) + 1):
-        names = {path: as_clip_name("_".join(found[-depth:]), default="clip") for path, found in parts.items()}
+        names = {path: as_clip_name("_".join(found[-depth:])) for path, found in parts.items()}
         if len({*names.values()}) == len(names):
             break
     return dict.fromkeys(paths) if depth == 1 else dict(names)

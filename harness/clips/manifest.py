@@ -241,10 +241,10 @@ def _check_times(clip: Clip | MeasuredClip) -> None:
             )
 
 
-def as_clip_name(text: str, *, default: str) -> str:
-    """Make a clip's name from any text, letters without their accents; the default if nothing of it is left."""
+def as_clip_name(text: str) -> str:
+    """Make a clip's name from any text, letters without their accents; ``clip`` if nothing of it is left."""
     plain = "".join(sign for sign in unicodedata.normalize("NFKD", text) if not unicodedata.combining(sign))
-    return re.sub(r"[^A-Za-z0-9.-]+", "_", plain).strip("._-") or default
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", plain).strip("._-") or "clip"
 
 
 def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None) -> ClipManifest:

@@ -204,7 +204,7 @@ class AnnotationFiles:
     def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if is_file_or_link(folder / name)), None)
 
-    def expect(self, annotator: str | None = None) -> Path:
+    def expect(self, annotator: str | None) -> Path:
         """Return an annotator's file.
 
         Raises

@@ -37,13 +37,13 @@ def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
         items.close()  # it may have a thread of its own
 
 
-def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
-    """Return the clip once for each of several threads: only one reads at a time, since a clip need not be thread-safe.
+def one_at_a_time(clip: Clip) -> tuple[Clip, Clip]:
+    """Return the clip once for each of two threads: only one reads at a time, since a clip need not be thread-safe.
 
     Each is an object of its own, with its own last ground truth (:func:`harness.pipeline.ground_truth.truth_of`).
     """
     lock = Lock()
-    return tuple(cast("Clip", _OneAtATime(clip, lock)) for _ in range(count))
+    return cast("Clip", _OneAtATime(clip, lock)), cast("Clip", _OneAtATime(clip, lock))
 
 
 class _OneAtATime:

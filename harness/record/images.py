@@ -54,7 +54,7 @@ def key_frame_every(rate_hz: float | None) -> int:
 class ImageLog:
     """Logs the images of a clip: AV1 videos, or JPEG pictures if these are wanted, or too small for the encoder."""
 
-    def __init__(self, log: FrameLog, rate_hz: float | None, *, jpeg: bool = False) -> None:
+    def __init__(self, log: FrameLog, rate_hz: float | None, *, jpeg: bool) -> None:
         self._log, self._jpeg = log, jpeg
         self._key_every = key_frame_every(rate_hz)
         self._videos: dict[str, VideoEncoder] = {}

@@ -112,7 +112,7 @@ def screenshot(recording: Composed, frame: int | None, png: Path, *, size: tuple
         atomic_write(png, _settled_picture(client))
 
 
-def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
+def show_recording(recording: Composed, frame: int | None) -> Viewer:
     """Return a viewer that shows a recording, as the last value of a cell; with ``frame``, it opens there.
 
     Raises

@@ -29,7 +29,7 @@ _NOTES = (
 )
 
 
-def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str] = ()) -> Table:
+def benchmark_table(scores: Mapping[str, Scores], left_out: Iterable[str]) -> Table:
     """The table of all materials, by their names; ``left_out`` are sentences on what is not in it."""
     return Table.of(
         "Every method on every material",

@@ -268,7 +268,7 @@ def attend_clip(
 
 
 def attend_again(
-    directory: RunDirectory, changes: Mapping[str, Any], configurations: Collection[str] = ()
+    directory: RunDirectory, changes: Mapping[str, Any], configurations: Collection[str]
 ) -> Iterator[tuple[dict[str, str], list[Row]]]:
     """Yield the answers of a finished run's configurations with changed settings: keys and rows of each table.
 

@@ -19,9 +19,7 @@ from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, choose, read_clip_records
 
 
-def export_answers(
-    run: Path, configuration: str | None, *, folder: Path | None = None, replace: bool = False
-) -> Iterator[Path]:
+def export_answers(run: Path, configuration: str | None, *, folder: Path | None, replace: bool) -> Iterator[Path]:
     """Write the answers of one configuration of a run, a table for each clip: ``folder/CLIP.csv``.
 
     Parameters
@@ -29,7 +27,7 @@ def export_answers(
     configuration
         None: the only one.
     folder
-        Default: ``exported/CONFIGURATION`` in the run's directory.
+        None: ``exported/CONFIGURATION`` in the run's directory.
 
     Raises
     ------

@@ -276,7 +276,7 @@ def _perception(
         with SceneWriters(job.directory, name, decided) as scenes:
             yield pose_frames(job.configurations, clip, chosen, job.manifest), scenes, tuple
         return
-    images, truth = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
+    images, truth = one_at_a_time(clip) if job.ahead else (clip, clip)
     options: dict[str, Any] = {"manifest": job.manifest, "drawn": job.drawn, "parallel": job.ahead > 0}
     with (
         Perception(job.configurations, images, job.cache, **options) as perception,

@@ -250,9 +250,9 @@ def read_arrow(path: Path, table: str, columns: Sequence[str], group: int | None
     return part
 
 
-def count_rows(path: Path, table: str) -> int:
-    """The number of rows of a table. Raises the errors of :func:`open_table`."""
-    with open_table(path, table) as file:
+def count_frames(path: Path) -> int:
+    """The number of frames of ``frames.parquet``. Raises the errors of :func:`open_table`."""
+    with open_table(path, "frames") as file:
         return int(file.metadata.num_rows)
 
 

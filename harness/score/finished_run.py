@@ -24,7 +24,7 @@ from harness.run.notes import Note, NoteKind, clips_by_line, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
 from harness.run.table_columns import ColumnReader
-from harness.run.table_files import count_rows
+from harness.run.table_files import count_frames
 from harness.run.table_records import TableReader, most_people
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
@@ -121,9 +121,9 @@ class FinishedRun:
             raise VfoaError(
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
-        frames, counted = {clip.name: len(clip.frames) for clip in run.clips}, cache(count_rows)
+        frames, counted = {clip.name: len(clip.frames) for clip in run.clips}, cache(count_frames)
         for (clip, configuration), of_pair in paths.items():
-            if (count := counted(of_pair["frames"], "frames")) != frames[clip]:
+            if (count := counted(of_pair["frames"])) != frames[clip]:
                 raise VfoaError(
                     f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"
@@ -183,7 +183,7 @@ class FinishedRun:
             is_recorded=run.recording is not None,
         )
 
-    def note_labels(self, annotator: str | None = None) -> None:
+    def note_labels(self, annotator: str | None) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
         annotator = annotator or self.manifest.annotator
         before = self.manifest.labels_sha256

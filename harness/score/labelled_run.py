@@ -17,7 +17,7 @@ from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import RunDirectory
 from harness.run.executors import Bar, Executor, InProcess, Progress, no_bar
 from harness.run.grid import base_of
-from harness.run.table_files import count_rows, find_tables
+from harness.run.table_files import count_frames, find_tables
 from harness.run.table_scenes import NoCloudsError, SceneFrame, read_scenes
 from harness.score.finished_run import FinishedRun, how_to_label
 from harness.score.picks import picks_of, view_of
@@ -222,7 +222,7 @@ def labelled_runs(
     pairs = list(pairs)
     cases: list[tuple[LabelledPair, Case | None]] = [(pair, case) for pair in pairs for case in (None, *pair.alone)]
     parts = [PairCase(pair, case, asks_cones=case is None and answers is not None) for pair, case in cases]
-    frames = sum(count_rows(pair.tables["frames"], "frames") * (1 + len(pair.alone)) for pair in pairs)
+    frames = sum(count_frames(pair.tables["frames"]) * (1 + len(pair.alone)) for pair in pairs)
     with bar(frames, f"{experiment}: features") as progress:
         found = dict(zip(parts, executor.run(read_features, parts, progress, _given_up), strict=True))
     people: dict[str, list[list[LabelledPerson]]] = {name: [] for name in configurations}
@@ -288,7 +288,7 @@ def read_features(part: PairCase, progress: Progress) -> FoundFeatures:
             f"fit: {pair.clip}: {pair.configuration} kept no clouds of its targets, which the logit looks at; "
             f'expected a run with attention.method = "logit" or "bayes" ({error})'
         ) from None
-    for _ in range(count_rows(pair.tables["frames"], "frames") - len(found.times_s)):
+    for _ in range(count_frames(pair.tables["frames"]) - len(found.times_s)):
         advance()
     return found
 

@@ -122,7 +122,7 @@ def _upper_tail(differences: Codes | Float) -> float:
     return float(chance[(total + len(chance) - 1) // 2 :].sum())
 
 
-def sign_flip_interval(differences: Float, frames: Float, alpha: float = SIGNIFICANCE) -> tuple[float, float] | None:
+def sign_flip_interval(differences: Float, frames: Float, alpha: float) -> tuple[float, float] | None:
     """The pooled differences that the test at level ``alpha`` does not reject; None if it can reject nothing.
 
     It holds 0 exactly if the p of :func:`sign_flip_p` is at least ``alpha``.

@@ -117,9 +117,7 @@ class StereoPairs:
         If no number is on both sides, or their rates differ.
     """
 
-    def __init__(
-        self, left: Pictures, right: Pictures | None, packing: Packing = "side_by_side", *, swapped: bool = False
-    ) -> None:
+    def __init__(self, left: Pictures, right: Pictures | None, packing: Packing, *, swapped: bool) -> None:
         self._left, self._right, self._packing, self._swapped = left, right, packing, swapped
         self.frames = tuple(left.frames)
         self.rate_hz, self.notes = left.rate_hz, left.notes

@@ -41,7 +41,7 @@ def box(center: ArrayLike, size: ArrayLike) -> Mesh:
     )
 
 
-def loft(rings: Sequence[tuple[float, float, float]], center: ArrayLike = (0, 0, 0), segments: int = 28) -> Mesh:
+def loft(rings: Sequence[tuple[float, float, float]], segments: int = 28) -> Mesh:
     """Elliptical rings (z, radius x, radius y) about the z axis, from below to above; radius 0 closes an end."""
     z, radius_x, radius_y = np.array(rings, dtype=np.float64).T
     angle = 2 * np.pi * np.arange(segments) / segments
@@ -53,7 +53,7 @@ def loft(rings: Sequence[tuple[float, float, float]], center: ArrayLike = (0, 0,
         ],
         axis=-1,
     )
-    return _from_grid(grid + np.asarray(center))
+    return _from_grid(grid)
 
 
 def ellipsoid(center: ArrayLike, radii: ArrayLike, segments: int = 28) -> Mesh:

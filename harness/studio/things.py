@@ -110,9 +110,9 @@ def laptop(paint: Colour) -> Parts:
     return (
         Part(mesh=box((0, 0, 0.008), (0.31, 0.22, 0.016)), material=shell),
         Part(mesh=box((0, -0.01, 0.017), (0.27, 0.12, 0.004)), material=keys),
-        Part(mesh=_lean(lid, 0.1, 15), material=shell),
-        Part(mesh=_lean(panel, 0.1, 15), material=screen),
-        *(Part(mesh=_lean(mark, 0.1, 15), material=sticker) for mark in marks),
+        Part(mesh=_lean(lid), material=shell),
+        Part(mesh=_lean(panel), material=screen),
+        *(Part(mesh=_lean(mark), material=sticker) for mark in marks),
     )
 
 
@@ -221,10 +221,10 @@ THINGS: dict[str, Callable[[Colour], Parts]] = {
 """The things by their COCO names; each takes its main colour."""
 
 
-def _lean(mesh: Mesh, at_y: float, angle_deg: float) -> Mesh:
-    """Lean an upright mesh back about the x axis and stand it at ``at_y``."""
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+def _lean(mesh: Mesh) -> Mesh:
+    """Lean an upright mesh back by 15 degrees and stand it behind the keyboard."""
+    c, s = np.cos(np.radians(15)), np.sin(np.radians(15))
     turn = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
     return Mesh(
-        vertices=mesh.vertices @ turn.T + [0, at_y, 0.012], normals=mesh.normals @ turn.T, triangles=mesh.triangles
+        vertices=mesh.vertices @ turn.T + [0, 0.1, 0.012], normals=mesh.normals @ turn.T, triangles=mesh.triangles
     )

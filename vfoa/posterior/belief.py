@@ -116,7 +116,7 @@ def first_belief(keys: Keys) -> Belief:
         head=head_hypotheses("told"),
         log_weights=np.zeros((1, 1)),
         looked=np.full((len(keys), 1, 1), 1 / len(keys)),
-        looks=no_looks((1, 1)),
+        looks=no_looks(),
         leave=np.ones((1, 1)),
         new=np.ones((len(keys), 1, 1)),
     )

@@ -45,9 +45,9 @@ class LookCounts:
     watched_s: float
 
 
-def no_looks(shape: tuple[int, ...]) -> LookCounts:
-    """Return the counts before the first frame."""
-    return LookCounts(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=0.0)
+def no_looks() -> LookCounts:
+    """Return the counts (1, 1) before the first frame."""
+    return LookCounts(begun=np.zeros((1, 1)), nowhere=np.zeros((1, 1)), watched_s=0.0)
 
 
 def counted(before: LookCounts, begun: Float, nowhere: Float, dt_s: float) -> LookCounts:

@@ -96,7 +96,7 @@ def _is_time(name: str) -> bool:
     return any(re.search(unit, name) for unit, _ in _UNITS)
 
 
-def read_elan_text(path: Path, *, has_offset: bool, fps: float | None = None) -> list[TextAnnotation]:
+def read_elan_text(path: Path, *, has_offset: bool, fps: float | None) -> list[TextAnnotation]:
     """Return all annotations, in order; ``has_offset``: the user says where the clip begins in their times.
 
     ``fps`` is the rate of time codes without a header, frames per second.

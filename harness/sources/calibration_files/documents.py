@@ -163,9 +163,7 @@ def ros_camera(document: Document, where: str) -> RawCamera:
     return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
 
 
-def ros_pair(
-    left: Document, right: Document, where: tuple[str, str], baseline_m: float | None = None
-) -> RawCalibration:
+def ros_pair(left: Document, right: Document, where: tuple[str, str], baseline_m: float | None) -> RawCalibration:
     """Return the cameras of two files (``where``), with this baseline if it is not None.
 
     Raises the errors of :func:`ros_camera` and :func:`harness.sources.rectification.pair_of_infos`.
@@ -314,9 +312,7 @@ _ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} 
 """The role of each lower-case name without underscores: ``cameramatrixleft`` is K1."""
 
 
-def opencv_pair(
-    document: Document, size: ImageSize, where: str, *, rectified: bool = False, fisheye: bool = False
-) -> Cameras:
+def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
     P1 and P2 without distortion, rotation or translation describe images that are rectified already.

@@ -31,7 +31,7 @@ def is_orb_slam(document: Document) -> bool:
     return "Camera1.fx" in document or "Camera.fx" in document
 
 
-def orb_slam_pair(document: Document, size: ImageSize, where: str, *, rectified: bool = False) -> Cameras:
+def orb_slam_pair(document: Document, size: ImageSize, where: str, *, rectified: bool) -> Cameras:
     """Return the pair; ``rectified``: the images are rectified already, although the file says how to do it.
 
     Raises

@@ -318,5 +318,5 @@ def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: p
     ],
 )
 def test_any_text_becomes_a_name_that_a_manifest_takes(text: str, name: str) -> None:
-    assert as_clip_name(text, default="clip") == name
+    assert as_clip_name(text) == name
     assert make_manifest({"name": name, "adapter": "measured"}, Path(f"{name}.toml")).name == name

@@ -88,7 +88,7 @@ def test_the_threads_of_a_clip_read_one_at_a_time_and_each_has_its_own_truth() -
             return found
 
     clip = Watched(StudioSettings(scenario="table", frames=4), None)
-    one, other = one_at_a_time(clip, 2)
+    one, other = one_at_a_time(clip)
     truths: list[Truth] = []
     thread = threading.Thread(target=lambda: truths.extend(one.truth(number) for number in one.frames))
     thread.start()

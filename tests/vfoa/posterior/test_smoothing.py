@@ -41,7 +41,7 @@ def beliefs_of(keys: list[Keys], likelihoods: list[np.ndarray]) -> list[Belief]:
                 head=head_hypotheses("told"),
                 log_weights=np.zeros((1, 1)),
                 looked=looked / looked.sum(),
-                looks=no_looks((1, 1)),
+                looks=no_looks(),
                 leave=LEAVE,
                 new=new,
             )
