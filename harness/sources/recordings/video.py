@@ -46,6 +46,11 @@ _WAITING = 16
 _LATEST = 64
 """Most packets between a frame's own packet and the frame's appearance."""
 
+_MOST_STARTS = 3
+"""Key frames before a frame from which decoding is tried. A coder that refreshes its images part by part (x264's
+intra-refresh) has none after the first: a decoder may begin where a refresh does, and gives frames once that is done,
+within two refreshes."""
+
 
 class VideoDecoder:
     """Decodes the packets of one topic. Its memory does not grow with the video.
@@ -88,16 +93,19 @@ class VideoDecoder:
         """
         with self._lock:
             number = self._number[place]
-            if number not in self._frames:
-                self._move_to(number)
-            while number not in self._frames:
-                self._step()
-                if number not in self._frames and self._is_lost(number):
-                    self._reset()
-                    raise VfoaError(
-                        f"{self._where}: packet {number + 1} gives no frame: it is damaged, or one before it is lost"
-                    )
-            return self._frames[number]
+            before = bisect.bisect_right(self._keys, number)
+            if number not in self._frames and not before:
+                raise VfoaError(
+                    f"{self._where}: the video begins without a key frame: packet {number + 1} cannot be decoded; "
+                    "expected "
+                    + (f"start_s in [source] after packet {self._keys[0] + 1}" if self._keys else "a key frame")
+                )
+            for key in self._keys[max(before - _MOST_STARTS, 0) : before][::-1]:
+                if self._decodes(number, key):
+                    return self._frames[number]
+            raise VfoaError(
+                f"{self._where}: packet {number + 1} gives no frame: it is damaged, or one before it is lost"
+            )
 
     def _reset(self) -> None:
         self._codec: Any = None
@@ -105,15 +113,19 @@ class VideoDecoder:
         self._pending: set[int] = set()
         self._frames: dict[int, Image] = {}
 
-    def _move_to(self, number: int) -> None:
-        """Prepare the decoder to reach this frame: continue, or restart at the preceding key frame."""
-        at = bisect.bisect_right(self._keys, number) - 1
-        if at < 0:
-            raise VfoaError(
-                f"{self._where}: the video begins without a key frame: packet {number + 1} cannot be decoded; expected "
-                + (f"start_s in [source] after packet {self._keys[0] + 1}" if self._keys else "a key frame")
-            )
-        key = self._keys[at]
+    def _decodes(self, number: int, key: int) -> bool:
+        """Whether the decoder gives this frame, continued or begun at this key frame."""
+        if number not in self._frames:
+            self._move_to(number, key)
+        while number not in self._frames:
+            self._step()
+            if number not in self._frames and self._is_lost(number):
+                self._reset()
+                return False
+        return True
+
+    def _move_to(self, number: int, key: int) -> None:
+        """Prepare the decoder to reach this frame: continue, or restart at the key frame."""
         comes = number in self._pending or number > self._fed
         if self._codec is None or not comes or key > self._fed + 1:
             self._reset()

@@ -47,6 +47,11 @@ def open_clip(path: Path, **settings: object) -> RecordingClip:
     return RecordingClip(RecordingSettings.model_validate(data), path.parent)
 
 
+def read_in_turn(path: Path) -> list[np.ndarray]:
+    clip = open_clip(path)
+    return [clip.frame(number).left for number in clip.frames]
+
+
 def assert_is(found: np.ndarray, number: int) -> None:
     """The image of this number, and of no other one."""
     errors = [float(np.abs(found.astype(int) - image.astype(int)).mean()) for image in IMAGES]
@@ -78,11 +83,23 @@ def test_a_packet_of_too_many_pixels_is_not_decoded(tmp_path: Path, monkeypatch:
 
 def test_a_seek_gives_the_very_pixels_of_reading_in_turn(tmp_path: Path) -> None:
     path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264"))
-    in_turn = [open_clip(path).frame(number).left for number in range(1, COUNT + 1)]
+    in_turn = read_in_turn(path)
     clip = open_clip(path)
     for number in np.random.default_rng(0).permutation(COUNT).tolist():
         assert np.array_equal(clip.frame(number + 1).left, in_turn[number])
     check_contract(pickle.loads(pickle.dumps(clip)))
+
+
+@pytest.mark.parametrize("options", ["keyint=4", "keyint=6:bframes=2"])
+def test_a_seek_into_a_refresh_part_by_part_gives_the_very_pixels_of_reading_in_turn(
+    tmp_path: Path, options: str
+) -> None:
+    """A decoder that begins with a refresh gives no frame before its end."""
+    packets = Encoder("libx264", WIDTH, HEIGHT, {"crf": "12", "x264-params": f"intra-refresh=1:{options}"})
+    path = write_sdk(tmp_path / "a.mcap", "h264", packets.packets(IMAGES))
+    for number, image in enumerate(read_in_turn(path)):
+        assert_is(image, number)
+        assert np.array_equal(open_clip(path).frame(number + 1).left, image)
 
 
 @pytest.mark.parametrize("encoding", ["libx264", "h264;yuv420p;bgr8"])
