@@ -324,7 +324,7 @@ def run_experiment(
         out_folder(Path("runs") / experiment.name if out is None else out),
         workers=workers or cores(),
         cache=open_store() if cache else None,
-        beside=out is None,
+        next_free=out is None,
         limit=limit,
         recording=("light" if recordings else "none") if isinstance(recordings, bool) else recordings,
     )

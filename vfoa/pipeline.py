@@ -80,22 +80,22 @@ class Stages:
     drawing: Drawing | None = None
 
 
-def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = None) -> Percepts:
+def perceive(frame: StereoFrame, stages: Stages, *, executor: Executor | None = None) -> Percepts:
     """Run every model on one frame. A temporal gaze model leaves its crops in the views; the gazes are added later.
 
-    ``beside`` finds faces in another thread during segmentation, and runs the models of the heads there during
+    ``executor`` finds faces in another thread during segmentation, and runs the models of the heads there during
     matching. The result is the same.
     """
-    instances, heads = _find(frame, stages, beside)
+    instances, heads = _find(frame, stages, executor)
     drawn: tuple[PlacedShape, ...] = ()
     if stages.drawing:
         drawn = stages.drawing.place(frame, instances)
         heads = stages.drawing.add_heads(frame, heads, drawn)
-    if beside is None:
+    if executor is None:
         disparity = _match(frame, instances, heads, drawn, stages)
         views = _view(frame, heads, stages)
     else:
-        viewed = beside.submit(copy_context().run, _view, frame, heads, stages)
+        viewed = executor.submit(copy_context().run, _view, frame, heads, stages)
         try:
             disparity = _match(frame, instances, heads, drawn, stages)
         finally:
@@ -113,17 +113,17 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
     )
 
 
-def _find(frame: StereoFrame, stages: Stages, beside: Executor | None) -> tuple[Instances, tuple[Head, ...]]:
+def _find(frame: StereoFrame, stages: Stages, executor: Executor | None) -> tuple[Instances, tuple[Head, ...]]:
     """The instances and the heads: a detector that is a :class:`vfoa.heads.FaceDetector` does not wait for masks."""
     if not (hasattr(stages.heads, "faces") and hasattr(stages.heads, "with_people")):
         instances = stages.segmenter.segment(frame)
         return instances, stages.heads.detect(frame, instances)
     detector = cast("FaceDetector", stages.heads)
-    if beside is None:
+    if executor is None:
         instances = stages.segmenter.segment(frame)
         faces = detector.faces(frame)
     else:
-        pending_faces = beside.submit(copy_context().run, detector.faces, frame)
+        pending_faces = executor.submit(copy_context().run, detector.faces, frame)
         try:
             instances = stages.segmenter.segment(frame)
         finally:

@@ -29,7 +29,7 @@ def parse(
     data: Any,
     where: str,
     table: str = "",
-    beside: Iterable[str] = (),
+    siblings: Iterable[str] = (),
     owners: Owners | None = None,
 ) -> Model:
     """Check ``data`` against a model and return the model.
@@ -44,7 +44,7 @@ def parse(
         The start of the message, such as a file.
     table
         Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
-    beside
+    siblings
         Other keys that the same table of the file may have: suggestions for a misspelt key.
     owners
         Gives the choices, such as ``attention.method = "cones"``, under which the table may have an unknown key.
@@ -60,10 +60,10 @@ def parse(
     except ValidationError as error:
         mistakes = sorted(error.errors(include_url=False), key=lambda mistake: mistake["type"] != "extra_forbidden")
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside, owners)}{more}") from None
+        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, siblings, owners)}{more}") from None
 
 
-def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str], owners: Owners | None) -> str:
+def _sentence(model: type[BaseModel], mistake: Any, table: str, siblings: Iterable[str], owners: Owners | None) -> str:
     """One pydantic error as ``key: expected and found``."""
     location, kind = mistake["loc"], mistake["type"]
     path = (*([table] if table else []), *location)
@@ -74,7 +74,7 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
     if kind == "extra_forbidden":
         if owners and len(location) == 1 and (choices := " or ".join(owners(str(location[0])))):
             return f"unknown key {key!r}; it is a setting of {choices}"
-        keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
+        keys = _keys_beside(model, location) | set(siblings if len(location) == 1 else ())
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
     if kind == "missing":
         return f"{prefix}missing; it is required"

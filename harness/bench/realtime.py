@@ -186,7 +186,7 @@ def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration
             gaze=built["gaze"],
             region_matcher=matcher if configuration.is_in_region else None,
         )
-        perceived = (perceive(frame, stages, beside=thread if threads > 1 else None) for frame in held.frames)
+        perceived = (perceive(frame, stages, executor=thread if threads > 1 else None) for frame in held.frames)
         wall_s, cpu_s = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
     pairs = [(disparity, true) for disparity, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(

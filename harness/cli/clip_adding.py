@@ -98,11 +98,11 @@ def add_clip(
         raise VfoaError(f"{given[0]}: found {len(paths)} paths; expected one, since it is that of one clip")
     if openface is not None:
         _check_images(Path(paths[0]), adapter, source, openface)
-    beside = _faces_experiment(openface, gaze3d)
+    faces = _faces_experiment(openface, gaze3d)
 
     def added(path: str, name: str | None) -> Added:
         who, what = _names(subjects, "person"), _names(targets, None)
-        return add(Path(path), name=name, adapter=adapter, source=source, subjects=who, targets=what, beside=beside)
+        return add(Path(path), name=name, adapter=adapter, source=source, subjects=who, targets=what, more_files=faces)
 
     if len(paths) == 1:
         one = added(paths[0], name)

@@ -139,7 +139,7 @@ def run(
             bar=frames_bar,
             cache=store,
             tell=notices.append,
-            beside=out is None,
+            next_free=out is None,
             retry_failed=retry_failed,
         )
     scores = rescore(directory)
@@ -187,7 +187,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
             try:
                 experiment, missing = material_experiment(name, changes)
                 _, directory = run_whole(
-                    experiment, out / name, bar=frames_bar, tell=notices.append, beside=False, **options
+                    experiment, out / name, bar=frames_bar, tell=notices.append, next_free=False, **options
                 )
                 scores[name] = rescore(directory)
                 left_out += [f"{name}: {each}" for each in missing]

@@ -123,7 +123,7 @@ def _weights() -> Iterator[Finding]:
 
     (default,) = load_experiment("default", clips=("any",)).configurations
     for slot, choice in default.choices.items():
-        missing = missing_weights([choice] if choice else [], beside=default.stages)
+        missing = missing_weights([choice] if choice else [], others=default.stages)
         fix = " or ".join((missing.fetch, *missing.alternatives)) if missing else None
         ready = ", ".join(stage.name for stage in ready_stages(STAGES[slot]))
         what = f"{slot} (default {choice.name if choice else 'none'})"

@@ -173,7 +173,7 @@ def add_clip(
     source: Mapping[str, Any] | None = None,
     subjects: Names | None = None,
     targets: Names | None = None,
-    beside: Callable[[Added, Clip | MeasuredClip], Mapping[Path, str]] | None = None,
+    more_files: Callable[[Added, Clip | MeasuredClip], Mapping[Path, str]] | None = None,
 ) -> Added:
     """Write ``datasets/NAME.toml`` and ``annotations/NAME.csv`` into the working directory.
 
@@ -192,8 +192,8 @@ def add_clip(
     subjects, targets
         The people and objects in the clip; a clip of measurements names them itself. Each subject gets one label,
         ``ignore``, for all frames.
-    beside
-        Gives the texts of more files, which are written with these two.
+    more_files
+        Returns the texts of more files, which are written with these two.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def add_clip(
         manifest=manifest_path,
         annotations=annotations_path,
     )
-    more = beside(added, clip) if beside else {}
+    more = more_files(added, clip) if more_files else {}
     try:
         # the manifest is put in place last: without it, labels are a left-over
         labels = format_annotations(_first_labels(manifest, clip))

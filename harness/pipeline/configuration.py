@@ -80,7 +80,9 @@ class StageKind:
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
         owners = partial(self.library.choices_with, f"{self.name}.{self.key}")
-        checked = parse(self.stage_class(name).Settings, settings, where, self.name, beside=(self.key,), owners=owners)
+        checked = parse(
+            self.stage_class(name).Settings, settings, where, self.name, siblings=(self.key,), owners=owners
+        )
         return StageChoice(slot=self.name, name=name, settings=checked)
 
     def takes(self, name: object, key: str) -> bool:

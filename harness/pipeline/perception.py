@@ -183,7 +183,7 @@ class Perception:
             if names:
                 with self._isolated(names, frame.index):
                     self._memo.timings = {}
-                    percepts = perceive(frame, group.stages, beside=self._heads_thread)
+                    percepts = perceive(frame, group.stages, executor=self._heads_thread)
                     perceived[group] = percepts, self._memo.timings
                     for name in names:
                         tracker, window = group.trackers[name], group.windows.get(name)

@@ -349,16 +349,16 @@ class MissingWeights:
         return [stage.described for stage in self.instead if stage]
 
 
-def missing_weights(choices: Iterable[StageChoice], beside: Iterable[StageChoice] = ()) -> MissingWeights | None:
+def missing_weights(choices: Iterable[StageChoice], others: Iterable[StageChoice] = ()) -> MissingWeights | None:
     """Return what is missing of the weights that the stages name; None if all are here.
 
-    What could run instead fits these stages and those ``beside`` them: where one needs a face, the detector finds some.
+    What could run instead fits these stages and the ``others``: where one needs a face, the detector finds some.
     """
     choices = list(choices)
     without = [choice for choice in choices if _absent([choice])]
     if not without:
         return None
-    need_face = any(STAGES[choice.slot].needs_face(choice) for choice in (*choices, *beside))
+    need_face = any(STAGES[choice.slot].needs_face(choice) for choice in (*choices, *others))
     instead = []
     for slot, name in dict.fromkeys((choice.slot, choice.name) for choice in without):
         ready = [] if name in STAGES[slot].of_clip else ready_stages(STAGES[slot])

@@ -131,9 +131,9 @@ def _settings(manifest: RunManifest) -> dict[str, str]:
     }
 
 
-def _write_properties(path: Path, beside: Path, about: Mapping[str, Mapping[str, Any]]) -> Path:
-    """Write a layer of properties for the recording that the file ``beside`` belongs to."""
-    ids = RecordingFile(beside).ids
+def _write_properties(path: Path, recording: Path, about: Mapping[str, Mapping[str, Any]]) -> Path:
+    """Write a layer of properties for the recording that the file ``recording`` belongs to."""
+    ids = RecordingFile(recording).ids
     with rr.RecordingStream(ids.application, recording_id=ids.recording, send_properties=False) as stream:
         stream.save(path)
         for owner, values in about.items():

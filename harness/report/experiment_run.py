@@ -22,7 +22,7 @@ def run_whole(
     *,
     workers: int,
     cache: Store | None,
-    beside: bool,
+    next_free: bool,
     limit: int | None = None,
     recording: RecordingKind | None = None,
     bar: Bar = no_bar,
@@ -61,7 +61,7 @@ def run_whole(
             progress=progress,
             cache=cache,
             tell=tell,
-            beside=beside,
+            next_free=next_free,
             retry_failed=retry_failed,
         )
     return plan, directory
@@ -108,5 +108,5 @@ def run_plainly(
     check_labelled(experiment.name, labels, [each.plain() for each in plan.experiment.configurations])
     with bar(plan.frames, experiment.name) as progress:
         return run_plan(
-            plan, out, workers=workers, threads=threads, progress=progress, cache=cache, tell=tell, beside=True
+            plan, out, workers=workers, threads=threads, progress=progress, cache=cache, tell=tell, next_free=True
         )

@@ -35,7 +35,7 @@ def run_plan(
     scheduler: str | None = None,
     cache: Store | None = None,
     tell: Callable[[str], None] = lambda line: None,
-    beside: bool = False,
+    next_free: bool = False,
     retry_failed: bool = False,
 ) -> RunDirectory:
     """Run a plan into a directory, and write its tables of frames; results of an earlier run of the plan are reused.
@@ -55,7 +55,7 @@ def run_plan(
         Store of perception outputs; None for no cache.
     tell
         Called with a line about what was reused and computed, and about the run's directory, if it is not ``out``.
-    beside
+    next_free
         If ``out`` holds another run, use ``out-2``, ``out-3`` ... instead: the first that is free, or holds this run.
     retry_failed
         Repeat what failed in an earlier run of the same plan. By default, its failures are kept.
@@ -77,7 +77,7 @@ def run_plan(
         KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})
     with used_digests() as inputs:
         identity = describe(plan)
-    directory = _choose(RunDirectory(out), identity, beside)
+    directory = _choose(RunDirectory(out), identity, next_free)
     if directory.path != out:
         different = _differences(RunDirectory(out), identity)
         tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
@@ -88,7 +88,7 @@ def run_plan(
         return directory
     made = missing_of(directory.path)
     with locked(directory.path, tell), removed_if_refused(directory, made):
-        _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
+        _choose(directory, identity, next_free=False)  # again: another run may have begun here before the lock
         earlier = RunManifest() if directory.is_new() else directory.read_manifest()
         for pair in earlier.failed_pairs:  # a repaired input may give another result
             directory.discard(pair)
@@ -164,7 +164,7 @@ def _candidates(first: RunDirectory) -> Iterator[RunDirectory]:
         yield RunDirectory(first.path.with_name(f"{first.path.name}-{number}"))
 
 
-def _choose(first: RunDirectory, identity: RunManifest, beside: bool) -> RunDirectory:
+def _choose(first: RunDirectory, identity: RunManifest, next_free: bool) -> RunDirectory:
     """Choose the directory to run in: one without a run, or with this very run."""
     for directory in _candidates(first):
         if directory.is_new():
@@ -172,7 +172,7 @@ def _choose(first: RunDirectory, identity: RunManifest, beside: bool) -> RunDire
         differing = _differences(directory, identity)
         if not differing:
             return directory
-        if not beside:
+        if not next_free:
             raise VfoaError(
                 f"{directory.path}: holds another run (different: {differing}); "
                 "expected an empty directory, or the same run to continue: choose another --out"

@@ -32,7 +32,7 @@ class Tables:
         self.paths = dict(paths)
 
     @classmethod
-    def beside(cls, folder: Path, tables: Iterable[str]) -> Tables:
+    def of_folder(cls, folder: Path, tables: Iterable[str]) -> Tables:
         """Those of a folder."""
         return cls({table: folder / f"{table}.parquet" for table in tables})
 
@@ -71,13 +71,13 @@ class ColumnReader:
         return answer_columns(pair, scene, looks, measured, Tables(paths), self.words, self._filtered[pair[1]])
 
     def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
-        return scene_columns(Tables.beside(folder, SCENE_TABLES), self.words, dict(names_now))
+        return scene_columns(Tables.of_folder(folder, SCENE_TABLES), self.words, dict(names_now))
 
     def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
-        return look_columns(scene, Tables.beside(folder, DIRECTIONS_TABLES), self.words)
+        return look_columns(scene, Tables.of_folder(folder, DIRECTIONS_TABLES), self.words)
 
     def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> Measured:
-        tables = Tables.beside(of_scene, SCENE_TABLES).paths | Tables.beside(folder, DIRECTIONS_TABLES).paths
+        tables = Tables.of_folder(of_scene, SCENE_TABLES).paths | Tables.of_folder(folder, DIRECTIONS_TABLES).paths
         return measured_columns(scene, Tables(tables), self.words)
 
 

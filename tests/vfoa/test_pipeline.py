@@ -101,7 +101,7 @@ def test_faces_are_found_while_the_frame_is_segmented(percepts):
     early = replace(stages, heads=Faces())
     alone = perceive(frame, early)
     with ThreadPoolExecutor(1) as pool:
-        beside = perceive(frame, early, beside=pool)
+        beside = perceive(frame, early, executor=pool)
     (ours,), (others,) = beside.views, alone.views
     np.testing.assert_array_equal(ours.head.box_px, others.head.box_px)
     assert threads[0] == get_ident() != threads[1]
@@ -113,7 +113,7 @@ def test_models_of_heads_beside_the_matcher_give_the_same(percepts):
     frame = black_frame(percepts)
     alone = perceive(frame, stages)
     with ThreadPoolExecutor(1) as pool:
-        beside = perceive(frame, replace(stages, gaze=seen), beside=pool)
+        beside = perceive(frame, replace(stages, gaze=seen), executor=pool)
     assert threads
     assert get_ident() not in threads
     np.testing.assert_array_equal(beside.disparity.disparity_px, alone.disparity.disparity_px)
@@ -130,7 +130,7 @@ def test_where_both_sides_fail_it_is_the_error_of_the_matcher_as_without_threads
 
     stages = replace(true_stages(percepts, NEAR), matcher=fails("matcher"), head_pose=fails("head pose"))
     with ThreadPoolExecutor(1) as pool, pytest.raises(VfoaError, match="matcher"):
-        perceive(black_frame(percepts), stages, beside=pool)
+        perceive(black_frame(percepts), stages, executor=pool)
     stages = replace(true_stages(percepts, NEAR), head_pose=fails("head pose"))
     with ThreadPoolExecutor(1) as pool, pytest.raises(VfoaError, match="head pose"):
-        perceive(black_frame(percepts), stages, beside=pool)
+        perceive(black_frame(percepts), stages, executor=pool)

@@ -50,9 +50,9 @@ class Elan:
             label = row.label
             point = "" if label.point_px is None else ",".join(repr(coordinate) for coordinate in label.point_px)
             state = SUGGESTED if label.is_suggested else ""
-            beside = {NOTE: label.note, POINT: point, TAG: " ".join(label.tags), STATE: state}
+            extras = {NOTE: label.note, POINT: point, TAG: " ".join(label.tags), STATE: state}
             document.add_annotation(row.subject, start, end, label.target)
-            for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
+            for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in extras.items() if value):
                 if tier not in document.tiers:
                     document.add_tier(tier)
                 document.add_annotation(tier, start, end, value)

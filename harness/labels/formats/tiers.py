@@ -69,8 +69,8 @@ def from_tiers(
         for tier, annotations in held.items()
         if (empty := sum(not value for *_, value in annotations))
     ]
-    beside = {f"{tier}{suffix}" for tier in tiers for suffix in (NOTE, POINT, TAG, STATE)}
-    others = (tier for tier, size in sizes.items() if size and tier not in tiers and tier not in beside)
+    extras = {f"{tier}{suffix}" for tier in tiers for suffix in (NOTE, POINT, TAG, STATE)}
+    others = (tier for tier, size in sizes.items() if size and tier not in tiers and tier not in extras)
     notes += [f"{path}: {kind} {tier!r} belongs to no subject and is left out." for tier in others]
     return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 

@@ -176,9 +176,9 @@ def _names(table: TableColumns, column: str) -> list[str | None]:
         If measurements have no name, or a word such as ``nan`` in its place.
     """
     names = list[str | None]()
-    beside = [cells for key, cells in table.cells.items() if key not in {column, "frame", *TIMES}]
+    measurements = [cells for key, cells in table.cells.items() if key not in {column, "frame", *TIMES}]
     for row, name in enumerate(table.cells[column]):
-        if is_missing(name) and not all(is_missing(cells[row]) for cells in beside):
+        if is_missing(name) and not all(is_missing(cells[row]) for cells in measurements):
             found = repr(name) if name else "nothing"
             raise VfoaError(f"{table.where(row)}: {column}: found {found} beside measurements; expected a name")
         names.append(None if is_missing(name) else name)

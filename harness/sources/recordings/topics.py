@@ -169,9 +169,9 @@ def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: s
         while "/" in namespace.strip("/"):
             namespace = namespace.rpartition("/")[0]
             places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
-            beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
-            if len(beside) == 1:
-                return beside[0]
+            same_place = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
+            if len(same_place) == 1:
+                return same_place[0]
     raise VfoaError(
         f"{where}: no single calibration topic belongs to {images[0].name}; found {listed(cameras)}; expected "
         "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy (or "

@@ -373,7 +373,7 @@ def test_heads_without_faces_are_not_advised_to_a_network_that_needs_a_face(
     cues: dict[str, dict[str, Any]], is_advised: bool
 ) -> None:
     heads = chosen(heads={"detector": "yunet"})
-    together, apart = missing_weights([*heads, *chosen(**cues)]), missing_weights(heads, beside=chosen(**cues))
+    together, apart = missing_weights([*heads, *chosen(**cues)]), missing_weights(heads, others=chosen(**cues))
     for missing in (together, apart):
         assert missing
         assert ("--set heads.detector=person_mask" in missing.alternatives) == is_advised

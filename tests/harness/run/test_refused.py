@@ -28,7 +28,7 @@ gaze.model = "truth"
 
 def _run(out: Path) -> RunDirectory:
     plan = prepare(load_experiment("files.toml"), limit=2)
-    return run_plan(plan, out, workers=1, progress=lambda clip: None, beside=True)
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, next_free=True)
 
 
 @pytest.fixture

@@ -133,7 +133,7 @@ def test_beside_another_run_the_next_free_directory_is_taken(finished: RunDirect
         prepare(load_experiment("demo", clips=("studio_talk",), overrides=(change,)), limit=2)
         for change in ("attention.n_rays=8", "attention.n_rays=9", "attention.n_rays=8")
     ]
-    taken = [run_plan(plan, finished.path, workers=1, progress=lambda clip: None, beside=True) for plan in plans]
+    taken = [run_plan(plan, finished.path, workers=1, progress=lambda clip: None, next_free=True) for plan in plans]
     assert [directory.path.name for directory in taken] == ["one-2", "one-3", "one-2"]
 
 

@@ -381,7 +381,7 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
 
 def _run(out: Path, workers: int = 1, cache: Store | None = None) -> RunDirectory:
     experiment = load_experiment("talk.toml")
-    return run_whole(experiment, out, workers=workers, cache=cache, beside=False, recording="none")[1]
+    return run_whole(experiment, out, workers=workers, cache=cache, next_free=False, recording="none")[1]
 
 
 def _fitted(out: Path) -> LogitSettings:
