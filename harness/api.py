@@ -340,7 +340,7 @@ def _check_number(name: str, number: object, least: int) -> None:
 
 
 def _incomplete(directory: RunDirectory, failed: Sequence[Failure]) -> IncompleteRunWarning:
-    named = "; ".join(directory.told(failure) for failure in failed[:MOST])
+    named = "; ".join(directory.line_of(failure) for failure in failed[:MOST])
     more = f"; and {len(failed) - MOST} more" if len(failed) > MOST else ""
     text = f"{directory.path}: {len(failed)} failed: {named}{more}"
     return IncompleteRunWarning(text, [failure.plain() for failure in failed])

@@ -11,7 +11,7 @@ import typer
 
 from harness.cli.clip_adding import add_clip
 from harness.cli.options import Json, clip_and_family_names
-from harness.cli.terminal import bytes_bar, frames_bar, print_json, print_table, say, told_if_interrupted
+from harness.cli.terminal import bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
 from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, check_known, listed
 
@@ -91,7 +91,7 @@ def export_clip(
     if isinstance(opened, MeasuredClip):
         raise VfoaError(f"{clip}: a clip of measurements, without images")
     frames = opened.frames[:limit]
-    with told_if_interrupted([f"interrupted; nothing is left in {to}"]), frames_bar(len(frames), clip) as advance:
+    with exit_if_interrupted([f"interrupted; nothing is left in {to}"]), frames_bar(len(frames), clip) as advance:
         if is_film:
             export_film(opened, to, frames, progress=lambda: advance(clip))
         else:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Overrides, Replace, experiment_and_clip_names
-from harness.cli.terminal import say, told_if_interrupted
+from harness.cli.terminal import exit_if_interrupted, say
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -70,7 +70,7 @@ def fit(
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
-    with told_if_interrupted(notices), executor(cores()) as workers:
+    with exit_if_interrupted(notices), executor(cores()) as workers:
         run = read_labelled(directory(), config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)

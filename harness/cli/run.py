@@ -20,7 +20,7 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import say, told_if_interrupted
+from harness.cli.terminal import exit_if_interrupted, say
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -127,7 +127,7 @@ def run(
         from harness.score.oracle_ablation import with_oracle_ablation
 
         experiment = with_oracle_ablation(experiment)
-    with told_if_interrupted(notices):
+    with exit_if_interrupted(notices):
         plan, directory = run_whole(
             experiment,
             folder,
@@ -182,7 +182,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     changes = changed_methods(overrides)
     scores, left_out = {}, []
     notices: list[str] = []
-    with told_if_interrupted(notices):
+    with exit_if_interrupted(notices):
         for name in MATERIALS:
             try:
                 experiment, missing = material_experiment(name, changes)
@@ -233,7 +233,7 @@ def _report_failures(directory: RunDirectory) -> None:
     """Print what could not be finished, and exit with code 1 if there is anything."""
     failed = directory.read_manifest().failed
     for failure in failed:
-        say(f"vfoa: {directory.told(failure)}", err=True)
+        say(f"vfoa: {directory.line_of(failure)}", err=True)
     if failed:
         say(f"vfoa: {len(failed)} failed; run again with --retry-failed when the cause is fixed", err=True)
         raise typer.Exit(1)

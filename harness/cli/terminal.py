@@ -223,21 +223,21 @@ def _frame_lines(total: int) -> Callable[[str], None]:
 
     The rate is that since the line before. What comes before the first frame does not count: long clips open slowly.
     """
-    told_s = time.monotonic()
+    printed_s = time.monotonic()
     done = done_before = 0
     first_s = since_s = math.inf
 
     def advance(clip: str) -> None:
-        nonlocal told_s, done, done_before, first_s, since_s
+        nonlocal printed_s, done, done_before, first_s, since_s
         done += 1
         now_s = time.monotonic()
         first_s = min(first_s, now_s)
         if now_s - first_s < _SETTLED_S:
             done_before, since_s = done, now_s
-        elif done < total and now_s - told_s >= LINE_EVERY_S and now_s - since_s >= _SETTLED_S:
+        elif done < total and now_s - printed_s >= LINE_EVERY_S and now_s - since_s >= _SETTLED_S:
             rate = (done - done_before) / (now_s - since_s)
             left_min = (total - done) / rate / 60
-            told_s, done_before, since_s = now_s, done, now_s
+            printed_s, done_before, since_s = now_s, done, now_s
             say(f"{clip}: {done} of {total} frames, {rate:.1f} frames/s, about {left_min:.0f} min left", err=True)
 
     return advance
@@ -288,7 +288,7 @@ def signals_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def told_if_interrupted(notices: list[str]) -> Iterator[None]:
+def exit_if_interrupted(notices: list[str]) -> Iterator[None]:
     """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
     try:
         with signals_as_ctrl_c():

@@ -82,14 +82,14 @@ def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
 def _many_factors(factors: Mapping[str, _Contrast]) -> list[str]:
     """A line on the factors that make a difference, and one on the others."""
     gains = [f"{key} ({of.best}: {of.gains})" for key, of in factors.items() if of.beaten]
-    untold = [key for key, of in factors.items() if not of.beaten]
+    unshown = [key for key, of in factors.items() if not of.beaten]
     possible = max((of.possible for of in factors.values() if not of.beaten and not math.isnan(of.possible)), default=0)
     remaining = f" (at most {possible:.1f} points)" if possible else ""
     lines = []
     if gains:
         lines.append(_listed("A difference is shown for {}.", gains))
-    if untold:
-        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", untold))
+    if unshown:
+        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", unshown))
     return lines
 
 

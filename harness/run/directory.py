@@ -86,7 +86,7 @@ class RunDirectory:
         atomic_write(self.traceback(pair), error.trace)
         return failure.model_copy(update={"traceback": self.traceback(pair).relative_to(self.path).as_posix()})
 
-    def told(self, failure: Failure) -> str:
+    def line_of(self, failure: Failure) -> str:
         """Return a failure as one line of text."""
         kept = f" (traceback: {self.path / failure.traceback})" if failure.traceback else ""
         return f"{failure.clip} under {failure.configuration}: {failure.error}{kept}"

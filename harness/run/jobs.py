@@ -75,11 +75,11 @@ def run_jobs(
     are fitted to all clips.
     """
     results = Results()
-    ahead = PREFETCHED if executor.threads > 1 else 0
+    prefetched = PREFETCHED if executor.threads > 1 else 0
     jobs: list[tuple[ClipJob, PreparedClip]] = []
     run_id = directory.read_manifest().run_id or new_run_id()
     for prepared in plan.clips:
-        job = replace(_job(plan, prepared, directory, run_id, cache, results.account), ahead=ahead)
+        job = replace(_job(plan, prepared, directory, run_id, cache, results.account), prefetched=prefetched)
         if job.configurations:
             jobs.append((job, prepared))
         else:
@@ -155,7 +155,7 @@ def _share(
         for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, lost), strict=True):
             results.add(part, outcome)
         units.append(results.left(job))  # at once: they share recordings
-    return [replace(job, told_by=0) for job in units if job.configurations]
+    return [replace(job, reporters=0) for job in units if job.configurations]
 
 
 def _share_measured(jobs: Sequence[ClipJob], executor: Executor, results: Results) -> list[ClipJob]:
@@ -163,7 +163,7 @@ def _share_measured(jobs: Sequence[ClipJob], executor: Executor, results: Result
     for job, outcome in zip(jobs, executor.run(perceive_clip, jobs, _silent, lost), strict=True):
         results.add(job, outcome)
     dealt = [_dealt(results.left(job), executor.workers) for job in jobs]
-    return [replace(job, told_by=len(of_clip)) for of_clip in dealt for job in of_clip]
+    return [replace(job, reporters=len(of_clip)) for of_clip in dealt for job in of_clip]
 
 
 def _lacking(job: ClipJob, clip: Clip | MeasuredClip) -> tuple[Configuration, ...]:

@@ -43,8 +43,8 @@ class ClipJob:
     ``drawn`` holds the shapes drawn on the clip, ``clouds`` the numbers of points that methods of the run use of a
     target's cloud. ``digest`` is that of the clip's content, of which every frame must be read (None: not checked), and
     ``known`` are digests by the stamp of their files. ``store`` keeps scenes for later runs, and ``cache`` has the
-    outputs of stages in it; None: nothing is stored. ``ahead`` is the number of frames that one thread reads, and
-    another one perceives, in advance; 0 for no threads. ``told_by`` is the number of jobs that report the progress of
+    outputs of stages in it; None: nothing is stored. ``prefetched`` is the number of frames that one thread reads, and
+    another one perceives, in advance; 0 for no threads. ``reporters`` is the number of jobs that report the progress of
     the clip, each that of its share of the frames; 0: it is reported already.
     """
 
@@ -60,8 +60,8 @@ class ClipJob:
     known: Mapping[str, str] = field(default_factory=dict)
     store: Store | None = None
     cache: ClipCache | None = None
-    ahead: int = 0
-    told_by: int = 1
+    prefetched: int = 0
+    reporters: int = 1
 
     @property
     def pairs(self) -> list[Pair]:
@@ -182,11 +182,11 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipResult:
         return outcome
     perceived = (each for each in job.configurations if each.name in outcome.keys)
     answering = [each for each in perceived if not each.attend.attention.is_unfitted]
-    told = _AttendProgress(job, progress) if isinstance(clip, MeasuredClip) else None
-    check = told or partial(_goes_on, progress)
+    attend_progress = _AttendProgress(job, progress) if isinstance(clip, MeasuredClip) else None
+    check = attend_progress or partial(_goes_on, progress)
     errors = attend_clip(clip, job.context(clip), answering, outcome.keys, job.sinks, check)
-    if told:
-        told.finish()
+    if attend_progress:
+        attend_progress.finish()
     return replace(outcome, failures={**outcome.failures, **job.failures(errors)})
 
 
@@ -200,16 +200,16 @@ class _AttendProgress:
 
     def __init__(self, job: ClipJob, progress: Progress) -> None:
         self._clip, self._progress = job.manifest.name, progress
-        self._told_by = job.told_by
-        self._left = len(job.frames) // job.told_by if job.told_by else 0
+        self._reporters = job.reporters
+        self._left = len(job.frames) // job.reporters if job.reporters else 0
         self._read = 0
 
     def __call__(self, times: int) -> None:
         """Count a frame of a clip that is read so many times."""
         self._read += 1
-        is_told = self._left and self._read % (times * self._told_by) == 0
-        self._left -= bool(is_told)
-        self._progress(self._clip if is_told else GOES_ON)
+        is_reported = self._left and self._read % (times * self._reporters) == 0
+        self._left -= bool(is_reported)
+        self._progress(self._clip if is_reported else GOES_ON)
 
     def finish(self) -> None:
         """Report what is left: frames of configurations that have failed, or that are not attended to."""
@@ -235,7 +235,7 @@ def _perceived(
         decided = job.identities(clip)
     except VfoaError as error:
         return None, ClipResult(failures=dict.fromkeys(job.pairs, error))
-    if isinstance(clip, MeasuredClip) or not job.told_by:
+    if isinstance(clip, MeasuredClip) or not job.reporters:
         progress = partial(_goes_on, progress)
     context, tallies = job.context(clip), tuple[Tally, ...]()
     perceived: dict[str, Keys | VfoaError] = dict(keys_of(decided))
@@ -276,13 +276,13 @@ def _perception(
         with SceneWriters(job.directory, name, decided) as scenes:
             yield pose_frames(job.configurations, clip, chosen, job.manifest), scenes, tuple
         return
-    images, truth = one_at_a_time(clip) if job.ahead else (clip, clip)
-    options: dict[str, Any] = {"manifest": job.manifest, "drawn": job.drawn, "parallel": job.ahead > 0}
+    images, truth = one_at_a_time(clip) if job.prefetched else (clip, clip)
+    options: dict[str, Any] = {"manifest": job.manifest, "drawn": job.drawn, "parallel": job.prefetched > 0}
     with (
         Perception(job.configurations, images, job.cache, **options) as perception,
         SceneWriters(job.directory, name, decided, Measurer(truth), job.clouds) as scenes,
     ):
-        yield prefetch(perception.frames(chosen, job.ahead), job.ahead), scenes, perception.take_tallies
+        yield prefetch(perception.frames(chosen, job.prefetched), job.prefetched), scenes, perception.take_tallies
 
 
 def _write_scenes(
@@ -303,7 +303,7 @@ def _write_scenes(
             sinks = [opened.enter_context(factory.open_scenes(context)) for factory in factories]
             times = opened.enter_context(SceneTimes(job.directory, job.pairs))
             while True:
-                with _unreadable_told(job.manifest.name):
+                with _hint_if_unreadable(job.manifest.name):
                     frame = next(frames, None)
                 if frame is None:
                     break
@@ -323,7 +323,7 @@ def _write_scenes(
 
 
 @contextmanager
-def _unreadable_told(clip: str) -> Iterator[None]:
+def _hint_if_unreadable(clip: str) -> Iterator[None]:
     """Let the error of a frame that cannot be read say how to find all such frames."""
     try:
         yield

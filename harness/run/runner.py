@@ -96,9 +96,9 @@ def run_plan(
         of_run = identity.model_copy(update={"run_id": earlier.run_id or new_run_id()})
         directory.write_manifest(of_run)
         write_value(directory.noted_inputs, inputs)
-        modules, sees = plan.deciding_modules, directory.manifest
+        modules, shared_file = plan.deciding_modules, directory.manifest
         try:
-            with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
+            with executor(workers, scheduler, threads=threads, modules=modules, shared_file=shared_file) as chosen:
                 results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
         except KeyboardInterrupt:
             perceived = ", and stage outputs in the cache" if cache else ""
@@ -136,7 +136,7 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: RunManifest, results: R
     finished = [pair for pair in plan.pairs if pair not in failures]
     if not finished:
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
-        raise VfoaError(f"{directory.told(failed[0])}{others}")
+        raise VfoaError(f"{directory.line_of(failed[0])}{others}")
     join_timings(directory, finished)
     of_results = {
         "failed": failed,
@@ -196,12 +196,12 @@ def executor(
     *,
     threads: int = 1,
     modules: tuple[str, ...] = (),
-    sees: Path | None = None,
+    shared_file: Path | None = None,
 ) -> Iterator[Executor]:
     """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
 
     ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
-    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
+    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read ``shared_file``.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def executor(
     if scheduler is not None:
         from harness.run.executors.cluster import Cluster, connect
 
-        with connect(scheduler) as client, Cluster(client, modules, sees) as cluster:
+        with connect(scheduler) as client, Cluster(client, modules, shared_file) as cluster:
             yield cluster
     elif workers == 1:
         yield InProcess(threads)

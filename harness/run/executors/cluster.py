@@ -77,13 +77,13 @@ class Cluster:
     paths. It works in the folder from which the run was started, if it has that folder, and with the same ``VFOA_``
     variables, except a ``VFOA_CACHE`` of its own. Each job holds the digest of the code of ``modules``, which decide
     the results: a worker with other code, which may join during the run, refuses the job. So does a worker that cannot
-    read the file ``sees``.
+    read ``shared_file``.
     """
 
     threads = 1
 
-    def __init__(self, client: Client, modules: tuple[str, ...] = (), sees: Path | None = None) -> None:
-        self._client, self._sees = client, sees
+    def __init__(self, client: Client, modules: tuple[str, ...] = (), shared_file: Path | None = None) -> None:
+        self._client, self._shared_file = client, shared_file
         self._code = modules, code_digest(modules)
         self._running: dict[str, list[Future[Any]]] = {}
         self.workers = len(client.nthreads())
@@ -109,7 +109,7 @@ class Cluster:
 
         here = Surroundings()
         run = uuid4().hex
-        submit = partial(self._client.submit, on_worker, here, self._code, self._sees, run, work, pure=False)
+        submit = partial(self._client.submit, on_worker, here, self._code, self._shared_file, run, work, pure=False)
         futures = self._running.setdefault(run, [])
         try:
             futures += map(submit, jobs)
@@ -184,7 +184,7 @@ _run = ""
 def on_worker(
     here: Surroundings,
     code: tuple[tuple[str, ...], str],
-    sees: Path | None,
+    shared_file: Path | None,
     run: str,
     work: Callable[[Any, Progress], Any],
     job: Any,
@@ -197,7 +197,7 @@ def on_worker(
         The folder and the variables of the process that started the run.
     code
         Modules that decide the results, and the digest of their code there.
-    sees
+    shared_file
         A file of the run, which is on a shared disk.
     run
         A name for the run, the same for all of its jobs.
@@ -218,7 +218,7 @@ def on_worker(
         _check_goes_on(run)
 
     try:
-        _prepare(here, code, sees, run)
+        _prepare(here, code, shared_file, run)
         _check_goes_on(run)
         return work(job, progress), words
     except VfoaError as error:  # such as that of a storage that only this worker cannot read
@@ -227,7 +227,7 @@ def on_worker(
         raise
 
 
-def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], sees: Path | None, run: str) -> None:
+def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], shared_file: Path | None, run: str) -> None:
     """Take on the surroundings of a run, and check that this worker can work for it; see :func:`on_worker`."""
     global _run
     here.enter()
@@ -238,8 +238,8 @@ def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], sees: Path |
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError("runs another version of vfoa; expected the same source as here")
-    if sees is not None and not _appears(sees):
-        raise VfoaError(f"sees no {sees}; expected the disk of the run's directory at the same path")
+    if shared_file is not None and not _appears(shared_file):
+        raise VfoaError(f"sees no {shared_file}; expected the disk of the run's directory at the same path")
 
 
 def _check_goes_on(run: str) -> None:

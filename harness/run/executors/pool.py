@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 _FLUSH, _END = b"\0flush", b"\0end"
 _ENDED = (None, 0, -signal.SIGTERM)
 """Exit codes of the processes of a pool that did not break it: they went on, or were ended because another one died."""
-_told: Connection | None = None
+_sender: Connection | None = None
 _stop: c_bool | None = None
 
 GRACE_S = 2.0
@@ -182,7 +182,7 @@ class Pool:
         if self._processes is None:
             self._started = wanted
             # compressed: what does not fit into a pipe, 64 kB, is awaited forever from a process that dies at its start
-            given = self._listener.told, self._ending, zlib.compress(pickle.dumps(IMPORTED))
+            given = self._listener.sender, self._ending, zlib.compress(pickle.dumps(IMPORTED))
             self._processes = ProcessPoolExecutor(wanted, mp_context=self._context, initializer=_begin, initargs=given)
         return self._processes, self._listener
 
@@ -247,13 +247,13 @@ class _Listener:
 
     def __init__(self, context: SpawnContext, progress: Progress) -> None:
         self.progress = progress
-        self._heard, self.told = context.Pipe(duplex=False)
+        self._receiver, self.sender = context.Pipe(duplex=False)
         self._flushed = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
     def _listen(self) -> None:
-        while (word := self._heard.recv_bytes()) != _END:
+        while (word := self._receiver.recv_bytes()) != _END:
             if word == _FLUSH:
                 self._flushed.set()
             else:
@@ -262,21 +262,21 @@ class _Listener:
     def flush(self) -> None:
         """Return when all earlier messages are received."""
         self._flushed.clear()
-        self.told.send_bytes(_FLUSH)
+        self.sender.send_bytes(_FLUSH)
         self._flushed.wait()
 
     def close(self) -> None:
         """Receive the remaining messages, and end."""
-        self.told.send_bytes(_END)
+        self.sender.send_bytes(_END)
         self._thread.join()
-        self._heard.close()
-        self.told.close()
+        self._receiver.close()
+        self.sender.close()
 
 
 def _begin(pipe: Connection, stop: c_bool, imported: bytes) -> None:
     """Begin a worker. ``imported`` is what the parent's :data:`IMPORTED` has: code is parsed once for all workers."""
-    global _told, _stop
-    _told, _stop = pipe, stop
+    global _sender, _stop
+    _sender, _stop = pipe, stop
     IMPORTED.update(pickle.loads(zlib.decompress(imported)))
     for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends them to all processes; the parent decides
         signal.signal(number, signal.SIG_IGN)
@@ -293,7 +293,7 @@ def _end_with_parent() -> None:
 
 
 def _in_worker(work: Work[Job, Result], job: Job) -> Result:
-    pipe, stop = _told, _stop
+    pipe, stop = _sender, _stop
     if pipe is None or stop is None:
         raise AssertionError("the worker was not started by a pool")
 
