@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +105,17 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
 
 
 def _image_pairs(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
-    for left, right in pair_names(images, numbered=False):
+    for left, right in _sides_by_name(images):
         yield from _pair_of_images(root, left, right)
+
+
+def _sides_by_name(images: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
+    """What may be two sides, by the names of folders, and of the files in each; both as written in a manifest."""
+    yield from pair_names(images, numbered=False)
     for folder, files in images.items():
         prefix, names = "" if folder == "." else f"{glob.escape(folder)}/", [Path(file).name for file in files]
         for left, right in (*pair_names(names, numbered=True), *numbered_views(names)):
-            yield from _pair_of_images(root, prefix + left, prefix + right)
+            yield prefix + left, prefix + right
 
 
 def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
@@ -261,7 +267,13 @@ def _packed_files(path: Path, is_video: bool) -> list[str]:
 
 def _refuse_unpaired(path: Path) -> None:
     """Say how to name the views of images, or of films if there are no images."""
-    files = _files_by_folder(path, IMAGE_SUFFIXES).values() if path.is_dir() else [[path.name]]
+    folders = _files_by_folder(path, IMAGE_SUFFIXES) if path.is_dir() else {}
+    for left, right in islice(_sides_by_name(folders), 1):
+        try:
+            find_sides(path, left, right)
+        except VfoaError as error:
+            raise VfoaError(f"{path}: {error} (files are named by --set left=FILES --set right=FILES)") from None
+    files = folders.values() if path.is_dir() else [[path.name]]
     is_film = path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES
     if films := [] if any(files) and not is_film else _packed_files(path, is_video=True):
         raise VfoaError(

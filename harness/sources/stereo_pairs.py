@@ -302,15 +302,24 @@ def _joined_by_time(
     Raises
     ------
     VfoaError
-        If no number is on both sides.
+        If no number is on both sides, or without a tolerance most of those that are near to each other differ.
     """
     lefts, rights, renumbered = sorted(left), sorted(right), dict(right)
     if tolerance_ms is not None:
         for place, other in join_times(lefts, rights, round(tolerance_ms * 1e6 / tick_ns)):
             renumbered[lefts[place]] = renumbered.pop(rights[other])
-    if not left.keys() & renumbered.keys():
+    equal = left.keys() & renumbered.keys()
+    if not equal:
         apart_ms = nearest_apart(lefts, rights) * tick_ns / 1e6
         raise VfoaError(f"the nearest stamps are {apart_ms:.3g} ms apart (median): set tolerance_ms in [source]")
+    if tolerance_ms is None and len(lefts) > 1:
+        near = join_times(lefts, rights, int(np.median(np.diff(lefts))) // 2)
+        if len(equal) < len(near) / 2:
+            apart_ms = max(abs(lefts[place] - rights[other]) for place, other in near) * tick_ns / 1e6
+            raise VfoaError(
+                f"{len(equal)} of {len(near)} pairs have equal stamps, the others are up to {apart_ms:.3g} ms apart: "
+                "set tolerance_ms in [source] (0 takes equal stamps alone)"
+            )
     return renumbered
 
 

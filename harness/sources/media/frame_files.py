@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import math
 import os
 import re
 from array import array
@@ -94,13 +95,15 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     by_name = {path.name: path for path in files}
     if len(by_name) != len(files):
         raise VfoaError(f"{where}: {pattern!r} matches files of the same name in several folders; expected one folder")
-    return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
+    numbers = number_names(by_name, f"{where}: {pattern!r}", pattern.rpartition("/")[0])
+    return {number: by_name[name] for number, name in numbers.items()}
 
 
-def number_names(names: Iterable[str], where: str) -> dict[int, str]:
+def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int, str]:
     """File names by frame number, ascending: the number is the one run of digits that differs between them.
 
-    Of an index and a time stamp that both differ, it is the index.
+    Of an index and a time stamp that both differ, it is the index. Seconds since 1970 and their decimals are one
+    number. The ``folder`` is that of patterns in messages.
     """
     names = sorted(names)
     runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
@@ -112,44 +115,75 @@ def number_names(names: Iterable[str], where: str) -> dict[int, str]:
             f"{where}: {first!r} and {odd!r} do not share one numbering; "
             "expected names that differ in a frame number, or a pattern with %d for it"
         )
-    columns = list(zip(*runs.values(), strict=True))
-    varying = [place for place, column in enumerate(columns) if len(set(map(int, column))) > 1]
-    place = _index_of([columns[place] for place in varying])
-    if place is None:
-        example = _pattern(first, varying)
+    columns = enumerate(zip(*runs.values(), strict=True))
+    varying = {place: column for place, column in columns if len(set(map(int, column))) > 1}
+    numbers = _numbers_of(_with_decimals(first, varying))
+    if numbers is None:
         raise VfoaError(
-            f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; expected one, or a pattern "
-            f"with %d for the frame number and * for the others{example}"
+            f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; expected one, or "
+            f"{_expected_pattern(folder, first, varying)}"
         )
-    return _unique(zip(map(int, columns[varying[place]]), names, strict=True), where)
+    return _unique(zip(numbers, names, strict=True), where)
 
 
+_SECONDS = re.compile(r"1\d{9}")
 _STAMP_DIGITS = 9
 """Least digits of a time stamp; today's have 10 in seconds."""
 _FEWER_DIGITS = 3
 """By how many digits an index is shorter than a stamp beside it."""
 
 
-def _index_of(columns: Sequence[Sequence[str]]) -> int | None:
-    """Which of the numbers that differ between names is the frame's; None if it is not known."""
-    if len(columns) < 2:
-        return 0 if columns else None
-    place = min(range(len(columns)), key=lambda place: max(map(len, columns[place])))
-    index, others = columns[place], [column for column in columns if column is not columns[place]]
+def _with_decimals(name: str, columns: Mapping[int, Sequence[str]]) -> list[Sequence[str]]:
+    """The numbers that differ between names such as this one, by place; seconds with decimals become ms, us or ns.
+
+    Such are ``1718000000.123456`` and ``1718000000_123456789``. Decimals of several lengths stay apart: it is not known
+    what they count.
+    """
+    ends = [match.end() for match in _DIGITS.finditer(name)]
+    joined = list[Sequence[str]]()
+    for place, column in columns.items():
+        seconds, length = columns.get(place - 1, ()), len(column[0])
+        is_after_seconds = seconds and all(map(_SECONDS.fullmatch, seconds))
+        marks = ("." if length < 9 else "._-") if length <= 9 and {*map(len, column)} == {length} else ""
+        if is_after_seconds and name[ends[place - 1]] in marks:
+            width = math.ceil(length / 3) * 3
+            joined[-1] = [second + decimals.ljust(width, "0") for second, decimals in zip(seconds, column, strict=True)]
+        else:
+            joined.append(column)
+    return joined
+
+
+def _numbers_of(columns: Sequence[Sequence[str]]) -> list[int] | None:
+    """The frames' numbers, of the numbers that differ between names; None if it is not known which they are."""
+    if not columns:
+        return None
+    index, *others = sorted(columns, key=lambda column: max(map(len, column)))
+    numbers = list(map(int, index))
     least = max(_STAMP_DIGITS, max(map(len, index)) + _FEWER_DIGITS)
-    are_stamps = all(len(digits) >= least for column in others for digits in column)
-    return place if are_stamps and len(set(map(int, index))) == len(index) else None
+    if others and len(set(numbers)) < len(numbers):
+        return None
+    if any(len(digits) < least for column in others for digits in column):
+        return None
+    in_order = sorted(range(len(numbers)), key=numbers.__getitem__)
+    for column in others:
+        stamps = [int(column[place]) for place in in_order]
+        if stamps != sorted(stamps):
+            return None  # decimals of the seconds beside them
+    return numbers
 
 
-def _pattern(name: str, varying: Sequence[int]) -> str:
-    """A pattern for names such as this one: the first of the numbers that differ is the frame's."""
-    if not varying:
-        return ""
+def _expected_pattern(folder: str, name: str, varying: Mapping[int, Sequence[str]]) -> str:
+    """A pattern for names such as this one by the first number that counts through all of them, if one does."""
+    rows = sorted({tuple(map(int, row)) for row in zip(*varying.values(), strict=True)})
+    columns = zip(varying, zip(*rows, strict=True), strict=True)
+    frame = next((place for place, column in columns if [*column] == sorted(set(column))), None)
+    if frame is None:
+        return "files renamed by frame (000001.png), as none of these numbers counts through all names"
     matches = list(_DIGITS.finditer(os.path.splitext(name)[0]))
-    for place in reversed(varying):
-        field = "%d" if place == varying[0] else "*"
+    for place in reversed(list(varying)):
+        field = "%d" if place == frame else "*"
         name = name[: matches[place].start()] + field + name[matches[place].end() :]
-    return f", such as {name}"
+    return f"a pattern with %d for the frame number and * for the others, such as {os.path.join(folder, name)}"
 
 
 def printf_name(pattern: str, number: int) -> str:
@@ -167,7 +201,7 @@ def _folder_frames(folder: Path, pattern: str, where: str) -> FolderFiles:
     names = [name for name in os.listdir(folder) if name.lower().endswith(_IMAGE_ENDS) and not name.startswith(".")]
     if not names:
         raise VfoaError(f"{where}: {pattern!r} matches no file; expected images in the folder {folder}")
-    return FolderFiles(folder, number_names(names, f"{where}: {pattern!r}"))
+    return FolderFiles(folder, number_names(names, f"{where}: {pattern!r}", pattern))
 
 
 def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:

@@ -84,6 +84,34 @@ def test_stamps_in_names_are_times(tmp_path: Path, unit: str, second: int) -> No
     assert clip.frame(frames[1]).time_ns == 1_700_000_000_050_000_000
 
 
+def test_decimals_of_seconds_are_times(tmp_path: Path) -> None:
+    names = [f"{1_700_000_000 + tenths // 10}.{tenths % 10}00000" for tenths in (8, 9, 10, 11)]
+    for number, name in enumerate(names):
+        _write_pairs(tmp_path, name.join(("left/", ".png")), name.join(("right/", ".png")), (number,))
+    (found,) = find_layouts(tmp_path)
+    assert (found.source["stamps"], found.views.rate_hz) == ("us", 10.0)
+    assert found.views.frames == tuple(int(name.replace(".", "")) for name in names)
+
+
+def test_stamps_of_which_few_are_equal_ask_for_a_tolerance(tmp_path: Path) -> None:
+    stamps = [1_700_000_000_000 + 40 * number for number in range(6)]
+    for number, stamp in enumerate(stamps):
+        _write_pairs(tmp_path, f"left/{stamp}.png", f"right/{stamp + number % 3}.png", (number,))
+    with pytest.raises(VfoaError, match=r"2 of 6 pairs have equal stamps, the others are up to 2 ms apart"):
+        find_layouts(tmp_path)
+    named = {"left": "left", "right": "right", "stamps": "ms"}
+    for tolerance_ms, frames in ((0, stamps[::3]), (2, stamps)):
+        (reading,) = recognise_stereo(tmp_path, {**named, "tolerance_ms": tolerance_ms})
+        assert f"{len(frames)} pairs" in reading.layout
+
+
+def test_sides_whose_names_have_two_numbers_say_so(tmp_path: Path) -> None:
+    for number, name in enumerate(("take1_01", "take1_02", "take2_01")):
+        _write_pairs(tmp_path, f"left/{name}.png", f"right/{name}.png", (number,))
+    with pytest.raises(VfoaError, match="2 numbers differ between 'take1_01"):
+        recognise_stereo(tmp_path, {})
+
+
 def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
     _write_pairs(tmp_path, "l_{}.png", "r_{}.png", (1, 2, 3, 4))
     for name in ("l_1.png", "r_2.png", "r_3.png"):

@@ -120,9 +120,28 @@ def test_a_pattern_may_have_wildcards_beside_the_number(tmp_path: Path, pattern:
 
 
 def test_the_pattern_that_is_advised_matches(tmp_path: Path) -> None:
-    for name in ("a1_20_x.png", "a2_30_x.png"):
-        write_text(tmp_path / name, "")
+    _touch(tmp_path, "side/a1_20_x.png", "side/a2_30_x.png")
+    for files in ("side", "side/*.png"):
+        with pytest.raises(VfoaError, match="2 numbers differ") as error:
+            find_frames(tmp_path, files, "left")
+        advised = str(error.value).rpartition("such as ")[2]
+        assert list(find_frames(tmp_path, advised, "left")) == [1, 2]
+
+
+@pytest.mark.parametrize("pattern", ["{s}.{us:06d}", "{s}_{us:06d}000", "cam2_{s}.{us:06d}_left"])
+def test_seconds_and_their_decimals_are_one_number(pattern: str) -> None:
+    stamps = ((1_718_000_000, 900_000), (1_718_000_001, 100_000), (1_718_000_001, 500_000))
+    names = [pattern.format(s=second, us=us) + ".png" for second, us in stamps]
+    assert list(number_names(names, "left").values()) == names
+
+
+def test_decimals_of_several_lengths_are_not_taken_for_an_index() -> None:
+    with pytest.raises(VfoaError, match="2 numbers differ"):
+        number_names(["1718000000.9.png", "1718000001.15.png", "1718000002.2.png"], "left")
+
+
+@pytest.mark.parametrize("names", [["take1_1", "take1_2", "take2_1"], ["12-40", "12-59", "13-05"]])
+def test_no_pattern_is_advised_whose_numbers_do_not_count_the_frames(names: list[str]) -> None:
     with pytest.raises(VfoaError, match="2 numbers differ") as error:
-        find_frames(tmp_path, "*.png", "left")
-    advised = str(error.value).rpartition("such as ")[2]
-    assert list(find_frames(tmp_path, advised, "left")) == [1, 2]
+        number_names([f"{name}.png" for name in names], "left")
+    assert "%d" not in str(error.value)
