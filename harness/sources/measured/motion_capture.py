@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -18,6 +18,7 @@ from pydantic import Field, field_validator
 
 from harness.files.dialects import check_width, is_missing
 from harness.files.digests import file_digest
+from harness.files.safe_names import check_name
 from harness.sources.measured.clip import (
     Extents,
     FramesOfMeasurements,
@@ -25,7 +26,7 @@ from harness.sources.measured.clip import (
     MeasuredSettings,
     Metres,
 )
-from vfoa.errors import VfoaError, check_known, listed
+from vfoa.errors import VfoaError, check_known, listed, reported_as
 from vfoa.geometry import rotation_of, unit
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, HeadPose
@@ -164,6 +165,14 @@ def _number(cell: str) -> float:
         if is_missing(cell):
             return np.nan
         raise
+
+
+def check_body(name: str, known: Container[str], where: str, program: str) -> None:
+    """Raise a :class:`VfoaError` if a body's name is no valid one, or another body has it."""
+    with reported_as(where):
+        check_name(name)
+    if name in known:
+        raise VfoaError(f"{where}: two bodies have the name {name!r}; expected one: rename one in {program}")
 
 
 def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:

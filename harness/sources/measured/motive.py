@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.files.safe_names import check_name
 from harness.files.tables import csv_rows, header_names
 from harness.sources import Recognised
 from harness.sources.measured.clip import recognised_files
@@ -30,11 +29,12 @@ from harness.sources.measured.motion_capture import (
     MotionCaptureSettings,
     Take,
     Up,
+    check_body,
     frame_numbers,
     poses_of,
     read_cells,
 )
-from vfoa.errors import VfoaError, did_you_mean, reported_as
+from vfoa.errors import VfoaError, did_you_mean
 
 _FIRST = "Format Version"
 _UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
@@ -114,11 +114,8 @@ def _columns(
     for place, (kind, name, *quantity) in enumerate(zip(above[0], above[1], above[-1], axes, strict=True)):
         if kind not in (_BODY, _BONE) or (what := (quantity[0], quantity[1])) not in _POSE:
             continue
-        with reported_as(f"{path}: Name"):
-            check_name(name)
-        if what in found.setdefault(name, {}):
-            raise VfoaError(f"{path}: two bodies have the name {name!r}; expected one: rename one in Motive")
-        found[name][what] = place
+        check_body(name, [other for other, places in found.items() if what in places], f"{path}: Name", "Motive")
+        found.setdefault(name, {})[what] = place
         if kind == _BONE:
             bones.add(name)
     whole = {name: [places[what] for what in _POSE] for name, places in found.items() if len(places) == len(_POSE)}

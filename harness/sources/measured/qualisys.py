@@ -24,7 +24,6 @@ import numpy as np
 
 from harness.files.dialects import csv_lines
 from harness.files.io import read_text
-from harness.files.safe_names import check_name
 from harness.sources import Recognised
 from harness.sources.measured.clip import recognised_files
 from harness.sources.measured.motion_capture import (
@@ -33,11 +32,12 @@ from harness.sources.measured.motion_capture import (
     Poses,
     Take,
     Up,
+    check_body,
     frame_numbers,
     frames_per_second,
     read_cells,
 )
-from vfoa.errors import VfoaError, reported_as
+from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 _MATRIX = tuple(f"Rot[{place}]" for place in range(9))
@@ -136,10 +136,7 @@ def _bodies(header: Sequence[str], path: Path) -> dict[str, list[int]]:
     for place, cell in enumerate(header):
         name, _, axis = cell.rpartition(" ")
         if axis == "X" and name:
-            with reported_as(f"{path}: BODY_NAMES"):
-                check_name(name)
-            if name in found:
-                raise VfoaError(f"{path}: two bodies have the name {name!r}; expected one: rename one in QTM")
+            check_body(name, found, f"{path}: BODY_NAMES", "QTM")
             of_body = found[name] = {"X": place}
         else:
             of_body.setdefault(cell, place)

@@ -22,7 +22,6 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from harness.files.safe_names import check_name
 from harness.files.tables import csv_rows, header_names
 from harness.sources import Recognised
 from harness.sources.measured.clip import recognised_files
@@ -31,12 +30,13 @@ from harness.sources.measured.motion_capture import (
     MotionCaptureSettings,
     Take,
     Up,
+    check_body,
     frame_numbers,
     frames_per_second,
     poses_of,
     read_cells,
 )
-from vfoa.errors import VfoaError, reported_as
+from vfoa.errors import VfoaError
 
 _TITLES = ("Objects", "Segments")
 _POSE = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
@@ -106,15 +106,12 @@ def _bodies(rows: Iterator[tuple[int, list[str]]], path: Path) -> tuple[list[str
     for place in (place for place, cell in enumerate(header) if cell == _POSE[0]):
         match = _NAME.fullmatch(names[place].strip())
         name = _short(match[1]) if match else ""
-        with reported_as(f"{path}:{line - 1}"):
-            check_name(name)
+        check_body(name, found, f"{path}:{line - 1}", "Tracker")
         if tuple(header[place : place + len(_POSE)]) != _POSE:
             raise VfoaError(
                 f"{path}:{line}: {name}: found {','.join(header[place : place + 6])}; expected {','.join(_POSE)}: "
                 "quaternions, chosen in Tracker's CSV export"
             )
-        if name in found:
-            raise VfoaError(f"{path}:{line - 1}: two objects have the name {name!r}; expected one")
         if (unit := units[place + 4]) != "mm":
             raise VfoaError(f"{path}:{unit_line}: {name}: found the unit {unit!r}; expected mm")
         found[name] = place

@@ -157,3 +157,13 @@ def test_labels_say_where_the_face_is_on_the_body(
     notes = [note for note in check_clip(added.name).notes if "face" in note]
     assert len(notes) == noted
     assert all("anna: with the labels, the face points along [1.0, 0.0, 0.0]" in note for note in notes)
+
+
+@adapters
+def test_two_bodies_of_one_name_are_refused(adapter: str, tmp_path: Path) -> None:
+    write, name = WRITERS[adapter]
+    path = write(tmp_path / name, {"anna": pose([0, 0, 2]), "cup": pose([1, 0, 2])})
+    path.write_text(path.read_text(encoding="utf-8").replace("cup", "anna"), encoding="utf-8")
+    with pytest.raises(VfoaError) as refused:
+        add_clip(path, source={"heads": {"anna": {}}})
+    assert "two bodies have the name 'anna'; expected one" in str(refused.value)
