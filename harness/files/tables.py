@@ -19,7 +19,16 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.files.dialects import Row, are_booleans, csv_lines, is_missing, number_hint, separator_of, table_rows
+from harness.files.dialects import (
+    Row,
+    are_booleans,
+    check_width,
+    csv_lines,
+    is_missing,
+    number_hint,
+    separator_of,
+    table_rows,
+)
 from harness.files.garbage import collected_later
 from harness.files.io import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
@@ -223,16 +232,11 @@ def _checked_rows(
     _check_flags(header, columns, rows, f"{path}:{line}")
     yield line, _checked_header(header, columns, required, f"{path}:{line}")
     for line, cells in rows:
-        if len(cells) != len(header):
-            commas = (
-                "; decimal commas need semicolons between cells, and row names (of R) a name in the header"
-                if len(cells) > len(header)
-                else ""
-            )
-            raise VfoaError(
-                f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header{commas}"
-            )
+        check_width(cells, header, f"{path}:{line}", _COMMAS if len(cells) > len(header) else "")
         yield line, cells
+
+
+_COMMAS = "; decimal commas need semicolons between cells, and row names (of R) a name in the header"
 
 
 def _strict_rows(path: Path, version: str) -> list[Row]:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 
+from harness.files.dialects import check_width
 from harness.files.tables import whole_number
 from harness.labels.labels import (
     IGNORED,
@@ -38,7 +39,7 @@ class RowReader:
         self, columns: Sequence[str], timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
     ) -> None:
         self.in_time = TIME_COLUMNS[0] in columns
-        self._width = len(columns)
+        self._columns = columns
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
         self._tag_place = columns.index(TAG_COLUMN) if TAG_COLUMN in columns else None
         self._timeline = timeline
@@ -52,8 +53,7 @@ class RowReader:
         VfoaError
             For the first wrong cell.
         """
-        if len(cells) != self._width:
-            raise VfoaError(f"{where}: found {len(cells)} cells; expected {self._width}, as in the header")
+        check_width(cells, self._columns, where)
         ends = self._times(cells, where) if self.in_time else self._frames(cells, where)
         label = self._label(cells, where)
         if ends is None:
