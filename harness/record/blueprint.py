@@ -225,14 +225,14 @@ def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
 
 
-def eye_controls(scene: Scene) -> tuple[Float, Float]:
-    """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_for`."""
+def eye_of_scene(scene: Scene) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_on`."""
     boxes = [target.box for target in scene.targets if target.box is not None]
     eyes = [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
-    return eye_for([*box_corners(boxes), *eyes])
+    return eye_on([*box_corners(boxes), *eyes])
 
 
-def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
+def eye_on(seen: Sequence[Float]) -> tuple[Float, Float]:
     """Position (3,) and look-at point (3,) of an eye that sees all points, each (N, 3), camera frame, metres.
 
     It is above and to the side of the left camera, so that depth, which the image hides, is visible.

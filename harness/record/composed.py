@@ -151,7 +151,7 @@ def common_layout(clips: Sequence[RecordedClip]) -> rrb.Blueprint:
 def _content(clips: Sequence[RecordedClip]) -> ClipContent:
     """What the files of clips hold together; the rate is the first one's."""
     from harness.record import entities
-    from harness.record.blueprint import ClipContent, eye_for
+    from harness.record.blueprint import ClipContent, eye_on
     from harness.record.reading import RecordingFile, first_shapes
 
     images = [clip.files.images for clip in clips if clip.files.images.is_file()]
@@ -162,7 +162,7 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
         has_images=entities.IMAGE in paths,
         has_right=entities.RIGHT in paths,
         has_measured_depth=entities.MEASURED_DEPTH in paths,
-        eye=eye_for([points for file in files if file.is_file() for points in first_shapes(file)]),
+        eye=eye_on([points for file in files if file.is_file() for points in first_shapes(file)]),
         rate_hz=clips[0].rate_hz,
         span=(min(frames), max(frames)) if frames else None,
     )

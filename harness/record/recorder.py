@@ -11,7 +11,7 @@ from harness.files.folders import read_value, write_value
 from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.record import entities
 from harness.record.appearance import Colours
-from harness.record.blueprint import ClipContent, eye_controls, file_layout, guide
+from harness.record.blueprint import ClipContent, eye_of_scene, file_layout, guide
 from harness.record.entities import load_entities
 from harness.record.frame_content import log_attention, log_disparity, log_targets
 from harness.record.images import ImageLog, log_masks
@@ -168,7 +168,7 @@ class Recorder:
             has_images=camera is not None,
             has_right=camera is not None and camera.has_right,
             has_measured_depth=camera is not None and camera.has_depth,
-            eye=eye_controls(first.result.scene),
+            eye=eye_of_scene(first.result.scene),
             rate_hz=self.rate_hz,
         )
         self._layer.open(file_layout(self.layers, shown))

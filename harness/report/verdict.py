@@ -151,7 +151,7 @@ class _Contrast:
             return self._of_beaten()
         others = len(self.beaten) + len(self.tied)
         beats = f"{{}} beats {len(self.beaten)} of {others} others by {self.gains}"
-        rest = f"; over the rest, {self._said_of_tied}.", "; over the rest, no difference shown."
+        rest = f"; over the rest, {self._describe_tied}.", "; over the rest, no difference shown."
         return [_Sentence(f"{beats}{end}", [self.best]) for end in rest]
 
     def _of_beaten(self) -> list[_Sentence]:
@@ -169,15 +169,15 @@ class _Contrast:
     def _of_tied(self) -> list[_Sentence]:
         others = [comparison.reference for comparison in self.tied]
         names = [name for name in self._names if name in (self.best, *others)]
-        all_named = _Sentence(f"{_joined(['{}'] * len(names), 'or')}, {self._said_of_tied}.", names)
-        counted = _Sentence(f"{{}} or {len(others)} others, {self._said_of_tied}.", [self.best])
+        all_named = _Sentence(f"{_joined(['{}'] * len(names), 'or')}, {self._describe_tied}.", names)
+        counted = _Sentence(f"{{}} or {len(others)} others, {self._describe_tied}.", [self.best])
         if len(others) == 1:
             return [all_named]
         return [counted] if self._alike is self.tied else [all_named, counted]
 
     @property
-    def _said_of_tied(self) -> str:
-        """What is said of those that no test tells apart."""
+    def _describe_tied(self) -> str:
+        """Those that no test tells apart, in words."""
         if all(comparison.n == 0 for comparison in self._alike):
             return "no frame is scored for both"
         if all(comparison.is_identical for comparison in self._alike):

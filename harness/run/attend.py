@@ -64,7 +64,9 @@ class Attender:
         asked = [(frame.scene, frame.tracked, frame.names) for frame in frames]
         with timed(together, "attention"):
             ready = guarded("attention", self._attending.steps, asked)
-        self._waiting.extend((frame, {stage: ms / len(frames) for stage, ms in together.items()}) for frame in frames)
+        self._waiting.extend(
+            (frame, {stage: seconds / len(frames) for stage, seconds in together.items()}) for frame in frames
+        )
         return self._finished(ready)
 
     def finish(self) -> list[AttendedFrame]:

@@ -19,7 +19,7 @@ from rerun.chunk import RrdReader
 
 from harness.cli import main
 from harness.record import viewer
-from harness.record.blueprint import eye_controls, eye_for
+from harness.record.blueprint import eye_of_scene, eye_on
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
 from harness.record.reading import RecordingFile, first_shapes
@@ -30,14 +30,14 @@ from vfoa.geometry import box_corners
 
 
 def test_the_eye_looks_at_the_scene_from_outside(frames):
-    position, target = eye_controls(frames[0].result.scene)
+    position, target = eye_of_scene(frames[0].result.scene)
     boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
     corners = box_corners(boxes).reshape(-1, 3)
     assert (corners.min(axis=0) <= target).all()
     assert (target <= corners.max(axis=0)).all()
     assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
     empty = replace(frames[0].result.scene, targets=(), people=())
-    assert np.isfinite(eye_controls(empty)).all()
+    assert np.isfinite(eye_of_scene(empty)).all()
 
 
 PLACES = st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=1, max_size=6)
@@ -47,7 +47,7 @@ PLACES = st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=1, max_size=6)
 def test_the_eye_sees_every_point_wherever_the_scene_is(places):
     """A scene without a camera may be anywhere; Rerun shows 55 degrees down, and more across a view that is wider."""
     points = np.array(places)
-    position, target = eye_for([points])
+    position, target = eye_on([points])
     ahead = (target - position) / np.linalg.norm(target - position)
     right = np.cross(ahead, [0, -1, 0])
     right /= np.linalg.norm(right)
