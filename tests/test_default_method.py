@@ -46,7 +46,7 @@ def test_the_logit_quotes_the_calibration_errors_of_its_default_weights() -> Non
     rows = [dict(zip(table.header, row, strict=True)) for row in table.rows]
     errors = [float(row["ECE"]) for row in rows if row["Method"] == "logit"]
     fits = [float(of[name]) for of in _fits() for name in ("fitted, forward", "default weights, forward")]
-    quoted = re.findall(r"0\.\d\d", LogitSettings(method="logit").elsewhere)
+    quoted = re.findall(r"0\.\d\d", LogitSettings(method="logit").expectation)
     assert quoted == [f"{error:.2f}" for error in (min(errors), max(errors), *fits)]
 
 
@@ -66,5 +66,5 @@ def test_the_posterior_quotes_the_calibration_errors_of_the_reports() -> None:
         *(float(people[name]) for name in ("fitted, forward", "gaze_11-posterior")),
         *(float(conversation[name]) for name in ("fitted, forward", "forward")),
     ]
-    quoted = re.findall(r"0\.\d\d", BayesSettings(method="bayes").elsewhere)
+    quoted = re.findall(r"0\.\d\d", BayesSettings(method="bayes").expectation)
     assert quoted == [f"{error:.2f}" for error in expected]

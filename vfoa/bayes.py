@@ -49,7 +49,7 @@ class BayesSettings(MethodSettings):
     """How far ahead of a frame ``both`` looks, seconds."""
 
     @property
-    def elsewhere(self) -> str:
+    def expectation(self) -> str:
         """The calibration errors in the settings of reports/benchmark.md, and those of fits in reports/fit_*.md."""
         return (
             "posterior: nothing is fitted to this clip; in four settings its calibration error was 0.07 to 0.25. That "

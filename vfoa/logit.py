@@ -153,7 +153,7 @@ class LogitSettings(MethodSettings):
         return self.weights == "left-out"
 
     @property
-    def elsewhere(self) -> str:
+    def expectation(self) -> str:
         """The calibration errors of the default weights in reports/benchmark.md, and beside fits (reports/fit_*.md)."""
         if self.weights != default_weights():
             return ""

@@ -32,7 +32,7 @@ class MethodSettings(Settings):
         return 0
 
     @property
-    def elsewhere(self) -> str:
+    def expectation(self) -> str:
         """What to expect of these weights on other clips: a sentence, empty where nothing is known."""
         return ""
 

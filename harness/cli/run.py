@@ -174,7 +174,12 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     """Run the materials of the benchmark that are here, print the table and write it; exit with 1 if none is here."""
     from harness.cli.terminal import frames_bar, print_reports
     from harness.report.benchmark import MATERIALS, changed_methods, material_experiment
-    from harness.report.benchmark_tables import benchmark_lines, benchmark_table, elsewhere_table, write_benchmark
+    from harness.report.benchmark_tables import (
+        benchmark_lines,
+        benchmark_table,
+        unlabelled_settings_table,
+        write_benchmark,
+    )
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
     from vfoa.errors import VfoaError
@@ -197,7 +202,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     if not scores:
         print_reports([table])
         raise typer.Exit(1)
-    tables = table, elsewhere_table(scores)
+    tables = table, unlabelled_settings_table(scores)
     print_reports(tables)
     for line in benchmark_lines(scores, tables[1]):
         say(line)
@@ -220,7 +225,7 @@ def _run_paper_cases(out: str | None) -> None:
 
 def _advice(plan: Plan, run: Path) -> str | None:
     """A line for a clip without labels: what calibration error to expect, and what a few labels would change."""
-    expected = [configuration.attend.attention.elsewhere for configuration in plan.experiment.configurations]
+    expected = [configuration.attend.attention.expectation for configuration in plan.experiment.configurations]
     unlabelled = (each.manifest.name for each in plan.clips if each.labels is None or not each.labels.are_scored)
     clip = next(unlabelled, None)
     if clip is None or not any(expected):

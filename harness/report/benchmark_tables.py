@@ -58,7 +58,7 @@ UNFITTED = ("nearest_15", "two_cones", "posterior", "logit")
 """Methods of the table on settings that nobody labelled: those that use no later frames, and the simplest rule."""
 
 
-def elsewhere_table(scores: Mapping[str, Scores]) -> Table:
+def unlabelled_settings_table(scores: Mapping[str, Scores]) -> Table:
     """The table of methods in settings that nobody labelled: log loss / balanced FRR, the least mean log loss first."""
     of_runs = {name: _of_run(of_material) for name, of_material in scores.items()}
     of_methods = {method: _by_setting(method, of_runs) for method in UNFITTED}
@@ -112,9 +112,9 @@ def _loss_and_rate(rates: Rates | None) -> str:
     return UNKNOWN if rates is None else f"{number(rates.log_loss, 3)} / {percent(rates.balanced)}"
 
 
-def benchmark_lines(scores: Mapping[str, Scores], elsewhere: Table) -> list[str]:
+def benchmark_lines(scores: Mapping[str, Scores], unlabelled_settings: Table) -> list[str]:
     """The answer: the best method where it has seen no label; then that of each material, and if it beats a rule."""
-    best = dict(zip(elsewhere.columns, elsewhere.rows[0], strict=True))
+    best = dict(zip(unlabelled_settings.columns, unlabelled_settings.rows[0], strict=True))
     return [
         f"In settings that nobody labelled {best['Method']} is best: mean log loss {best['Mean log loss']}, "
         f"balanced FRR {best['Mean balanced %']} %.",

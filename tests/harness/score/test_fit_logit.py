@@ -143,7 +143,7 @@ def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
     capsys.readouterr()
     code, said, err = vfoa(monkeypatch, capsys, "run", "one", "--workers", "1", "--recording", "none")
     assert code == 0, err
-    expected = LogitSettings(method="logit").elsewhere
+    expected = LogitSettings(method="logit").expectation
     (line,) = (line for line in said.splitlines() if line.startswith("one has no labels."))
     assert expected in line
     assert re.findall("`(.*?)`", line) == [f"vfoa fit {Path('runs', 'one')}"]
@@ -178,8 +178,8 @@ def test_the_terminal_says_that_a_clip_was_fitted_on(
 
 
 def test_the_default_weights_say_what_to_expect_and_fitted_ones_do_not(fitted: Path) -> None:
-    assert "calibration error" in LogitSettings(method="logit").elsewhere
-    assert read_fitted(fitted).attention.elsewhere == ""
+    assert "calibration error" in LogitSettings(method="logit").expectation
+    assert read_fitted(fitted).attention.expectation == ""
 
 
 def test_a_file_holds_cases_that_nobody_fitted(fitted: Path) -> None:
