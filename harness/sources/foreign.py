@@ -9,20 +9,19 @@ from typing import Any
 
 from harness.files.io import check_fetched, read_bytes
 from harness.files.parsing import parse_json
-from harness.sources.recordings.containers import is_zstd
+from harness.sources.recordings.containers import is_zstd, starts_with
+from harness.sources.recordings.mcap_files import MAGIC
 from vfoa.errors import VfoaError
 
 _ZSTD_SUFFIXES = (".zst", ".zstd")
 _MOST_JSON_BYTES = 2**24
-_ZED = (
-    "a recording of the ZED's SDK",
-    "its views, which the SDK's sample svo_export.py writes: --mode 0 a film of both, --mode 2 two series of images. "
-    "They are rectified: give fx, cx, cy and the baseline of the SDK's calibration_parameters (--fx --cx --cy "
-    "--baseline)",
-)
 _RECORDINGS = {
-    ".svo": _ZED,
-    ".svo2": _ZED,
+    ".svo": (
+        "a recording of the ZED's SDK before version 4.1",
+        "an .svo2, or its views, which the SDK's sample svo_export.py writes: --mode 0 a film of both, --mode 2 two "
+        "series of images. They are rectified: give fx, cx, cy and the baseline of the SDK's calibration_parameters "
+        "(--fx --cx --cy --baseline)",
+    ),
     ".tak": ("a take of Motive", "the CSV of its rigid bodies: Export Tracking Data, as quaternions"),
     ".qtm": ("a measurement of QTM", "the TSV of its 6DOF data: Export to TSV, with header and names of columns"),
     ".c3d": ("markers in C3D", "rigid bodies: the CSV of Motive or Vicon Tracker, or the TSV of QTM's 6DOF data"),
@@ -36,7 +35,7 @@ def refuse_foreign(path: Path) -> None:
     if not path.is_file():
         return
     check_fetched(path)
-    if (known := _RECORDINGS.get(path.suffix.lower())) is not None:
+    if (known := _RECORDINGS.get(path.suffix.lower())) is not None and not starts_with(path, MAGIC):
         kind, instead = known
         raise VfoaError(f"{path}: {kind}, which is not read; expected {instead}")
     if path.suffix.lower() == ".json" and (what := _foxglove(path)):

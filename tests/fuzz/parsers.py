@@ -287,6 +287,7 @@ PARSERS: Sequence[Parser] = (
     Parser("MCAP, protobuf", "take.mcap", whole.mcap("protobuf"), states.read_recording),
     Parser("MCAP of a depth camera", "take.mcap", whole.depth_bag("mcap"), states.read_recording),
     Parser("MCAP of a video", "take.mcap", whole.video_mcap, states.read_recording),
+    Parser("message: strips of the ZED", "message.bin", whole.zed_message, states.read_zed_message),
     Parser("ROS 1 bag", "take.bag", tuple(map(whole.depth_bag, ("bag", "bag bz2", "bag lz4"))), states.read_recording),
     Parser("ROS 2 bag", "take.db3", whole.depth_bag("db3"), states.read_recording),
     Parser("ROS 2 bag's metadata", "metadata.yaml", states.write_metadata, states.read_with_metadata),

@@ -35,10 +35,10 @@ from harness.score.labelled_run import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score as score_columns
 from harness.sources.calibration_files.read import read_cameras
-from harness.sources.recordings import messages
+from harness.sources.recordings import messages, zed
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
-from harness.sources.recordings.pixels import read_depth
+from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import RecordingSettings
 from harness.studio.store import load_geometry, load_pair, save_geometry, save_pair
 from scripts.measure.stage_outputs import write_coco_panoptic
@@ -359,6 +359,12 @@ def read_message(kind: str) -> Read:
         return messages.stamp_ns(type_, data, where), read_depth(type_, data, None, where)
 
     return read
+
+
+def read_zed_message(path: Path) -> Any:
+    """Reads an image of the ZED's SDK, in strips."""
+    type_ = messages.message_type(zed.ENCODING, zed.ENCODING, zed.IMAGES, b"")
+    return read_image(type_, path.read_bytes(), str(path))
 
 
 # Networks

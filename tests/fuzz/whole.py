@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
 from harness.run.fitted import FittedWeights, MethodScore, fitted_text
-from tests import calibrations, depth_recordings
+from tests import calibrations, depth_recordings, zed
 from tests.disk import labels_text, moving_picture, picture, write_bytes, write_image
 from tests.exchanges import cvat_box, cvat_document, cvat_track, exchange, row
 from tests.harness.damage import project
@@ -321,6 +321,10 @@ def video_mcap(path: Path) -> None:
     coder, options = depth_recordings.CODERS["h264"]
     packets = depth_recordings.Encoder(coder, *SMALL, options).packets([each.colour for each in _SHOTS])
     depth_recordings.write_video_take(path, "h264", packets, _SHOTS)
+
+
+def zed_message(path: Path) -> None:
+    path.write_bytes(zed.message(zed.strips(moving_picture(1, *SMALL))))
 
 
 def ros_message(kind: str, **fields: Any) -> Write:

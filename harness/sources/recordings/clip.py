@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -16,11 +17,11 @@ from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
 from harness.sources.media.maps import MILLIMETRES
-from harness.sources.recordings import realsense
+from harness.sources.recordings import realsense, zed
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
 from harness.sources.recordings.containers import Container, starts_with, window_of
-from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in
+from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in, read_summary
 from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import (
     Place,
@@ -294,7 +295,8 @@ class McapClip(RecordingClip):
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
         if starts_with(path, MAGIC):
-            return (_recognised(path, "an MCAP recording"),)
+            serials = zed.serials(channel.topic for channel in read_summary(path).channels.values())
+            return (_of_zed(path, serials[0]) if serials else _recognised(path, "an MCAP recording"),)
         files = files_in(path) if path.is_dir() and not bag_parts(path) else ()
         return (_recognised(path, "an MCAP recording", len(files)),) if files else ()
 
@@ -307,6 +309,19 @@ class BagClip(RecordingClip):
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
         parts = bag_parts(path)
         return (_recognised(path, "a ROS bag", len(parts)),) if parts else ()
+
+
+def _of_zed(path: Path, serial: str) -> Recognised:
+    """A recording of the ZED's SDK, and the camera's calibration if that is beside it."""
+    file = f"SN{serial}.conf"
+    found = _recognised(path, "a recording of the ZED's SDK")
+    if (path.parent / file).is_file():
+        return replace(found, source={**found.source, "calibration": file}, calibration=file)
+    missing = (
+        f"no {file} beside it; expected the calibration of this camera there, or --calibration FILE: it is in the "
+        f"SDK's folder (/usr/local/zed/settings), and at https://www.stereolabs.com/developers/calib/?SN={serial}"
+    )
+    return replace(found, calibration=None, incomplete=(missing,))
 
 
 def _recognised(path: Path, what: str, files: int = 1) -> Recognised:

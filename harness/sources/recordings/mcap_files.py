@@ -20,6 +20,7 @@ from mcap.summary import Summary
 
 from harness.files.ascending import natural_order
 from harness.files.io import opened
+from harness.sources.recordings import zed
 from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
 from harness.sources.recordings.messages import MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
@@ -137,9 +138,15 @@ def read_summary(path: Path) -> Summary:
 def log_span_ns(path: Path) -> tuple[int, int] | None:
     """First and last log time of a file: from its statistics, or else its messages; None without messages."""
     summary = read_summary(path)
-    if (statistics := summary.statistics) is not None and statistics.message_count:
+    is_of_zed = zed.serials(channel.topic for channel in summary.channels.values())
+    if not is_of_zed and (statistics := summary.statistics) is not None and statistics.message_count:
         return statistics.message_start_time, statistics.message_end_time
-    times_ns = [message.log_time for _, _, message in walk_messages(path, summary, [])]
+    times_ns = [
+        message.log_time
+        for _, _, message in walk_messages(path, summary, [])
+        if (channel := summary.channels.get(message.channel_id)) is not None
+        if not zed.is_of_another_clock(channel.topic)
+    ]
     return (min(times_ns), max(times_ns)) if times_ns else None
 
 

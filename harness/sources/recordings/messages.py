@@ -16,6 +16,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
+from harness.sources.recordings import zed
 from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, reported_as
 from vfoa.geometry import rotation_of
@@ -39,6 +40,7 @@ _ROS: dict[str, Kind] = {
 _KINDS: dict[str, dict[str, Kind]] = {
     "cdr": _ROS,
     "ros1": _ROS,
+    zed.ENCODING: {zed.IMAGES: "compressed"},
     "protobuf": {
         f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
     },
@@ -67,7 +69,7 @@ def codec_of(form: str) -> Codec | None:
     return next((codec for codec, words in _CODECS.items() if any(word in form.lower() for word in words)), None)
 
 
-READ = "messages of ROS 1, of ROS 2 (cdr), or of Foxglove in protobuf"
+READ = "messages of ROS 1, of ROS 2 (cdr), of Foxglove in protobuf, or of the ZED's SDK"
 """What is read, for errors."""
 
 
@@ -106,6 +108,11 @@ class MessageType:
         """Whether its messages are ROS's, in either serialisation."""
         return self.message_encoding in _SCHEMAS
 
+    @property
+    def is_zed(self) -> bool:
+        """Whether its messages are images of the ZED's SDK: of both views, logged at the times when they were taken."""
+        return self.message_encoding == zed.ENCODING
+
 
 def ros_name(name: str) -> str:
     """ROS 2's name of a type: ``sensor_msgs/Image`` becomes ``sensor_msgs/msg/Image``."""
@@ -117,8 +124,10 @@ def message_type(message_encoding: str, schema_encoding: str, name: str, schema:
     """Return the type of a topic's messages.
 
     A definition of ROS without a field (it is empty, or the type's name alone) counts as one that is not there; a
-    language that is not stated is that of ROS's definitions.
+    language that is not stated is that of ROS's definitions. The ZED's SDK calls a type by its camera, too.
     """
+    if message_encoding == zed.ENCODING:
+        name = name.rpartition("/")[2]
     if message_encoding in _SCHEMAS:
         name = ros_name(name)
         if not _has_field(schema):
@@ -290,6 +299,10 @@ def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:
         If the message is not of its type.
     """
     with reading(kind, where):
+        if kind.is_zed:
+            form, content, size_px = zed.image_of(data, where)
+            step = 2 * size_px[0] if size_px else 0
+            return ImageMessage(form=form, frame_id="", data=content, size_px=size_px, step=step)
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
         is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")

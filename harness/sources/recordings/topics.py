@@ -389,6 +389,11 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     if settings.both is not None:
         packed = named((topic for topic in topics if topic.is_image), settings.both, "both", where)
         return Sides(packed, packed, None)
+    of_zed = [topic for topic in topics if topic.type.is_zed and topic.is_image]
+    if len(of_zed) == 1:
+        return Sides(of_zed[0], of_zed[0], None)
+    if of_zed:
+        raise VfoaError(f"{where}: {len(of_zed)} cameras; expected both = TOPIC in [source]: found {listed(of_zed)}")
     if settings.depth is not None and settings.right is None:
         left, depth = find_colour_and_depth(topics, settings.left, settings.depth, where)
         return Sides(left, None, depth)

@@ -39,7 +39,7 @@ def test_a_film_that_is_a_pointer_of_git_lfs_is_named(tmp_path: Path) -> None:
         Video(write_text(tmp_path / "a.mp4", POINTER))
 
 
-@pytest.mark.parametrize("name", ["zed.svo", "ZED.SVO2"])
+@pytest.mark.parametrize("name", ["zed.svo", "ZED.SVO"])
 def test_a_recording_of_the_zed_is_named(name: str, tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=rf"{name}: a recording of the ZED's SDK.*svo_export\.py"):
         refuse_foreign(write_text(tmp_path / name, ""))
