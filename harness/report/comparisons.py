@@ -86,7 +86,7 @@ def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) 
                 *(comparison.configuration.removeprefix(shared), comparison.reference.removeprefix(shared)),
                 verdict_in_words(comparison),
                 points(comparison.difference),
-                UNKNOWN if comparison.is_identical else points_range(comparison.interval),
+                points_range(comparison.interval),
                 _units(comparison),
                 *(p_value(comparison.p), p_value(comparison.p_holm), _detectable(comparison.detectable)),
                 *(comparison.n, comparison.better, comparison.worse),

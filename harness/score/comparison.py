@@ -43,7 +43,8 @@ class Comparison:
     which case it is valid for these clips only. ``p_holm`` is corrected for the comparisons made together
     (``family``). ``interval`` are the differences that the corrected test does not reject. ``detectable`` is the true
     difference that such a comparison finds significant, after the correction, with 80 % power; infinite if none is
-    large enough, NaN if unknown. ``looks`` are joined ones. ``is_identical``: both are right on the same frames.
+    large enough, NaN if unknown. ``looks`` are joined ones. ``is_identical``: both are right on the same frames, and
+    there is no interval.
     """
 
     reference: str
@@ -151,20 +152,24 @@ def compare_pairs(
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return the comparisons, corrected together for their number by Holm's method, with the intervals that belong."""
+    ordered = sorted(comparison.p for comparison in comparisons)
     corrected = holm([comparison.p for comparison in comparisons])
     family, rejected = len(comparisons), sum(p < SIGNIFICANCE for p in corrected)
-    order = sorted(range(family), key=lambda i: comparisons[i].p)
-    # Holm tests the smallest p at 5 % / family, the next at 5 % / (family - 1) ..., and stops at the first not below
-    levels = {index: SIGNIFICANCE / (family - min(rank, rejected)) for rank, index in enumerate(order)}
     return tuple(
         replace(
             comparison,
             p_holm=p,
             family=family,
-            interval=NO_INTERVAL if comparison.units is None else difference_interval(comparison.units, levels[index]),
+            interval=NO_INTERVAL
+            if comparison.units is None or comparison.is_identical
+            # Holm tests the smallest p at 5 % / family, the next at 5 % / (family - 1) ..., and stops at the first not
+            # below; equal p have one level, whatever the order of the comparisons
+            else difference_interval(
+                comparison.units, SIGNIFICANCE / (family - min(ordered.index(comparison.p), rejected))
+            ),
             detectable=math.nan if comparison.units is None else detectable_difference(comparison.units, family),
         )
-        for index, (comparison, p) in enumerate(zip(comparisons, corrected, strict=True))
+        for comparison, p in zip(comparisons, corrected, strict=True)
     )
 
 

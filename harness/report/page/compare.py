@@ -16,7 +16,7 @@ from harness.report.page.packing import pack_json
 from harness.report.page.render import counted, plain_table, script, template
 from harness.score.compared_runs import ComparedRuns
 from harness.score.comparison import Comparison
-from harness.score.statistics import NO_INTERVAL, Interval
+from harness.score.statistics import Interval
 from harness.score.verdicts import Verdict
 
 Link = Callable[[Path, Verdict], str | None]
@@ -88,7 +88,7 @@ def _figures(compared: ComparedRuns, shared: str) -> dict[str, Any]:
                 "number": number[comparison.configuration],
                 "n": comparison.n,
                 "value": None if comparison.n == 0 else comparison.difference,
-                **_ends(NO_INTERVAL if comparison.is_identical else comparison.interval),
+                **_ends(comparison.interval),
                 "printed": "identical" if comparison.is_identical else points(comparison.difference),
                 "ends": "" if comparison.is_identical else points_range(comparison.interval),
                 "words": f"{verdict_in_words(comparison)}; {comparison.sentence}",

@@ -20,7 +20,7 @@ from harness.run.manifest import Published
 from harness.score.comparison import Comparison
 from harness.score.reference import Reference
 from harness.score.score import Scores
-from harness.score.statistics import Interval
+from harness.score.statistics import NO_INTERVAL, Interval
 from tests.disk import write_text
 from tests.records import answers, labels, score, texts_of
 from vfoa.errors import VfoaError
@@ -68,7 +68,7 @@ def test_what_is_significant_says_in_which_direction() -> None:
 
 
 def test_identical_configurations_have_no_interval() -> None:
-    (row,) = terminal_comparisons([replace(_pair("a", "b"), is_identical=True)]).rows
+    (row,) = terminal_comparisons([replace(_pair("a", "b"), is_identical=True, interval=NO_INTERVAL)]).rows
     assert row[2:5] == ("identical on 40 frames", "+0.0", UNKNOWN)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from harness.score.comparison import compare, format_p, with_holm
 from harness.score.intervals import ScoredFrames, Units, difference_interval
+from harness.score.statistics import NO_INTERVAL
 
 LOOK = 10
 
@@ -115,6 +116,7 @@ def test_configurations_that_are_right_on_the_same_frames_are_identical() -> Non
     (same,) = compare({"a": _clips(*right), "b": _clips(*right)})
     assert same.is_identical
     assert same.sentence == "b vs a: identical on 180 frames"
+    assert same.interval == NO_INTERVAL
     (other,) = compare({"a": _clips([5, 5]), "b": _clips([4, 6])})
     assert (other.difference, other.is_identical) == (0, False)
     (nothing,) = compare({"a": _clips([5]), "b": _clips([5], first=100)})
@@ -134,7 +136,8 @@ def test_p_values_for_people() -> None:
             (0.05 / 3, 0.05 / 2, 0.05 / 2),
         ),  # one is rejected: the next is tested at 5 % / 2, and it ends
         ((0.2, 0.9, 0.3), (0.05 / 3, 0.05 / 3, 0.05 / 3)),
-        ((0.02, 0.001, 0.001), (0.05 / 1, 0.05 / 3, 0.05 / 2)),
+        ((0.02, 0.001, 0.001), (0.05 / 1, 0.05 / 3, 0.05 / 3)),  # equal p: one level, in any order
+        ((0.001, 0.02, 0.02), (0.05 / 3, 0.05 / 2, 0.05 / 2)),
     ],
 )
 def test_intervals_have_the_level_at_which_holm_tests_their_comparison(
@@ -143,7 +146,7 @@ def test_intervals_have_the_level_at_which_holm_tests_their_comparison(
     rng = np.random.default_rng(7)
     gains = rng.normal(1, 3, 12)
     units = Units(clips=np.arange(12), frames=np.full(12, 30.0), values=gains)
-    (one,) = compare({"a": _clips([5, 5]), "b": _clips([5, 5])})
+    (one,) = compare({"a": _clips([5, 5]), "b": _clips([4, 6])})
     corrected = with_holm([replace(one, p=p, units=units) for p in p_values])
     expected = [difference_interval(units, level) for level in levels]
     assert [comparison.interval for comparison in corrected] == expected
