@@ -35,6 +35,13 @@ def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_
         raise VfoaError(f"cx, cy: found {_listed(place_px)}; expected at most {PLACE_PX:g} pixels")
 
 
+def check_size(size_px: tuple[int, int], calibrated_px: tuple[int, int], what: str) -> None:
+    """Raise a :class:`VfoaError` if images (``what``) have another (width, height) than the calibration is for."""
+    if size_px != calibrated_px:
+        found, expected = (f"{width} x {height}" for width, height in (size_px, calibrated_px))
+        raise VfoaError(f"{what} of {found} pixels; expected {expected}, the size that the calibration is for")
+
+
 def _listed(numbers: tuple[float, ...]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 
@@ -72,8 +79,8 @@ class Calibration:
         VfoaError
             If the calibration is for another size, or its numbers are not those of a camera.
         """
-        if self.size_px not in (None, (width_px, height_px)):
-            raise VfoaError(f"the calibration is for {self.size_px} pixels, the images have ({width_px}, {height_px})")
+        if self.size_px is not None:
+            check_size((width_px, height_px), self.size_px, "images")
         places_px = self.cx_px, self.cy_px, self.cx_right_px
         check_camera((width_px, height_px), (self.fx_px, self.fy_px), places_px)
         if not BASELINE_M[0] <= self.baseline_m <= BASELINE_M[1]:

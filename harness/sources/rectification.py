@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.sources.calibration import Calibration, ProjectionError, from_projections
+from harness.sources.calibration import Calibration, ProjectionError, check_size, from_projections
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map
 
@@ -142,23 +142,21 @@ class Undistorter:
 
     def image(self, image: Image, kind: str) -> Image:
         """Return a rectified image (H, W, 3) uint8; pixels that the camera did not see are black."""
-        self._check(image, kind)
+        self._check_size(image, kind)
         if self._maps is None:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def depth(self, depth_m: Map) -> Map:
         """Return a rectified depth map (H, W), by nearest pixels: depths must not be averaged across edges."""
-        self._check(depth_m, "depth map")
+        self._check_size(depth_m, "depth map")
         if self._maps is None:
             return depth_m
         nan = float("nan")
         return np.asarray(cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST, borderValue=nan), dtype=np.float32)
 
-    def _check(self, pixels: Image | Map, kind: str) -> None:
-        size = (pixels.shape[1], pixels.shape[0])
-        if size != self._size_px:
-            raise VfoaError(f"{self._where}: the calibration is for {self._size_px} pixels, the {kind} has {size}")
+    def _check_size(self, pixels: Image | Map, kind: str) -> None:
+        check_size((pixels.shape[1], pixels.shape[0]), self._size_px, f"{self._where}: {kind}")
 
 
 class Rectifier:
@@ -363,8 +361,8 @@ def scaled_to(cameras: Cameras, size_px: tuple[int, int]) -> Cameras:
     scale = size_px[0] / own[0]
     if abs(own[1] * scale - size_px[1]) > max(1.0, scale):
         raise VfoaError(
-            f"the calibration is for {own} pixels, the images have {size_px}: another aspect; expected the calibration "
-            "of these images"
+            f"images of {size_px[0]} x {size_px[1]} pixels have another aspect ratio; expected that of {own[0]} x "
+            f"{own[1]}, the size that the calibration is for"
         )
     shift = (scale - 1) / 2
     if isinstance(cameras, Calibration):

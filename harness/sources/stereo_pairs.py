@@ -266,7 +266,7 @@ def check_sizes(left: Image, right: Image, left_path: Path, right_path: Path) ->
     if left.shape != right.shape:
         raise VfoaError(
             f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
-            f"the left one ({left_path.name}) {left.shape[1]} x {left.shape[0]}"
+            f"the left one ({left_path.name}) {left.shape[1]} x {left.shape[0]}; expected the same"
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from harness.files.io import read_text
 from harness.files.parsing import parse_json
+from harness.sources.calibration import check_size
 from harness.sources.calibration_files.documents import read_document, ros_camera
 from harness.sources.calibration_files.texts import camera_matrix, floats
 from harness.sources.depth_optics import pinhole, without_distortion
@@ -47,8 +48,7 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
             if len(values) != 9:
                 raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K): {FORMATS}")
             camera = pinhole(camera_matrix(values, path), size_px)
-    if camera.size_px != size_px:
-        raise VfoaError(f"{path}: the calibration is for {camera.size_px} pixels, the images have {size_px}")
+    check_size(size_px, camera.size_px, f"{path}: images")
     return without_distortion(camera) if rectified else camera
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from harness.sources.calibration import check_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.recordings import realsense
@@ -349,12 +350,9 @@ class DepthCamera:
 
     def _registered(self, depth_m: Map, stamp_ns: int, target: StereoRig) -> Map:
         assert self._colour_from_depth is not None
-        source = self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0]))
-        if source.size_px != (depth_m.shape[1], depth_m.shape[0]):
-            raise VfoaError(
-                f"{self._where}: {self._depth.name}: the calibration is for {source.size_px} pixels, the depth has "
-                f"({depth_m.shape[1]}, {depth_m.shape[0]})"
-            )
+        size_px = (depth_m.shape[1], depth_m.shape[0])
+        source = self._camera(self._depth, stamp_ns, size_px)
+        check_size(size_px, source.size_px, f"{self._where}: {self._depth.name}: images")
         if self._registration is None or self._registration[0] != (source, target):
             self._registration = (source, target), DepthRegistration(source, target, self._colour_from_depth)
         return np.ascontiguousarray(self._registration[1].register(depth_m))
