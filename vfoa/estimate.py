@@ -14,6 +14,8 @@ from vfoa.types import Attention, FrameResult, NoAttention, Percepts
 _REASONS = {
     NoAttention.NO_EYES_3D: "the position of the eyes is unknown",
     NoAttention.NO_DIRECTION: "neither gaze nor head pose was measured",
+    NoAttention.NO_ANSWER: "the method has no answer",
+    NoAttention.NO_OBJECT: "there is no target at the point that the person looks at",
 }
 
 

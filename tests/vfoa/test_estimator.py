@@ -16,6 +16,7 @@ import vfoa
 from tests.repository import REPOSITORY
 from tests.true_stages import BOXES, EYES, FAR, NEAR, TrueGaze, true_percepts, true_stages
 from vfoa.bayes import BayesSettings
+from vfoa.estimate import Look
 from vfoa.estimator import DEFAULTS
 from vfoa.geometry import unit
 from vfoa.logit import LogitSettings
@@ -48,6 +49,15 @@ def test_two_images_and_a_rig_give_who_looks_at_what_by_name(percepts: Percepts)
 def test_targets_with_one_label_are_numbered(percepts: Percepts) -> None:
     estimate = vfoa.Estimator(true_stages(percepts, FAR), reconstruction=PATCH).estimate(BLACK, BLACK, percepts.rig)
     assert len(set(estimate.target_names.values())) == len(estimate.target_names) == 3
+
+
+@pytest.mark.parametrize("missing", NoAttention)
+def test_a_look_without_an_answer_says_why(missing: NoAttention) -> None:
+    """Also of methods of other distributions, which may give any reason."""
+    look = Look(
+        track_id=1, subject="anna", target=None, attention=math.nan, distance_m=math.nan, values={}, missing=missing
+    )
+    assert str(look).startswith("anna: unknown (")
 
 
 def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
