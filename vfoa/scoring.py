@@ -76,7 +76,7 @@ def score(
     answers: Sequence[str | None],
     probabilities: Mapping[str, ArrayLike] | None = None,
 ) -> Score:
-    """Score one answer a frame, or a frame and person: as ``vfoa score`` does, from arrays.
+    """Score one answer per frame, or per frame and person: as ``vfoa score`` does, from arrays.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str,
         values = np.asarray(column, dtype=np.float64)
         if values.shape != counts.shape:
             raise VfoaError(
-                f"score: probabilities of {name!r}: found the shape {values.shape}; expected {counts.shape}, one each"
+                f"score: probabilities of {name!r}: found the shape {values.shape}; expected {counts.shape}"
             )
         chances[name] = values[counts]
     return chances

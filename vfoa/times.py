@@ -8,7 +8,7 @@ from vfoa.errors import VfoaError
 from vfoa.methods import FRAME_S
 
 MIN_STEP_NS = 100_000
-"""Frames that are nearer than this have times in another unit: no camera or tracker takes 10,000 frames a second."""
+"""Frames that are nearer than this have times in another unit: no camera or tracker takes 10,000 frames per second."""
 
 
 def time_of_frame(given: int | None, before: int | None) -> int:

@@ -64,7 +64,7 @@ def _read(file: Path) -> Address | None:
         return None
     found = parse_json(content, file)
     if not (isinstance(found, list) and len(found) == 2):
-        raise VfoaError(f"{file}: damaged; expected a port and a token")
+        raise VfoaError(f"{file}: damaged; expected a port and a token: remove the file")
     return parse(Address, {"port": found[0], "token": found[1]}, str(file))
 
 

@@ -95,7 +95,7 @@ def add_clip(
     source |= _calibration(calibration, numbers, fov)
     of_one = {"--name": name, "--openface": openface, "--gaze3d": gaze3d}
     if len(paths) > 1 and (given := [option for option, value in of_one.items() if value is not None]):
-        raise VfoaError(f"{given[0]}: found {len(paths)} paths; expected one, since it is that of one clip")
+        raise VfoaError(f"{given[0]}: found {len(paths)} paths; expected one: the option is of a single clip")
     if openface is not None:
         _check_images(Path(paths[0]), adapter, source, openface)
     faces = _faces_experiment(openface, gaze3d)

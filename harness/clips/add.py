@@ -325,7 +325,7 @@ def _open(path: Path, manifest: ClipManifest) -> tuple[Clip | MeasuredClip, Ster
     try:
         clip = manifest.open()
         if not clip.frames:
-            raise VfoaError("no frames")
+            raise VfoaError("the clip has no frames")
         first = clip.frames[0]
         return clip, clip.scene(first) if isinstance(clip, MeasuredClip) else clip.frame(first)
     except VfoaError as error:

@@ -80,13 +80,13 @@ def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Call
     Raises
     ------
     VfoaError
-        If the file exists, the clip does not know its times, or a frame cannot be read. Then nothing is written.
+        If the file exists, the frame rate is not known, or a frame cannot be read. Then nothing is written.
     """
     import av
 
     check_new(path, replace=False)
     if (rate_hz := clip.rate_hz) is None:
-        raise VfoaError("the clip does not know its rate; expected rate_hz in its manifest, under [source]")
+        raise VfoaError("the clip's frame rate is not known; expected rate_hz in its manifest, under [source]")
     height, width = _left(clip, frames[0]).shape[:2]
     with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=_H264)

@@ -70,8 +70,8 @@ def run_plan(
     """
     if plan.fit is None and plan.unfitted:
         raise VfoaError(
-            f"{plan.experiment.name}: {plan.unfitted[0].name}: its weights are to be fitted; expected `vfoa run`, "
-            "which does"
+            f"{plan.experiment.name}: {plan.unfitted[0].name}: its weights are not fitted yet; expected `vfoa run`, "
+            "which fits them"
         )
     for candidate in itertools.takewhile(lambda directory: not directory.is_new(), _candidates(RunDirectory(out))):
         KNOWN.update(read_value(candidate.noted_inputs, dict[str, str]) or {})

@@ -108,10 +108,10 @@ def compare_annotators(
     Raises
     ------
     VfoaError
-        If ``away_s`` is asked for, and the clip does not know its rate.
+        If ``away_s`` is asked for, and the clip's frame rate is not known.
     """
     if away_s and rate_hz is None:
-        raise VfoaError("--away: the clip does not know its rate; expected rate_hz in its manifest")
+        raise VfoaError("--away: the clip's frame rate is not known; expected rate_hz in its manifest")
     agreements = []
     for first, second in combinations(labels, 2):
         subjects = _compared(labels[first], labels[second], frames, rate_hz, away_s)

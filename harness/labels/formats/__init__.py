@@ -43,7 +43,7 @@ class AnnotationCsv:
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names."""
         if not read_text(path).startswith(VERSION_LINE.rpartition(" ")[0]):
-            raise VfoaError(f"{path}:1: expected {VERSION_LINE!r}; a table of one's own is read with --format table")
+            raise VfoaError(f"{path}:1: expected {VERSION_LINE!r}; for a table of your own, add --format table")
         labels = read_annotations(
             path,
             timeline=exchange.timeline,

@@ -112,7 +112,7 @@ class Exchange:
     Parameters
     ----------
     timeline, rate_hz
-        The clip's frames and times; None: the clip does not know its rate.
+        The clip's frames and times; None: the frame rate is not known.
     subjects, targets
         The manifest's names.
     fps
@@ -173,7 +173,9 @@ class Exchange:
             If neither the clip nor ``fps`` gives the frame rate.
         """
         if self.fps is None and self.rate_hz is None:
-            raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
+            raise VfoaError(
+                "--fps: missing; expected it, since the clip's frame rate is not known and this format holds times"
+            )
         begin_s = next(iter(self.films.values()), 0.0) if self.offset is None else self.offset
         if self.fps is not None:
             times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]

@@ -282,7 +282,7 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
     """Labels of the frames that are nearest to times, by at most half a step."""
     timeline = exchange.timeline if column == "time_ns" else exchange.shown
     if not timeline.times_ns:
-        raise VfoaError(f"{path}: {column}: the clip does not know its times; expected a column of frames")
+        raise VfoaError(f"{path}: {column}: the times of the clip's frames are not known; expected a column of frames")
     found, outside, within_ns = list[tuple[str, LabelRange]](), list[str](), timeline.step_ns / 2
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)

@@ -123,7 +123,7 @@ def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> Mapping[int | st
         return {name: number for number, name in number_names(names, str(path)).items() if number in known}
     rate_hz = exchange.fps or exchange.rate_hz
     if exchange.offset and rate_hz is None:
-        raise VfoaError(f"{path}: --offset: the clip does not know its rate; expected --fps RATE beside it")
+        raise VfoaError(f"{path}: --offset: the clip's frame rate is not known; expected --fps RATE, too")
     first = round((exchange.offset or 0.0) * (rate_hz or 0.0))
     return {first + position: frame for position, frame in enumerate(exchange.frames)}
 

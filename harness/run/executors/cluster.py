@@ -239,7 +239,7 @@ def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], shared_file:
     if code_digest(modules) != digest:
         raise VfoaError("runs another version of vfoa; expected the same source as here")
     if shared_file is not None and not _appears(shared_file):
-        raise VfoaError(f"sees no {shared_file}; expected the disk of the run's directory at the same path")
+        raise VfoaError(f"cannot read {shared_file}; expected the disk of the run's directory at the same path")
 
 
 def _check_goes_on(run: str) -> None:

@@ -1,4 +1,4 @@
-"""Maps in files, one number a pixel: disparity, depth, segment ids."""
+"""Maps in files, one number per pixel: disparity, depth, segment ids."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def read_ids(path: Path) -> NDArray[np.uint32]:
             ids = np.asarray(image) if image.mode == "P" else ids
     if ids.ndim != 2 or not (np.issubdtype(ids.dtype, np.integer) or ids.dtype == np.bool_):
         raise VfoaError(
-            f"{path}: found shape {ids.shape} of {ids.dtype}; expected a number a pixel: a PNG with a palette, or "
+            f"{path}: found shape {ids.shape} of {ids.dtype}; expected one number per pixel: a PNG with a palette, or "
             "gray of 8 or 16 bits, or an .npy of whole numbers"
         )
     if ids.size and not 0 <= ids.min() <= ids.max() <= LARGEST_ID:

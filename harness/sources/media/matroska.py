@@ -92,7 +92,7 @@ def _blocks(file: BinaryIO, end: int, path: Path) -> Iterator[FilmPicture]:
             number = _read_vint(file)
             head = file.read(3)
             if head[2] & _LACED:
-                raise VfoaError(f"{path}: several pictures share a block at byte {begin}; expected one each")
+                raise VfoaError(f"{path}: several pictures share a block at byte {begin}; expected one in each block")
             offset = file.tell()
             time = cluster_time + int.from_bytes(head[:2], "big", signed=True)
             if number in tracks and begin + size <= end:

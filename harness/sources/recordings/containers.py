@@ -116,7 +116,7 @@ def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: flo
     if start_s is None and end_s is None:
         return None
     if span_ns is None:
-        raise VfoaError(f"{where}: no messages")
+        raise VfoaError(f"{where}: no messages; expected a recording with images")
     first, last = span_ns
     start = first + round((start_s or 0) * 1e9)
     if start > last:

@@ -83,8 +83,8 @@ def _rows(raw: ImageMessage, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
     row_bytes = width * pixel_bytes
     if min(width, height) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * height:
         raise VfoaError(
-            f"{where}: {width} x {height} pixels of {raw.form} in {len(raw.data)} bytes, {raw.step} a row; expected at "
-            f"least {row_bytes} a row"
+            f"{where}: {width} x {height} pixels of {raw.form} in {len(raw.data)} bytes, {raw.step} per row; expected "
+            f"at least {row_bytes} per row"
         )
     return np.frombuffer(raw.data, np.uint8, raw.step * height).reshape(height, raw.step)[:, :row_bytes]
 

@@ -3,7 +3,7 @@
 /device_0/sensor_1/Color_0/image/data           images; a header's frame is the number of the stream
 /device_0/sensor_1/Color_0/info/camera_info     of lenses, by librealsense's names of their models
 /device_0/sensor_1/Color_0/tf/1                 the pose stream_from_reference, of the same reference for all streams
-/device_0/sensor_0/option/Depth_Units/value     metres a count of depth
+/device_0/sensor_0/option/Depth_Units/value     metres per count of depth
 
 A ``.db3`` has the poses in ``/tf_static``, and its headers name the frames.
 """
@@ -76,5 +76,5 @@ def metres_per_count(topics: Iterable[Topic], container: Container, depth: Topic
     with reading(kind, name):
         unit_m = float(fields_of(kind, data, name)("data"))  # a number, in .db3 as text
     if not 0 < unit_m < 1:
-        raise VfoaError(f"{name}: found {unit_m:g}; expected metres a count, such as 0.001")
+        raise VfoaError(f"{name}: found {unit_m:g}; expected metres per count, such as 0.001")
     return unit_m
