@@ -50,6 +50,11 @@ def are_booleans(cells: Iterable[str]) -> bool:
     return bool(words) and words <= _BOOLEANS
 
 
+def with_decimal_point(cell: str) -> str:
+    """A number with a decimal comma with a point; any other cell as it is."""
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
 def number_hint(cell: str) -> str:
     """What a program did to a cell that is not the expected number, and its option; "" if that is not known."""
     if _DECIMAL_COMMA.fullmatch(cell):
@@ -185,4 +190,4 @@ def _read_decimal_commas(path: Path, rows: list[Row]) -> None:
                 "in all numbers, and no sign between thousands"
             )
     for (_, cells), place in commas:
-        cells[place] = cells[place].replace(",", ".")
+        cells[place] = with_decimal_point(cells[place])

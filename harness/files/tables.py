@@ -28,6 +28,7 @@ from harness.files.dialects import (
     number_hint,
     separator_of,
     table_rows,
+    with_decimal_point,
 )
 from harness.files.garbage import collected_later
 from harness.files.io import atomic_write, read_text
@@ -299,8 +300,8 @@ def _finite_number(cell: str) -> float | None:
 def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every line that is not blank, the header first, below the line of the format's version.
 
-    A file with a version may have been saved by a spreadsheet program: with semicolons or tabs between its cells, and
-    blank cells at the ends of its lines.
+    A file with a version may have been saved by a spreadsheet program: with semicolons or tabs between its cells, blank
+    cells at the ends of its lines, and decimal commas in columns of seconds and pixels.
 
     Raises
     ------
@@ -314,18 +315,24 @@ def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list
         if not re.fullmatch(rf'("?){re.escape(version)}\1[,;\t]*', first.rstrip("\r")):
             raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}")
     rows = csv_lines(text, path, above, "," if version is None else separator_of(text, ",;\t", ","))
-    yield from rows if version is None else _without_blank_ends(rows)
+    yield from rows if version is None else _plain_cells(rows)
 
 
-def _without_blank_ends(rows: Iterator[Row]) -> Iterator[Row]:
-    """The rows that have any content, without blank cells beyond those of the header."""
-    width = 0
+_UNITS = ("_s", "_px")
+"""Ends of the names of columns with decimal numbers."""
+
+
+def _plain_cells(rows: Iterator[Row]) -> Iterator[Row]:
+    """The rows that have any content, without blank cells beyond those of the header and without decimal commas."""
+    width, measured = 0, set[int]()
     for line, cells in rows:
         while len(cells) > width and not cells[-1]:
             cells.pop()
-        width = width or len(cells)
+        if not width:
+            width = len(cells)
+            measured = {place for place, name in enumerate(cells) if name.endswith(_UNITS)}
         if any(cells):
-            yield line, cells
+            yield line, [with_decimal_point(cell) if place in measured else cell for place, cell in enumerate(cells)]
 
 
 def _checked_header(header: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:

@@ -180,6 +180,16 @@ def test_a_file_that_a_spreadsheet_program_saved_has_the_same_labels(tmp_path: P
         _read(write_text(tmp_path / "a.csv", text + separator.join(["6", "7", "girl", "brid", "", ""])))
 
 
+@pytest.mark.parametrize(("separator", "quote"), [(";", ""), ("\t", ""), (",", '"')])
+def test_decimal_commas_are_numbers_and_none_in_a_note(tmp_path: Path, separator: str, quote: str) -> None:
+    head = ["start_s", "end_s", "subject", "target", "note", "u_px", "v_px"]
+    row = ["0,25", "1", "girl", "cup", "1,5", "12,5", "40"]
+    text = "\n".join(separator.join(f"{quote}{cell}{quote}" for cell in cells) for cells in (head, row))
+    (found,) = _read(write_text(tmp_path / "a.csv", f"# vfoa annotations 1\n{text}\n")).ranges
+    assert found.span_ns == (250_000_000, 1_000_000_000)
+    assert found.label == Label(target="cup", note="1,5", point_px=(12.5, 40.0))
+
+
 @pytest.mark.parametrize(
     ("rows", "line", "message"),
     [
