@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from harness.score.verdicts import (
 from vfoa.types import Codes, Flags, Float
 
 COMPARED_EVERY = 4
-"""Of every so many frames, one is looked at for what tells of other axes and units."""
+"""Every Nth frame is checked for signs of other axes and units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,19 +64,11 @@ class SubjectVerdicts:
 
     def where(self, chosen: Flags | Codes) -> SubjectVerdicts:
         """The chosen frames."""
-        columns = (
-            "frames",
-            "truth",
-            "predicted",
-            "error_type",
-            "is_scored",
-            "is_blocked",
-            "confidence",
-            "worth",
-            "hits",
-            "angles_rad",
-        )
-        return replace(self, **{name: getattr(self, name)[chosen] for name in columns})
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        of_chosen: dict[str, Any] = {
+            name: column[chosen] for name, column in columns.items() if isinstance(column, np.ndarray)
+        }
+        return replace(self, **of_chosen)
 
     @property
     def is_wrong(self) -> Flags:
