@@ -194,7 +194,7 @@ def _looking(subject: Subject, targets: tuple[Target, ...], weighting: Weighting
 
 
 def _in_parts(alike: Sequence[_Looking], settings: ConesSettings) -> Iterator[Sequence[_Looking]]:
-    """People with the same cues and the same number of boxes, as many at a time as are computed together."""
+    """Split people with the same cues and number of boxes into batches that fit the cache (:data:`AT_ONCE`)."""
     first = alike[0]
     rays = len(first.axes) * len(settings.cones_rad) * (settings.n_rays + settings.axis_ray)
     people = max(1, AT_ONCE // (rays * max(1, len(first.ids))))

@@ -250,7 +250,7 @@ def _direction(mean: Float, otherwise: Float) -> Float:
 
 
 def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
-    """The values (..., T) of the targets ``ids``, from those of ``known``: 0 for a target without any."""
+    """Reorder values (..., T) from the targets ``known`` to the targets ``ids``; 0 for a target that is not known."""
     if ids == known:
         return values
     column = {number: k for k, number in enumerate(known)}

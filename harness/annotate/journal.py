@@ -195,11 +195,11 @@ class JournaledStore(ABC, Generic[Content]):
 
     @abstractmethod
     def set(self, value: Any) -> None:
-        """Make a change that cannot be undone; errors as those of :meth:`begin`."""
+        """Make a change that cannot be undone; raises the errors of :meth:`begin`."""
 
     @abstractmethod
     def make(self, step: Entry, side: Literal["before", "after"]) -> None:
-        """Set the state to the one before or after a step; errors as those of :meth:`begin`."""
+        """Set the state to the one before or after a step; raises the errors of :meth:`begin`."""
 
     @abstractmethod
     def describe(self, step: Entry) -> str:
@@ -226,7 +226,7 @@ class JournaledStore(ABC, Generic[Content]):
         """Write all of it, or nothing."""
 
     def apply(self, entry: Entry) -> None:
-        """Change the state by one entry; errors as those of :meth:`begin`."""
+        """Change the state by one entry; raises the errors of :meth:`begin`."""
         time_s = float(entry.get("time_s", 0))
         if "base" in entry:
             self.begin(entry["base"])

@@ -156,7 +156,7 @@ def one_line_errors() -> Iterator[None]:
 
 
 def _wrong(error: Any) -> str:
-    """What is wrong on a command line, as it is said of a file: without pydantic's words."""
+    """What is wrong on a command line, in the words of errors about files instead of pydantic's."""
     if isinstance(error.__cause__, ValidationError):
         message = f"{error.param.opts[0]}: {expected_and_found(error.__cause__.errors()[0])}"
     else:

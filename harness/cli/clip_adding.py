@@ -137,7 +137,7 @@ def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openf
 def _faces_experiment(
     openface: Path | None, gaze3d: Path | None
 ) -> Callable[[Added, Clip | MeasuredClip], dict[Path, str]] | None:
-    """Makes the experiment of a clip whose heads and gazes are those of another program; None without one."""
+    """Makes the experiment of a clip with heads and gazes from another program; None without such a program."""
     from harness.files.io import read_text
     from harness.files.parsing import toml_value
     from harness.pipeline.stage_files.other_programs import check_program, parts_in, read_part

@@ -156,7 +156,7 @@ _OF_BENCHMARK = ("overrides", "out", "workers", "threads", "limit", "recording",
 
 
 def _refuse_options(context: typer.Context, what: str, used: Collection[str]) -> None:
-    """Refuse every option of the command line but those of these parameters."""
+    """Refuse every given option except those in ``used``."""
     from vfoa.errors import VfoaError
 
     options = {param.name: param.opts[0] for param in context.command.params if param.name not in (None, "what")}

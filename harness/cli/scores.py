@@ -221,7 +221,7 @@ def compare(
 
 
 def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, port: int, *, no_open: bool) -> None:
-    """Serve the page of runs side by side, and their recordings; it is made anew for other conditions."""
+    """Serve the page of runs side by side, and their recordings; other conditions make another page."""
     from dataclasses import replace
 
     from harness.cli.view import browse
@@ -357,7 +357,7 @@ _Pair = TypeVar("_Pair", "Comparison", "PlannedPair")
 
 
 def _best_first(pairs: Sequence[_Pair], ranked: Sequence[str]) -> Sequence[_Pair]:
-    """Pairs of configurations, those of the best ones first if they are more than are printed."""
+    """Pairs of configurations; if not all are printed, pairs of the best configurations come first."""
     if len(pairs) <= MOST_ROWS:
         return pairs
     rank = {name: place for place, name in enumerate(ranked)}

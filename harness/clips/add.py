@@ -257,7 +257,7 @@ def _notes(frame: StereoFrame, manifest: ClipManifest) -> Iterator[str]:
 def distinct_names(paths: Sequence[str]) -> dict[str, str | None]:
     """A name for each of several paths: None where that of the path itself will do.
 
-    Paths that end alike (``p01/zed.mcap``, ``p02/zed.mcap``) are told by as many of their folders as it takes.
+    Paths that end alike (``p01/zed.mcap``, ``p02/zed.mcap``) are distinguished by as many of their folders as needed.
     """
     whole = {path: Path(os.path.abspath(os.path.expanduser(path))) for path in paths}
     parts = {path: (found.with_suffix("") if found.is_file() else found).parts for path, found in whole.items()}

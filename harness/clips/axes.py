@@ -68,10 +68,10 @@ def other_axes(directions: Float, to_targets: Float) -> OtherAxes | None:
 
 
 def other_forward(to_targets: Float, forward: Float) -> Float | None:
-    """Where the face is on a body that a head wears, a unit vector (3,), if it is not where it is said to be.
+    """Where the face points in the axes of a worn body, a unit vector (3,); None if it is as the settings say.
 
     ``to_targets`` (N, 3) are the vectors from the eyes to the true targets in the body's own axes, and ``forward`` (3,)
-    the unit vector that was said. None unless most targets are about one direction, which is far from that.
+    the unit vector of the settings. None unless most targets are about one direction, which is far from that.
     """
     if len(to_targets) < FEWEST:
         return None

@@ -53,7 +53,7 @@ class _Aim:
 def direction_notes(manifest: ClipManifest, clip: MeasuredClip, labels: Labels | None) -> list[str]:
     """Notes if labels say that the directions are wrong: gazes, or heads where no gaze was measured.
 
-    The face is elsewhere on the bodies that are worn, or the directions seem to be in another program's axes.
+    Either the face points in another direction on worn bodies, or the directions are in another program's axes.
     """
     looks = [look for look in labels.labelled(clip.frames) if look[2].target not in RESERVED] if labels else []
     aims = [aim for look in looks[:: -(-len(looks) // MOST_AIMS) or 1] if (aim := _aim(manifest, clip, *look))]
@@ -65,7 +65,7 @@ def direction_notes(manifest: ClipManifest, clip: MeasuredClip, labels: Labels |
 
 
 def _forward_notes(clip: WornBodies, people: Mapping[str, int], aims: Sequence[_Aim]) -> Iterator[str]:
-    """A note for each person whose face points elsewhere in the axes of the body that is worn."""
+    """A note for each person whose face points in another direction than the settings of the worn body say."""
     for name, person in people.items():
         own = [aim for aim in aims if aim.person == person]
         if len({aim.target for aim in own}) < 2:

@@ -50,7 +50,7 @@ def _own(paths: Mapping[str, Path]) -> dict[str, Path]:
 
 
 def unset_lines(unset: Mapping[str, str | None]) -> list[str]:
-    """A line for each environment variable that is not set: the clips that need it, from that of each clip, if any."""
+    """A line for each environment variable that is not set, with the clips that need it; ``unset`` has it by clip."""
     return [
         f"{variable} is not set: {', '.join(name for name, of_clip in unset.items() if of_clip == variable)}"
         for variable in dict.fromkeys(filter(None, unset.values()))
@@ -114,7 +114,7 @@ def labels_of(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple
 
 
 def scored_labels(labels: Labels | None, clip: Clip | MeasuredClip | None) -> int | None:
-    """Number of (frame, subject) pairs with a label that is scored; the rows' own lengths count without the clip."""
+    """Number of scored (frame, subject) pairs; counted by the lengths of the ranges if the clip cannot be opened."""
     if labels is None:
         return None
     if clip is None:

@@ -31,7 +31,7 @@ from vfoa.validation import parse
 
 
 class PhaseRule(Settings):
-    """Which frames of a clip are a phase of it: those with so many things beside people."""
+    """Which frames of a clip are a phase of it: those with this number of things beside people."""
 
     things: int = Field(ge=0)
 

@@ -195,7 +195,7 @@ class _ConvertedNetwork:
         self._constants[self._output(layer)] = _widened(array)
 
     def convert(self, layer: _Layer) -> None:
-        """Take a constant as it is: it was widened when it was read."""
+        """Pass a constant on unchanged: it was widened when it was read."""
         tensor = self.tensor(layer, 0)
         wanted = layer.attributes.get("destination_type")
         kind = {"float32": "f32", "int64": "i64"}[self.value(layer, 0).dtype.name]

@@ -98,7 +98,7 @@ def _by_subject(names: Sequence[str], first: str | None, build: Callable[[str | 
 
 
 def _wide(layers: LayerNames, shown: ClipContent, subject: str | None, *, most: int | None = None) -> rrb.Horizontal:
-    """The 3D scene on the left, images and plots on the right; at most so many images and documents."""
+    """The 3D scene on the left, images and plots on the right; at most ``most`` images and documents."""
     images = _images(layers, shown, subject)[:most]
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
     meaning = rrb.Vertical(

@@ -102,7 +102,7 @@ class RecordedClip:
         return replace(self, layers=tuple(layer for layer in self.layers if layer.configuration == configuration))
 
     def layer_files(self) -> dict[str, Path]:
-        """Every existing file of the clip, by the part of its name that tells it from the clip's other files."""
+        """Every existing file of the clip, by the part of its name that differs from the clip's other files."""
         files = dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))
         return {file.stem.removeprefix(self.files.clip).removeprefix("__") or "images": file for file in files}
 
@@ -193,7 +193,7 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
 
 
 def _clips(run: Path) -> list[RecordedClip]:
-    """Every clip of a run, with the configurations that were recorded, perhaps none."""
+    """Every clip of a run, with the configurations that were recorded; these may be none."""
     manifest, recorded = RunDirectory(run).read_manifest(), []
     names = layer_names(manifest.configurations).values()
     for clip in manifest.clips:

@@ -125,7 +125,7 @@ def _log_curves(
     colours: Colours,
     known: Sequence[str],
 ) -> None:
-    """Log the curves of each subject: those of the manifest's names in one entity, any other one in its own.
+    """Log the curves of each subject: one entity for all names of the manifest, one for each other name.
 
     An entity takes 4 kB, however few its frames. A value that was not measured is NaN, which leaves a gap.
     """

@@ -107,7 +107,7 @@ def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
 
 
 def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], paths: Collection[str]) -> None:
-    """Log the style of the answers, once for all frames, for those of their paths that the recording has."""
+    """Log the style of the answers once for all frames, at the entity paths that the recording has."""
     for subject in subjects:
         for what, colour in (("truth", TRUTH_COLOUR), ("predicted", OUTCOME_COLOURS["wrong"])):
             for name, (archetype, style) in _STYLES.items():

@@ -147,7 +147,7 @@ def to_latex(table: Table, *, label: str) -> str:
 
 
 def in_parts(table: Table, width: int) -> tuple[Table, ...]:
-    """Split the table into parts no wider than ``width``: each has all words and as many number columns as fit."""
+    """Split the table into parts no wider than ``width``: each has all word columns, and as many others as fit."""
     widths = [max(map(len, column)) + 2 for column in zip(table.columns, *table.rows, strict=True)]
     room = width - sum(min(own, _LEAST_WORDS) for own in widths[: table.words]) - 1
     parts: list[list[int]] = [[]]

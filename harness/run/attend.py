@@ -186,7 +186,7 @@ class Answering:
         return self.error is None and self._attender.takes_many
 
     def attend(self, frames: Sequence[SceneFrame]) -> None:
-        """Attend to the next frames, and hand those that are finished now to the sinks: others, too, when smoothed."""
+        """Attend to the next frames; hand the finished ones to the sinks (with smoothing, these may be earlier)."""
         if self.error is not None:
             return
         try:

@@ -68,7 +68,7 @@ class RunDirectory:
 
     @property
     def inputs(self) -> Iterator[Path]:
-        """The files that scores, exports and fits read, with those of the clips: what no output may replace."""
+        """The files that scores, exports and fits read, of the run and of its clips: no output may replace them."""
         yield from (self.manifest, self.timings)
         yield from self.path.glob("*.rrd")
         yield from self.path.rglob("*.parquet")

@@ -96,7 +96,7 @@ def _dotted(grid: Mapping[str, Any], where: str, is_setting: Callable[[str, str]
 
 
 def _is_named_table(table: str, name: str, value: Any, is_setting: Callable[[str, str], bool]) -> bool:
-    """Whether a value has a name and is some settings of a table; else the name is that of a setting."""
+    """Whether ``name`` is a label for a table of settings; otherwise it is the key of a setting."""
     if not isinstance(value, dict):
         return False
     return any(is_setting(table, key) for key in value) or not is_setting(table, name)
@@ -112,7 +112,7 @@ def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any
 
 
 def _label(value: Any) -> str:
-    """The name of a value that has none: those of a list are joined, so that ``[10, 25]`` is ``10_25``."""
+    """The label of a value without a name; the values of a list are joined, so that ``[10, 25]`` is ``10_25``."""
     return "_".join(map(str, value)) if isinstance(value, list) else str(value)
 
 

@@ -153,7 +153,7 @@ class ClipJob:
         return [factory for factory in self.sinks if isinstance(factory, PictureSinkFactory)]
 
     def failures(self, errors: Mapping[str, VfoaError]) -> dict[Pair, VfoaError]:
-        """The errors of configurations by name, in their order, as those of pairs."""
+        """The errors by (clip, configuration), from those by configuration."""
         return {pair: errors[pair[1]] for pair in self.pairs if pair[1] in errors}
 
 
@@ -205,7 +205,7 @@ class _AttendProgress:
         self._read = 0
 
     def __call__(self, times: int) -> None:
-        """Count a frame of a clip that is read so many times."""
+        """Count a frame; the clip is read ``times`` times."""
         self._read += 1
         is_reported = self._left and self._read % (times * self._reporters) == 0
         self._left -= bool(is_reported)

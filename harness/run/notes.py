@@ -50,7 +50,7 @@ def unlabelled(clip: str, reason: str) -> Note:
 
 
 def clips_by_line(lines: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
-    """The clips of each line, from the lines of each clip: what is true of several is said once."""
+    """The clips of each line, from the lines of each clip, so that a line of several clips is shown once."""
     clips: dict[str, list[str]] = {}
     for clip, of_clip in lines.items():
         for line in of_clip:

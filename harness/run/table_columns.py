@@ -254,7 +254,7 @@ def _in_order(table: Any, frames: NDArray[np.int64], path: Path) -> tuple[Any, C
 
 
 def _of_people(scene: SceneColumns, table: Any, path: Path) -> Any:
-    """The rows of a table, which must be those of the scene's people."""
+    """The rows of a table in the order of the scene's people, one for each of them; else a :class:`VfoaError`."""
     table, at = _in_order(table, scene.frames, path)
     tracks = _numbers(table, "track_id")
     known = min(len(tracks), len(scene.tracks))

@@ -110,7 +110,7 @@ class NoCloudsError(VfoaError):
 
 
 def _clouds(rows: Iterable[Row], cloud_points: int) -> Clouds:
-    """The clouds of so many points, from the rows of ``clouds`` of a frame."""
+    """The clouds with ``cloud_points`` points, from the rows of ``clouds`` of a frame."""
     return {
         number: np.array(points, dtype=np.float32).reshape(-1, 3)
         for number, count, points in rows

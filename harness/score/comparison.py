@@ -83,12 +83,12 @@ class Comparison:
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p that the test can give on as many units, before the correction."""
+        """The smallest p that the test can give on this number of units, before the correction."""
         return 1.0 if self.units is None else smallest_p(len(self.units.merged().frames))
 
     @property
     def can_be_significant(self) -> bool:
-        """Whether any result on as many units could be significant by itself."""
+        """Whether any result on this number of units could be significant by itself."""
         return self.smallest_p * self.family < SIGNIFICANCE
 
     @property
@@ -196,7 +196,7 @@ def _counted(n: int, what: str) -> str:
 
 
 def identical_on(frames: int) -> str:
-    """What is said of configurations that are right on the same frames, and so have no spread."""
+    """The sentence about configurations that are right on the same frames, and so have no spread."""
     return f"identical on {_counted(frames, 'frame')}"
 
 

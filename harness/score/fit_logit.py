@@ -170,7 +170,7 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
 
 
 def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
-    """Yield the score of forward fits on a part of the labels: as many seconds, spread over the people."""
+    """Yield the score of forward fits on a part of the labels: ``CURVE_S`` seconds, spread over the people."""
     on_target = np.concatenate([is_on_target(person) for fold in folds for person in fold.test])
     for seconds in CURVE_S:
         outcomes: list[Float] = []

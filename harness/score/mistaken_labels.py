@@ -131,7 +131,7 @@ def _by_shift(now: Float, later: Float, most: int) -> Float:
 
 
 def _with_labels_after(subject: JudgedSubject, by: int) -> _Outcome:
-    """A subject's answers with the labels of frames that are ``by`` later, where there are some."""
+    """A subject's answers with the labels ``by`` frames later, where there are labels."""
     _, now, then = np.intersect1d(subject.positions + by, subject.positions, assume_unique=True, return_indices=True)
     changed = subject.predicted[now] == subject.truth[then]
     return _Outcome(changed, subject.correct[now], subject.looks[now])
@@ -167,7 +167,7 @@ def _exchanged(gain: _Gain, frames: str, who: str, what: str) -> str:
 
 
 def _as_other(subject: JudgedSubject, other: JudgedSubject, names: tuple[int, int]) -> _Outcome:
-    """The other person's answers as those of a subject, in the frames of both; their names are exchanged in them."""
+    """The other person's answers as if the subject's, in the frames that both have; their names are exchanged."""
     _, mine, yours = np.intersect1d(subject.frames, other.frames, assume_unique=True, return_indices=True)
     answers = _renamed(other.predicted[yours], names)
     return _Outcome(answers == subject.truth[mine], subject.correct[mine], subject.looks[mine])
@@ -179,6 +179,6 @@ def _with_names(subject: JudgedSubject, names: tuple[int, int]) -> _Outcome:
 
 
 def _renamed(answers: Codes, names: tuple[int, int]) -> Codes:
-    """The answers with each of two names in place of the other."""
+    """The answers with two names exchanged."""
     one, other = names
     return np.where(answers == one, other, np.where(answers == other, one, answers))

@@ -134,7 +134,7 @@ class Scores:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdicts, one object for each frame of a subject, made anew; the judged subjects have them as columns."""
+        """The verdicts as objects, one for each frame of a subject; the judged subjects have them as columns."""
         return tuple(verdict for of_subject in self.judged_subjects for verdict in of_subject.judged.verdicts())
 
     @property

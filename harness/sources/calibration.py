@@ -47,7 +47,7 @@ def _listed(numbers: tuple[float, ...]) -> str:
 
 
 class ProjectionError(VfoaError):
-    """Two projection matrices are not those of a rectified pair; a baseline from elsewhere can replace theirs."""
+    """Two projection matrices are not those of a rectified pair; a baseline that the user gives can replace theirs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

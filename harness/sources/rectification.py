@@ -54,7 +54,7 @@ class RawCamera:
 
     @property
     def key(self) -> bytes:
-        """Equal for equal cameras."""
+        """The bytes of all values: equal for equal cameras."""
         matrices = b"".join(matrix.tobytes() for matrix in (self.k, self.d, self.r, self.p))
         return f"{self.size_px} {self.model} {self.d.size} ".encode() + matrices
 
@@ -295,7 +295,7 @@ def unset_matrices(left: RawCamera, right: RawCamera) -> str:
 
 
 def pair_of_infos(left: RawCamera, right: RawCamera, where: str, baseline_m: float | None) -> RawCalibration:
-    """Return the pair of two calibrations of ROS, by their own P, or with a baseline from elsewhere (in metres).
+    """Return the pair of two calibrations of ROS, by their own P, or with a given baseline in metres.
 
     Raises
     ------

@@ -52,7 +52,7 @@ class ScriptedLook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Actor:
-    """A person: their seat (on the floor), their heading, and their looks in turn, repeated."""
+    """A person: their seat (on the floor), their heading, and their looks one after the other, repeated."""
 
     name: str
     id: int

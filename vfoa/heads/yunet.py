@@ -60,7 +60,7 @@ class YuNet:
         self._people = PersonMask(settings.person_mask)
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Return heads with a face, best first, then those of the people without one."""
+        """Return heads with a face, best first, then the heads of people without a face."""
         return self.with_people(self.faces(frame), frame, instances)
 
     def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:

@@ -79,7 +79,7 @@ class HeadHypotheses:
 
 @lru_cache(maxsize=2)
 def gaze_hypotheses(error: Error) -> GazeHypotheses:
-    """Return every combination of scale, bias and gain; a single hypothesis if the error is told."""
+    """Return every combination of scale, bias and gain; a single hypothesis if the error is known (``told``)."""
     if error == "told":
         return GazeHypotheses(
             number=np.zeros(1, dtype=np.intp),
@@ -109,7 +109,7 @@ def gaze_hypotheses(error: Error) -> GazeHypotheses:
 
 @lru_cache(maxsize=2)
 def head_hypotheses(error: Error) -> HeadHypotheses:
-    """Return every share; the middle one alone if the error is told."""
+    """Return every share; the middle one alone if the error is known (``told``)."""
     if error == "told":
         return HeadHypotheses(share=np.array([_SHARE]), log_prior=np.zeros(1))
     steps, prior = np.array(_SHARE_STEPS).T

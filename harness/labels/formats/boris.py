@@ -73,7 +73,7 @@ def from_project(project: Mapping[str, Any], exchange: Exchange, path: Path) -> 
     Raises
     ------
     VfoaError
-        If it is not told which observation, film or modifiers, or something in it is no event or no label.
+        If the observation, film or modifiers are to be chosen, or something in it is no event or no label.
     """
     observation, where = _choose_observation(project, exchange.observation, path)
     behaviours = _behaviours(project)

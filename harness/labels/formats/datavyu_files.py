@@ -122,7 +122,7 @@ def _joined(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _parts(text: str) -> list[str]:
-    """The parts between commas; a backslash takes the sign after it as it is."""
+    """The parts between commas; a backslash escapes the character after it."""
     parts, signs = [""], iter(text)
     for sign in signs:
         if sign == ",":
@@ -174,7 +174,7 @@ def _of_table(path: Path) -> Columns:
 
 
 def _of_column(row: Mapping[str, str], name: str) -> dict[str, str]:
-    """The cells of one of the columns that are side by side, without its name before theirs."""
+    """The cells of one column of a row, by their names without the column's (``column.onset`` is ``onset``)."""
     return {key.removeprefix(f"{name}."): text for key, text in row.items() if key.startswith(f"{name}.")}
 
 

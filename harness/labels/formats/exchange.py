@@ -206,7 +206,7 @@ class Exchange:
         return film
 
     def media_offset(self, offset_ms: int, path: object) -> tuple[int, list[str]]:
-        """What is added to the times of a file to get those of the clip's film, ms, with a note.
+        """The milliseconds to add to the times of a file to get times of the clip's film, with a note.
 
         Nothing beside a given ``offset``, which says where the clip begins in the file's own times.
         """

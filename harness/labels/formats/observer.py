@@ -3,7 +3,7 @@
 Columns are found by their names: subject, behaviour, its modifiers, the type of the event, and the time since the
 observation began, in seconds with decimals (``Time_Relative_sf``). A state begins with its modifiers, and ends with the
 next stop of the same behaviour and subject. The names are those of public logs and of scripts that read them; the
-targets are told as in BORIS's projects.
+targets are identified as in BORIS's projects.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class IdMaps:
         00000.png   one per frame, of the left image's size: gray, or a palette, of 8 or 16 bits; or .npy
 
     0 and a number without a category are no objects. A person's category is ``person``. An object with a ``name`` of
-    the manifest has it without a rule; any other one is told by ``instance``, its id. The people of another segmenter
+    the manifest has it without a rule; any other one is found by ``instance``, its id. The people of another segmenter
     fill what the maps leave free; one who loses half to them is the same object.
     """
 

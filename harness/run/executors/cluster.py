@@ -99,7 +99,7 @@ class Cluster:
     def run(
         self, work: Work[Job, Result], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Result]
     ) -> Iterator[Result]:
-        """As :class:`harness.run.executors.Executor`; the progress of a job is told when it is finished.
+        """As :class:`harness.run.executors.Executor`; the progress of a job is reported when it is finished.
 
         When the iterator or this executor is closed, control returns when no worker runs a job any more: queued jobs do
         not begin, and running ones stop after the current frame.

@@ -118,7 +118,7 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
             for place, (number, time_s) in enumerate(zip(take.numbers, take.times_s, strict=True))
         }
         super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
-        self.notes = (*_lost({**worn, **{name: name for name in things}}, take), *_unsaid_eyes(settings))
+        self.notes = (*_lost({**worn, **{name: name for name in things}}, take), *_notes_on_eyes(settings))
 
     def forward(self, person: str) -> Float:
         """Return where the face points in the axes of the body that a person wears, a unit vector (3,)."""
@@ -267,7 +267,7 @@ class _TrackedObject:
 
     @property
     def box(self) -> Box3D | None:
-        """The box about the body's origin; a cube along the camera's axes if its size was not said."""
+        """The box about the body's origin; a cube along the camera's axes if its size is not set."""
         if np.isnan(self.place_m[0]):
             return None
         size_m = self.settings.sizes_m.get(self.name)
@@ -286,8 +286,8 @@ def _lost(bodies: Mapping[str, str], take: Take) -> Iterator[str]:
             yield f"{name}: not tracked in {lost} of {len(take.numbers)} frames"
 
 
-def _unsaid_eyes(settings: MotionCaptureSettings) -> Iterator[str]:
-    """A note for people whose eyes are at the origin of their body, because nothing else was said."""
+def _notes_on_eyes(settings: MotionCaptureSettings) -> Iterator[str]:
+    """A note on people whose eyes are taken to be at the origin of their body, because ``eyes_m`` was not set."""
     if names := [name for name, head in settings.heads.items() if not any(head.eyes_m)]:
         yield (
             f"the eyes of {listed(names)} are taken to be at the origin of the rigid body, which is in the middle of "

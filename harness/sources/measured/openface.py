@@ -12,8 +12,8 @@ OpenFace's options; those of :data:`REQUIRED` must be there::
 
 All vectors are in the camera's axes (x right, y down, z away), wherever the person stands. A face without rotation
 looks along -z. Rows with ``success`` 0 or a confidence below :data:`LEAST_CONFIDENCE` hold stale values and are left
-out; a gaze of 0, 0, 0 was not found. Frames are told by number: time stamps are wrong on films of variable rate. Nor is
-``face_id`` used: it is not stable.
+out; a gaze of 0, 0, 0 was not found. Frames are identified by number, since time stamps are wrong on films of variable
+rate, and people by place, since ``face_id`` is not stable.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ class OpenFaceSettings(MeasuredSettings):
 
 
 class OpenFaceClip(FramesOfMeasurements):
-    """A clip without images from OpenFace's table: ``person_1``, ``person_2`` ... from left to right, told by place."""
+    """A clip without images from OpenFace's table: ``person_1``, ``person_2`` ... from left to right."""
 
     Settings = OpenFaceSettings
 

@@ -281,7 +281,7 @@ def _vector(vector: Float) -> Float | None:
 def _objects(
     path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int], people: Collection[str]
 ) -> tuple[list[PlacedObject], dict[int, list[PlacedObject]]]:
-    """The objects that are in every frame, and those of single frames by frame."""
+    """The objects that are in every frame, and those of single frames by frame number."""
     if path is None:
         return [], {}
     table = read_columns(path, OBJECT_COLUMNS, ("frame", "object", *POSITION))

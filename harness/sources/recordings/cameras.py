@@ -144,7 +144,7 @@ class PairCameras:
         return raw.rectified() if self._rectified and baseline_m is None else raw
 
     def _notes(self) -> tuple[str, ...]:
-        """What a baseline from elsewhere replaces in the first calibrations."""
+        """Notes on what a given baseline replaces in the first calibrations."""
         if self._baseline_m is None or not all(topic.places for topic in self._topics):
             return ()
         cameras = [camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics]
