@@ -66,6 +66,8 @@ SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_los
 """The metrics of the main table, beside the FRR, which alone would reward the answer "nowhere"."""
 MOST_ROWS = 12
 """Most configurations that the terminal shows unasked."""
+MOST_PRINTED_ROWS = 40
+"""Most rows of a table that floats on a printed page: LaTeX cuts off what is beyond its end."""
 
 _Cell = Callable[[ScoreRow], str]
 _CELLS: Mapping[str, _Cell] = {
@@ -160,6 +162,17 @@ def terminal_table(scores: Scores) -> Table:
     )
     columns = [_terminal_note(table)] if scores.rows else []
     return replace(table, notes=(*columns, *map(str, remarks(scores)), *_steps(scores)))
+
+
+def printed_table(scores: Scores) -> Table:
+    """The same for a page of paper: without the rows by clip if there are more than fit one."""
+    table = terminal_table(scores)
+    if len(table.rows) <= MOST_PRINTED_ROWS:
+        return table
+    over_all = tuple(row for row in table.rows if row[0] == ALL)
+    return replace(
+        replace(table, rows=over_all).only(table.columns[1:]), title="FRR of each configuration over all clips", words=1
+    )
 
 
 def _terminal_note(table: Table) -> str:

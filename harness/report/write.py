@@ -39,12 +39,12 @@ from harness.report.tables import (
     paper_table,
     phases_table,
     prediction_set_table,
+    printed_table,
     reliability_table,
     remarks,
     seeds_table,
     subject_reliability_table,
     subjects_table,
-    terminal_table,
     unlabelled_table,
     visible_table,
 )
@@ -216,7 +216,7 @@ def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
         "objects.csv": tables["objects"],
     }
     papers = {
-        "frr": terminal_table(scores),
+        "frr": printed_table(scores),
         "paper": tables["paper"],
         "oracle_ablation": tables["ablation"],
         "measures": terminal_measures(tables["stages"], scores),

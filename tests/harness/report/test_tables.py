@@ -16,7 +16,7 @@ from harness.report.formats import to_rich
 from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
-from harness.report.tables import frr_table, paper_table, summary_table, terminal_table, unlabelled_table
+from harness.report.tables import frr_table, paper_table, printed_table, summary_table, terminal_table, unlabelled_table
 from harness.run.manifest import AnswerTraits
 from harness.run.notes import Note
 from harness.run.records import FrameRecord
@@ -117,6 +117,21 @@ def test_the_notes_stand_in_the_latex_table_too() -> None:
     text = texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.tex"]
     assert r"bandage\_2: the right view is re-projected" in text
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
+
+
+def test_a_latex_table_of_many_clips_has_the_rows_over_all_clips_alone() -> None:
+    few, many = (
+        printed_table(
+            score(
+                [record for clip in clips for record in answers(["cup"] * 3, clip=clip)],
+                Reference(labels={clip: labels(*["cup"] * 3) for clip in clips}),
+            )
+        )
+        for clips in ([f"clip_{number}" for number in range(count)] for count in (39, 40))
+    )
+    assert (len(few.rows), few.columns[:2]) == (40, ("Clip", "Configuration"))
+    assert (len(many.rows), many.columns[0], many.words) == (1, "Configuration", 1)
+    assert many.rows[0][1] == "120"
 
 
 def test_the_numbers_for_programs_add_up() -> None:
