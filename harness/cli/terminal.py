@@ -95,8 +95,8 @@ def print_reports(tables: Iterable[Table]) -> None:
         if table.rows:
             print_report(table)
         else:
-            console.print(f"{table.title}: nothing to show\n", highlight=False)
-        if table.notes:
+            console.print(f"{table.title}: nothing to show", highlight=False)
+        if table.rows and table.notes:
             notes = RichTable.grid(padding=(0, 1, 0, 0))
             for note in table.notes:
                 notes.add_row("-", Text(note))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
 from harness.score.compared_runs import ComparedRuns, VerdictChange
-from harness.score.comparison import Comparison, identical_on
+from harness.score.comparison import NO_COMMON_FRAME, Comparison, identical_on
 from harness.score.verdicts import answered
 
 MOST_SENTENCES = 3
@@ -28,8 +28,15 @@ def compared_lines(compared: ComparedRuns) -> list[str]:
     if not found and comparisons:
         pairs = "the only pair" if len(comparisons) == 1 else f"{len(comparisons)} pairs"
         same = sum(comparison.is_identical for comparison in comparisons)
-        lines.append(f"No significant difference in {pairs}{f'; {same} identical' if same else ''}.")
-    for best in compared.ranked()[:1]:
+        apart = sum(comparison.n == 0 for comparison in comparisons)
+        more = f"{f'; {same} identical' if same else ''}{f'; {apart} with {NO_COMMON_FRAME}' if apart else ''}"
+        lines.append(f"No significant difference in {pairs}{more}.")
+    ranked = compared.ranked()
+    if not ranked:
+        return ["Nothing is scored: no frame has a label."]
+    if len(compared.places) == 1:
+        lines.append("Nothing to compare: one configuration; add another run, or --baseline RUN.")
+    for best in ranked[:1]:
         ends = percent_range(best.scores.interval)
         who = f"Best of {len(compared.places)}: {best.name.removeprefix(shared)}"
         lines.append(f"{who}, right in {percent(best.scores.frr)} % of the frames (95 %: {ends}).")

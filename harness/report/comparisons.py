@@ -25,6 +25,7 @@ from harness.report.formats import (
 from harness.run.manifest import PublishedCount
 from harness.score.comparison import (
     MOST_CLIPS,
+    NO_COMMON_FRAME,
     POWER,
     SPREAD_LEVEL,
     Clips,
@@ -102,6 +103,8 @@ def verdict_in_words(comparison: Comparison) -> str:
     """The result of a comparison in a table."""
     if comparison.is_identical:
         return identical_on(comparison.n)
+    if comparison.n == 0:
+        return NO_COMMON_FRAME
     return comparison.verdict if comparison.is_significant else "not told apart"
 
 

@@ -108,7 +108,7 @@ class Comparison:
         """The comparison in words: the difference and its interval, then the test."""
         names = f"{self.configuration} vs {self.reference}"
         if self.n == 0:
-            return f"{names}: no common frame"
+            return f"{names}: {NO_COMMON_FRAME}"
         if self.is_identical:
             return f"{names}: {identical_on(self.n)}"
         low, high = 100 * self.interval.low, 100 * self.interval.high
@@ -193,6 +193,10 @@ def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
 
 def _counted(n: int, what: str) -> str:
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+NO_COMMON_FRAME = "no common frame"
+"""What is said of configurations that were scored on different frames, as those of runs of different clips."""
 
 
 def identical_on(frames: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,6 +66,11 @@ def test_what_is_significant_says_in_which_direction() -> None:
         _pair("a", "d", better=2, worse=1, p=1.0),
     ]
     assert [row[2] for row in terminal_comparisons(pairs).rows] == ["better", "worse", "not told apart"]
+
+
+def test_configurations_without_a_common_frame_are_not_said_to_be_alike() -> None:
+    apart = [replace(_pair("a", "b"), n=0, difference=math.nan, interval=NO_INTERVAL)]
+    assert terminal_comparisons(apart).rows[0][2:5] == ("no common frame", UNKNOWN, UNKNOWN)
 
 
 def test_identical_configurations_have_no_interval() -> None:

@@ -86,6 +86,16 @@ def test_equal_runs_are_said_to_be_identical() -> None:
     assert best.startswith("Best of 4: a/one, right in 100.0 % of the frames")
 
 
+def test_a_single_configuration_and_a_run_without_labels_are_said_to_have_no_comparison() -> None:
+    run = _run("a", {"one": _right(*ALL)})
+    alone, best = compared_lines(compare_runs([run]))
+    assert "one configuration" in alone
+    assert best.startswith("Best of 1: one, right in 100.0 %")
+    write_clip(Path.cwd(), "table", ["ignore"] * len(TRUTH))
+    (unscored,) = compared_lines(compare_runs([run]))
+    assert "no frame has a label" in unscored
+
+
 def test_a_run_that_differs_in_one_configuration_is_not_identical() -> None:
     _run("a", {"one": _right(*ALL), "two": _right(1, 2)})
     _run("b", {"one": _right(*ALL), "two": _right(1, 3)})
