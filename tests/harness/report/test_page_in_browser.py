@@ -152,6 +152,14 @@ def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(page: ReportP
     assert page.js("return document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.parametrize("width_px", [1280, 390])
+def test_names_of_any_length_fit(report: ReportPage, tmp_path: Path, width_px: int) -> None:
+    long = "a_name_of_cones_of_ten_and_of_twenty_five_centimetres_on_the_eighth_of_the_month_in_the_other_room"
+    given = {"one": GIVEN["one"], long: GIVEN["it's two"]}
+    report.open(_write(tmp_path, given, **{long: TRUTH, "other": TRUTH}), width_px=width_px)
+    assert report.js("return document.documentElement.scrollWidth <= innerWidth")
+
+
 def test_the_first_screen_is_the_answer(page: ReportPage) -> None:
     best, baseline, difference, why, step = page.find("#verdict").text.split("\n")
     assert best.startswith("Best of 2: it's two, right in 100.0 % ")
