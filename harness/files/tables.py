@@ -10,7 +10,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -151,6 +151,13 @@ class TableColumns:
         """Raise a :class:`VfoaError` with the place of the first row that is ``wrong`` (n,), and why; if any is."""
         for row in np.flatnonzero(wrong)[:1].tolist():
             raise VfoaError(f"{self.where(row)}: {why(row)}")
+
+    def refuse_repeated(self, names: Iterable[str | None]) -> None:
+        """Raise a :class:`VfoaError` for the first row whose name an earlier row has; None is no name."""
+        first: dict[str, int] = {}
+        for row, name in enumerate(names):
+            if name is not None and (before := first.setdefault(name, row)) != row:
+                raise VfoaError(f"{self.where(row)}: {name}: occurs twice, first at {self.where(before)}")
 
 
 def found(cell: str) -> str:

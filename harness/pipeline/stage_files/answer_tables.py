@@ -104,14 +104,9 @@ def read_answers(
     columns = _read(path)
     table = _CheckedTable(columns, tuple(names), tuple(people))
     by_frame: dict[int, dict[str, Answer]] = {}
-    lines: dict[tuple[int, str], int] = {}
-    for row, frame in enumerate(_frames(table, frames, times_ns, frame_offset)):
-        subject = table.subject(row)
-        if (before := lines.setdefault((frame, subject), row)) != row:
-            raise VfoaError(
-                f"{columns.where(row)}: frame {frame}, subject {subject!r}: occurs twice, first at "
-                f"{columns.where(before)}"
-            )
+    keys = [(frame, table.subject(row)) for row, frame in enumerate(_frames(table, frames, times_ns, frame_offset))]
+    columns.refuse_repeated(f"frame {frame}, subject {subject!r}" for frame, subject in keys)
+    for row, (frame, subject) in enumerate(keys):
         if (answer := table.answer(row, subject)) is not None:
             by_frame.setdefault(frame, {})[subject] = answer
     return Answers(probabilistic=bool(table.chances), has_points=table.has_points, by_frame=by_frame)

@@ -84,15 +84,17 @@ class _FileDirections:
         self._heads = read_heads(heads, clip)
         table = read_table(path, self.slot, columns, clip.frames)
         self._keys = table.keys()
-        table.reject(
+        table.columns.refuse_first(
             ~self._heads.has(table),
             lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
         )
         self._angles, self._directions, self._sigmas = _angles(table, self.angles), _directions(table), _sigmas(table)
         has_angles, has_direction = ~np.isnan(self._angles[:, 0]), ~np.isnan(self._directions[:, 0])
         in_degrees = ", ".join(f"{name}_deg" for name in self.angles)
-        table.reject(~(has_angles | has_direction), lambda row: f"no direction; expected x, y, z or {in_degrees}")
-        table.reject(
+        table.columns.refuse_first(
+            ~(has_angles | has_direction), lambda row: f"no direction; expected x, y, z or {in_degrees}"
+        )
+        table.columns.refuse_first(
             has_angles & has_direction & (not self.may_have_both),
             lambda row: f"found x, y, z and {', '.join(self.angles)}; expected one of them",
         )
@@ -156,7 +158,7 @@ def _directions(table: FrameTable) -> Float:
     """Unit directions (n, 3), NaN where they are blank."""
     directions = table.columns.group(DIRECTION)
     lengths = np.linalg.norm(directions, axis=1)
-    table.reject(
+    table.columns.refuse_first(
         np.abs(lengths - 1) > _LENGTH_TOLERANCE,
         lambda row: f"x, y, z: expected a unit direction, found one of length {lengths[row]:.4g}",
     )
@@ -167,7 +169,7 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
     """Angles (n, names) in radians, from the columns in degrees or in radians; NaN where both are blank."""
     degrees, radians = (table.columns.group([f"{name}{unit}" for name in names]) for unit in _UNITS)
     in_degrees, in_radians = ~np.isnan(degrees[:, :1]), ~np.isnan(radians[:, :1])
-    table.reject(
+    table.columns.refuse_first(
         (in_degrees & in_radians)[:, 0],
         lambda row: f"{names[0]}: found degrees and radians; expected one of them",
     )
@@ -177,7 +179,9 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
 def _sigmas(table: FrameTable) -> Float:
     """Claimed errors (n,) in radians, NaN where they are blank."""
     sigmas: Float = _angles(table, ["sigma"])[:, 0]
-    table.reject(sigmas < 0, lambda row: f"sigma: expected an angle of at least 0, found {sigmas[row]:g} rad")
+    table.columns.refuse_first(
+        sigmas < 0, lambda row: f"sigma: expected an angle of at least 0, found {sigmas[row]:g} rad"
+    )
     return sigmas
 
 

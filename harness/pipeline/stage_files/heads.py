@@ -14,7 +14,7 @@ without a row has no heads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -28,7 +28,6 @@ from harness.files.remote import expand
 from harness.files.tables import TableColumns, read_columns
 from harness.pipeline.stage_files.other_programs import Part, program_of, read_part
 from harness.sources import Clip
-from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
 
@@ -64,11 +63,6 @@ class FrameTable(RowKeys):
         """The keys of the rows, without the text: an hour of video has 90,000 rows for each person."""
         return RowKeys(frames=self.frames, order=self.order, subjects=self.subjects)
 
-    def reject(self, wrong: NDArray[np.bool_], problem: Callable[[int], str]) -> None:
-        """Raise a :class:`VfoaError` for the first wrong row; ``problem`` says what is wrong with a row."""
-        for row in np.flatnonzero(wrong)[:1].tolist():
-            raise VfoaError(f"{self.columns.where(row)}: {problem(row)}")
-
 
 def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[int]) -> FrameTable:
     """Read a table.
@@ -93,24 +87,16 @@ def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[
     numbers = content.integers("frame")
     order = np.argsort(numbers, kind="stable")
     table = FrameTable(columns=content, frames=numbers, order=order, subjects=content.cells["subject"])
-    table.reject(
+    content.refuse_first(
         ~np.isin(table.frames, np.array([*frames], dtype=np.int64)),
         lambda row: f"frame {table.frames[row]}: not in the clip; expected {min(frames)} to {max(frames)}",
     )
-    table.reject(
+    content.refuse_first(
         np.array([not subject for subject in table.subjects], dtype=bool),
         lambda row: "subject: found nothing; expected a word",
     )
-    _check_once(table)
+    content.refuse_repeated(f"frame {frame}, subject {subject!r}" for frame, subject in table.pairs())
     return table
-
-
-def _check_once(table: FrameTable) -> None:
-    first: dict[tuple[int, str], int] = {}
-    for row, key in enumerate(table.pairs()):
-        if (before := first.setdefault(key, row)) != row:
-            where, earlier = table.columns.where(row), table.columns.where(before)
-            raise VfoaError(f"{where}: frame {key[0]}, subject {key[1]!r}: occurs twice, first at {earlier}")
 
 
 BOX = ("u0_px", "v0_px", "u1_px", "v1_px")
@@ -158,8 +144,8 @@ class HeadTable:
         self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
         self._keys, ids = table.keys(), self._instances
-        table.reject(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
-        table.reject(
+        columns.refuse_first(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
+        columns.refuse_first(
             # the person's id need not be among the masks: a hidden person has no pixel there
             ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),
             lambda row: f"instance_id: expected 1 to 65535, found {columns.cells['instance_id'][row]!r}",
@@ -167,7 +153,7 @@ class HeadTable:
         for names, boxes in ((BOX, self._boxes), (FACE, self._faces)):
             has_area = (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
             said = f"{', '.join(names)}: expected a box with an area"
-            table.reject(~(has_area | np.isnan(boxes[:, 0])), lambda row, said=said: said)  # type: ignore[misc]
+            columns.refuse_first(~(has_area | np.isnan(boxes[:, 0])), lambda row, said=said: said)  # type: ignore[misc]
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""

@@ -136,14 +136,13 @@ def _times_and_people(
     rows = _PersonRows.read(table, is_gaze_truth=settings.gaze == "truth")
     times: dict[int, int] = {}
     people: dict[int, dict[str, SeenPerson]] = {}
-    for row, (frame, time_ns, name) in enumerate(
-        zip(table.integers("frame").tolist(), _times_ns(table), rows.names, strict=True)
-    ):
+    frames: list[int] = table.integers("frame").tolist()
+    named = zip(frames, rows.names, strict=True)
+    table.refuse_repeated(None if name is None else f"frame {frame}, person {name!r}" for frame, name in named)
+    for row, (frame, time_ns, name) in enumerate(zip(frames, _times_ns(table), rows.names, strict=True)):
         if times.setdefault(frame, time_ns) != time_ns:
             raise VfoaError(f"{table.where(row)}: frame {frame}: found two times; expected one for all of its rows")
         of_frame = people.setdefault(frame, {})
-        if name in of_frame:
-            raise VfoaError(f"{table.where(row)}: frame {frame}, person {name!r}: occurs twice")
         if name is not None:
             of_frame[name] = _PersonOfRow(name, rows, row)
     return times, people
@@ -287,12 +286,12 @@ def _objects(
     table = read_columns(path, OBJECT_COLUMNS, ("frame", "object", *POSITION))
     rows = _ObjectRows.read(table, settings, people)
     fixed, moving = list[PlacedObject](), dict[int, list[PlacedObject]]()
-    seen: dict[tuple[int | None, str], int] = {}
-    for row, (frame, name) in enumerate(zip(table.integers_or_none("frame"), rows.names, strict=True)):
+    frames = table.integers_or_none("frame")
+    where = ("" if frame is None else f"frame {frame}, " for frame in frames)
+    table.refuse_repeated(f"{place}object {name!r}" for place, name in zip(where, rows.names, strict=True))
+    for row, (frame, name) in enumerate(zip(frames, rows.names, strict=True)):
         if frame is not None and frame not in times:
             raise VfoaError(f"{table.where(row)}: frame {frame}: not in the table of people")
-        if (before := seen.setdefault((frame, name), row)) != row:
-            raise VfoaError(f"{table.where(row)}: object {name!r}: occurs twice, first at {table.where(before)}")
         if frame is None:  # the same box in every frame
             fixed.append(MeasuredObject(name=name, category=rows.categories[row], box=rows.box(row)))
         else:
