@@ -135,7 +135,7 @@ def export(
     fps: Fps = None,
     offset: Offset = None,
     config: RunConfiguration = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
+    replace: Replace = False,
 ) -> None:
     """Write a clip's labels, or a run's predictions, for another program; print what its format cannot hold.
 
