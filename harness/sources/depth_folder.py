@@ -16,7 +16,7 @@ from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import rate_of
-from harness.sources.media.images import read_rgb
+from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError, located
@@ -102,7 +102,7 @@ class DepthFolderClip:
         depth_m = read_depth_file(files.depths[number], self._settings.depth_scale)
         with located(f"{self._folder}: frame {number}"):
             if left.shape[:2] != depth_m.shape:
-                sizes = " and depth ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (left, depth_m))
+                sizes = " and depth ".join(width_by_height(pixels) for pixels in (left, depth_m))
                 raise VfoaError(
                     f"colour is {sizes} pixels; expected depth that the camera's software aligned with colour"
                 )

@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
-from harness.sources.media.images import read_raw, read_rgb
+from harness.sources.media.images import read_raw, read_rgb, width_by_height
 from harness.sources.media.maps import read_disparity, relabel, small_ids
 from harness.sources.stereo_pairs import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
@@ -184,8 +184,8 @@ class SintelClip:
         """Reject a map that has not the images' size."""
         height, width = self._size
         if pixels.shape != (height, width):
-            found = f"{pixels.shape[1]} x {pixels.shape[0]}"
-            raise VfoaError(f"{path}: found {found} pixels; expected {width} x {height}, as the scene's images have")
+            expected = f"{width} x {height}, as the scene's images have"
+            raise VfoaError(f"{path}: found {width_by_height(pixels)} pixels; expected {expected}")
 
     @cached_property
     def _size(self) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from harness.files.digests import digest_files
 from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
-from harness.sources.media.images import read_rgb, turn_of
+from harness.sources.media.images import read_rgb, turn_of, width_by_height
 from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
@@ -265,8 +265,8 @@ def check_sizes(left: Image, right: Image, left_path: Path, right_path: Path) ->
     """Reject two images of different sizes."""
     if left.shape != right.shape:
         raise VfoaError(
-            f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
-            f"the left one ({left_path.name}) {left.shape[1]} x {left.shape[0]}; expected the same"
+            f"{right_path}: the right image is {width_by_height(right)} pixels, the left one ({left_path.name}) "
+            f"{width_by_height(left)}; expected the same"
         )
 
 

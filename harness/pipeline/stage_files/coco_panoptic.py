@@ -82,7 +82,7 @@ class CocoPanoptic:
         path = self._png / self._masks.files[frame.index]
         segments = self._masks.segments(frame.index)
         ids = _read_ids(path)
-        check_size(ids.shape, frame, path, "masks are")
+        check_size(ids, frame, path, "masks are")
         drawn = set(present_ids(ids).tolist()) - {0}
         if unknown := drawn - {segment.id for segment in segments}:
             raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")

@@ -127,7 +127,7 @@ class IdMaps:
     def _read(self, frame: StereoFrame) -> Instances:
         path = self._maps.path(frame.index)
         ids = read_ids(path)
-        check_size(ids.shape, frame, path)
+        check_size(ids, frame, path)
         present = [number for number in present_ids(ids).tolist() if number]
         if unknown := next((number for number in present if number not in self._objects), None):
             raise VfoaError(f"{path}: holds the number {unknown}; expected a row of it in {self._table}")

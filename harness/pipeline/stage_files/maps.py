@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from harness.files.digests import digest_files
 from harness.files.remote import expand
 from harness.sources import Clip
 from harness.sources.media.frame_files import check_printf, printf_name
+from harness.sources.media.images import width_by_height
 from harness.sources.media.maps import read_disparity
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -50,7 +54,7 @@ class FileMatcher:
         """
         path = self._maps.path(frame.index)
         disparity = read_disparity(path)
-        check_size(disparity.shape, frame, path)
+        check_size(disparity, frame, path)
         return Disparity(disparity_px=disparity)
 
     def digest(self) -> str:
@@ -94,11 +98,8 @@ class MapFiles:
         return ((number, path) for number, path in paths if not self._partial or path.is_file())
 
 
-def check_size(shape: tuple[int, ...], frame: StereoFrame, path: Path, what: str = "map is") -> None:
+def check_size(pixels: NDArray[Any], frame: StereoFrame, path: Path, what: str = "map is") -> None:
     """Raise a :class:`VfoaError` if what a file holds has not the size of the left image."""
-    if shape != frame.left.shape[:2]:
-        raise VfoaError(f"{path}: the {what} {_size(shape)} pixels, the left image {_size(frame.left.shape)}")
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return f"{shape[1]} x {shape[0]}"
+    if pixels.shape != frame.left.shape[:2]:
+        found, expected = map(width_by_height, (pixels, frame.left))
+        raise VfoaError(f"{path}: the {what} {found} pixels, the left image {expected}; expected the same size")

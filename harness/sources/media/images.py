@@ -181,6 +181,11 @@ def _decodes(data: bytes, **options: str) -> bool:
         return False
 
 
+def width_by_height(pixels: NDArray[Any]) -> str:
+    """The size of pixels (H, W, ...) for a message, such as ``640 x 480``."""
+    return f"{pixels.shape[1]} x {pixels.shape[0]}"
+
+
 def too_many_pixels(width_px: int, height_px: int) -> str:
     """The message for an image of a size that is not decoded."""
     return f"it claims {width_px} x {height_px} pixels; expected 1 to {MOST_PIXELS}"

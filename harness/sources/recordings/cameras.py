@@ -14,6 +14,7 @@ import numpy as np
 from harness.sources.calibration import check_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
+from harness.sources.media.images import width_by_height
 from harness.sources.recordings import realsense
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, motion_in, reading
@@ -110,11 +111,13 @@ class PairCameras:
         """
         assert right is not None
         if left.shape != right.shape:
-            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels; expected the same")
+            sizes = ", right ".join(map(width_by_height, (left, right)))
+            raise VfoaError(f"left is {sizes} pixels; expected the same")
         rectifier, depth = self._at(*stamps_ns), self._recording.streams.depth
         if depth is not None and depth_m is not None:
             if depth_m.shape != left.shape[:2]:
-                raise VfoaError(f"{depth.name}: depth of {depth_m.shape}; expected {left.shape[:2]}")
+                found, expected = (width_by_height(pixels) for pixels in (depth_m, left))
+                raise VfoaError(f"{depth.name}: depth of {found} pixels; expected {expected}, as the images have")
             if not rectifier.keeps_left:
                 raise VfoaError(
                     f"{depth.name} belongs to the left image before rectification, which rotates it; expected "
@@ -288,7 +291,7 @@ class DepthCamera:
         if self._colour_from_depth is not None:
             depth = self._registered(depth_m, stamp_ns, optics.rig)
         elif depth_m.shape != colour.shape[:2]:
-            sizes = " and ".join(f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (colour, depth_m))
+            sizes = " and ".join(width_by_height(pixels) for pixels in (colour, depth_m))
             raise VfoaError(
                 f"{self._where}: {self._colour.name} and {self._depth.name} are {sizes} pixels; expected depth in the "
                 "colour image (aligned), or a topic of unaligned depth with the recording's extrinsics"
