@@ -63,7 +63,7 @@ class StageError(VfoaError):
     ``trace`` is the whole traceback; ``frame`` is the number of the frame, None while it is not known.
     """
 
-    def __init__(self, line: str, trace: str) -> None:
+    def __init__(self, line: str, trace: str = "") -> None:  # pickle gives the line alone, then sets the rest
         super().__init__(line)
         self.trace = trace
         self.frame: int | None = None
