@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
 from harness.files.io import read_text
-from harness.sources.media.frame_files import find_frames, join_times, nearest_apart, rate_of
+from harness.sources.media.frame_files import find_frames, join_nearest, join_times, nearest_apart, rate_of
 from harness.sources.media.images import read_rgb, turn_of, width_by_height
 from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
@@ -312,14 +312,13 @@ def _joined_by_time(
     if not equal:
         apart_ms = nearest_apart(lefts, rights) * tick_ns / 1e6
         raise VfoaError(f"the nearest stamps are {apart_ms:.3g} ms apart (median): set tolerance_ms in [source]")
-    if tolerance_ms is None and len(lefts) > 1:
-        near = join_times(lefts, rights, int(np.median(np.diff(lefts))) // 2)
-        if len(equal) < len(near) / 2:
-            apart_ms = max(abs(lefts[place] - rights[other]) for place, other in near) * tick_ns / 1e6
-            raise VfoaError(
-                f"{len(equal)} of {len(near)} pairs have equal stamps, the others are up to {apart_ms:.3g} ms apart: "
-                "set tolerance_ms in [source] (0 takes equal stamps alone)"
-            )
+    near = [] if tolerance_ms is not None else join_nearest(lefts, rights)
+    if len(equal) < len(near) / 2:
+        apart_ms = max(abs(lefts[place] - rights[other]) for place, other in near) * tick_ns / 1e6
+        raise VfoaError(
+            f"{len(equal)} of {len(near)} pairs have equal stamps, the others are up to {apart_ms:.3g} ms apart: "
+            "set tolerance_ms in [source] (0 takes equal stamps alone)"
+        )
     return renumbered
 
 

@@ -325,6 +325,11 @@ def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> lis
     return pairs
 
 
+def join_nearest(left: Sequence[int], right: Sequence[int]) -> list[tuple[int, int]]:
+    """Pair the places of two ascending sequences of times, at most half a step of the left ones apart."""
+    return join_times(left, right, int(np.median(np.diff(left))) // 2 if len(left) > 1 else 0)
+
+
 def rate_of(times_ns: Iterable[int]) -> float | None:
     """Frames per second from the median step of ascending times, to 0.001 Hz; None for a single frame."""
     steps = np.diff(np.fromiter(times_ns, np.int64))

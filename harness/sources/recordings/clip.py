@@ -15,7 +15,7 @@ import numpy as np
 from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number
-from harness.sources.media.frame_files import join_times, nearest_apart, rate_of
+from harness.sources.media.frame_files import join_nearest, join_times, nearest_apart, rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
@@ -109,6 +109,11 @@ def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> 
         for side in (left, other)
         if (lost := len(side.places) - len(joined))
     ]
+    near = join_nearest(_stamps_ns(left.places), _stamps_ns(other.places)) if notes else []
+    if more := max(len(near) - len(joined), 0):
+        apart_ns = max(abs(left.places[i].stamp_ns - other.places[j].stamp_ns) for i, j in near)
+        pairs = "1 more pair is" if more == 1 else f"{more} more pairs are up to"
+        notes.append(f"{pairs} {_ms(apart_ns)} apart, which tolerance_ms = in [source] would allow")
     first_of_stamp = {place.stamp_ns: place for place in reversed(joined)}
     if twice := len(joined) - len(first_of_stamp):  # a camera takes one image at a time, but a file may contain copies
         why = "left out (a copy, or a clock that stood)"
@@ -117,14 +122,17 @@ def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> 
 
 
 def _join(left: Sequence[Place], other: Sequence[Place], tolerance_ns: int) -> dict[Place, Place]:
-    left_ns, other_ns = ([place.stamp_ns for place in places] for places in (left, other))
-    return {left[i]: other[j] for i, j in join_times(left_ns, other_ns, tolerance_ns)}
+    return {left[i]: other[j] for i, j in join_times(_stamps_ns(left), _stamps_ns(other), tolerance_ns)}
+
+
+def _stamps_ns(places: Sequence[Place]) -> list[int]:
+    return [place.stamp_ns for place in places]
 
 
 def _too_far(left: Topic, other: Topic, tolerance_ns: int) -> str:
     apart = ""
     if left.places and other.places:
-        apart_ns = nearest_apart(*([place.stamp_ns for place in topic.places] for topic in (left, other)))
+        apart_ns = nearest_apart(_stamps_ns(left.places), _stamps_ns(other.places))
         apart = f"; the nearest ones are {_ms(apart_ns)} apart (median): tolerance_ms = in [source] allows it"
     return f"no two stamps of {left} and {other} are within {_ms(tolerance_ns)}{apart}"
 
