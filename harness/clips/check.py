@@ -89,7 +89,7 @@ def _matching_problems(error_px: float, disparity_px: float) -> Iterator[str]:
     if disparity_px < 0:
         yield (
             f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
-            "(left and right swapped?)"
+            "(left and right swapped? exchange left = and right = in [source]; of packed views: swap = true)"
         )
 
 

@@ -116,7 +116,8 @@ def from_projections(
     baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
     if not baseline > 0:
         raise ProjectionError(
-            f"{where}: the baseline is {baseline:g} m; expected a positive one, (P_left[0, 3] - P_right[0, 3]) / fx"
+            f"{where}: the baseline is {baseline:g} m (calibrations of left and right exchanged?); expected a positive "
+            "one, (P_left[0, 3] - P_right[0, 3]) / fx"
         )
     return Calibration(
         fx_px=float(left[0, 0]),

@@ -125,7 +125,8 @@ def test_swapped_views_fail(tmp_path: Path) -> None:
     code, found = _check("wall")
     assert code == 2
     assert found["problems"] == [
-        "matched points have a disparity of -12.0 px (median); expected a positive one (left and right swapped?)"
+        "matched points have a disparity of -12.0 px (median); expected a positive one (left and right swapped? "
+        "exchange left = and right = in [source]; of packed views: swap = true)"
     ]
 
 
