@@ -13,6 +13,7 @@ A layer that several configurations share is named after the first of them.
 from __future__ import annotations
 
 import json
+import re
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,8 @@ from typing import Any, NamedTuple
 Plain = Mapping[str, Any]
 """A configuration as JSON values, as in the manifest of a run."""
 
+_UNNAMED, _LONGEST = re.compile(r"[^0-9A-Za-z_-]"), 100
+"""What Rerun allows in no name of an application, and the most characters of a clip's name in one."""
 _MASKS = ("segmentation",)
 _RECONSTRUCTION = ("stereo", "segmentation", "heads", "drawn", "reconstruction")
 
@@ -66,7 +69,8 @@ class RecordingIds(NamedTuple):
 
 def recording_ids(run_id: str, clip: str) -> RecordingIds:
     """The ids of a clip in the run with this random id: wherever its directory is, and whatever its name."""
-    return RecordingIds(application=f"vfoa {clip} {run_id[:8]}", recording=str(uuid.uuid5(uuid.UUID(run_id), clip)))
+    recording = str(uuid.uuid5(uuid.UUID(run_id), clip))
+    return RecordingIds(application=f"vfoa {_UNNAMED.sub('-', clip)[:_LONGEST]} {recording[:8]}", recording=recording)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
-from harness.score.intervals import LEAST_UNITS, draw, expanded_percentiles
+from harness.score.intervals import can_resample, draw, expanded_percentiles
 from harness.score.looks import number_looks, seconds_from_change
 from harness.score.statistics import NO_INTERVAL, Counts, Interval
 from vfoa.errors import VfoaError
@@ -187,7 +187,7 @@ def _by_look(compared: _Compared, targets: Sequence[str], rate_hz: float | None)
 def _interval(subjects: Codes, by_look: Counts) -> Interval:
     """Interval of kappa from resampled looks of the first annotator, per subject; unknown with few looks."""
     n, df = len(subjects), len(subjects) - len(np.unique(subjects))
-    if n < LEAST_UNITS or df < 1:
+    if not can_resample(n, df):
         return NO_INTERVAL
     sums = draw(subjects, by_clip=False).astype(np.intp) @ by_look.reshape(n, -1)
     kappas = np.array([cohen_kappa(confusion) for confusion in sums.reshape(-1, *by_look.shape[1:])])

@@ -14,9 +14,9 @@ freedom, and by the factor by which a resample's spread is too small. In ``repor
 of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well, but with
 intervals two to five times as wide at 4 to 6 clips.
 
-If resampling is not possible (fewer than :data:`LEAST_UNITS` units, or all of them equal), the interval of a rate has a
-closed form: that of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey Methodology
-24, 1998).
+If resampling is not possible (too few units for :func:`can_resample`, or all of them equal), the interval of a rate has
+a closed form: that of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey
+Methodology 24, 1998).
 """
 
 from __future__ import annotations
@@ -162,18 +162,33 @@ def _interval(units: Units, low: float, high: float) -> Interval:
 def _resampled(units: Units) -> tuple[float, float] | None:
     """The expanded percentiles; None if the units are too few or all alike."""
     merged = units.merged()
-    if len(merged.frames) < LEAST_UNITS or np.ptp(merged.values / merged.frames) == 0:
+    n, df = len(merged.frames), degrees_of_freedom(units)
+    if not can_resample(n, df) or np.ptp(merged.values / merged.frames) == 0:
         return None
-    return expanded_percentiles(resampled_rates(units), len(merged.frames), degrees_of_freedom(units))
+    return expanded_percentiles(resampled_rates(units), n, df)
+
+
+def can_resample(n: int, df: int) -> bool:
+    """Whether ``n`` units with ``df`` degrees of freedom are enough to resample.
+
+    Two units in each of several clips are not: the expanded percentiles lie beyond all resamples, whose ends hold the
+    true rate far less often than in 95 of 100 experiments.
+    """
+    return n >= LEAST_UNITS and df > 0 and _expanded_tail(n, df) >= 1 / REPLICATES
 
 
 def expanded_percentiles(resampled: Float, n: int, df: int) -> tuple[float, float]:
     """The ends of the interval, from a statistic of each resample of ``n`` units with ``df`` degrees of freedom."""
-    from scipy.special import ndtr, stdtrit
-
-    tail = float(ndtr(math.sqrt(n / df) * stdtrit(df, (1 - LEVEL) / 2)))
+    tail = _expanded_tail(n, df)
     low, high = np.quantile(resampled, [tail, 1 - tail])
     return float(low), float(high)
+
+
+def _expanded_tail(n: int, df: int) -> float:
+    """The share of the resamples that lies beyond each end."""
+    from scipy.special import ndtr, stdtrit
+
+    return float(ndtr(math.sqrt(n / df) * stdtrit(df, (1 - LEVEL) / 2)))
 
 
 def resampled_rates(units: Units) -> Float:

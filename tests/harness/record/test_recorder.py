@@ -281,6 +281,15 @@ def test_recordings_of_different_runs_and_clips_can_be_open_together():
     assert len({ids.recording for ids in made}) == len({ids.application for ids in made}) == 3
 
 
+@pytest.mark.parametrize("clip", ["room_B.203", "café", "x" * 250])
+def test_rerun_keeps_the_application_of_any_clip(clip, tmp_path):
+    ids, file = recording_ids(new_run_id(), clip), tmp_path / "clip.rrd"
+    with rr.RecordingStream(ids.application, recording_id=ids.recording) as stream:
+        stream.save(str(file))
+        stream.log("/a", rr.TextLog("a"))
+    assert reading.RecordingFile(file).ids == ids
+
+
 @pytest.mark.parametrize("every", [1, 2, 3])
 def test_rows_are_sent_together_and_none_is_lost(every, frames, record_run, read_back, monkeypatch):
     """Columns of one to three frames, and the last ones at the end, hold the same as one column of all frames."""

@@ -296,3 +296,20 @@ def test_no_difference_in_any_frame_has_the_exact_bound_at_the_corrected_level(n
     widest = 1 - (alpha / 2) ** (1 / n)  # Clopper and Pearson for none of n
     interval = difference_interval(same, alpha)
     assert (interval.low, interval.high) == pytest.approx((-widest, widest))
+
+
+@pytest.mark.parametrize(("clips", "looks"), [(1, 6), (2, 3), (3, 2), (4, 2), (5, 2), (4, 4)])
+def test_intervals_of_few_looks_in_few_clips_hold_the_rate_as_often_as_they_say(clips: int, looks: int) -> None:
+    rng, experiments, frames = np.random.default_rng(1), 300, 50
+    held = 0
+    for _ in range(experiments):
+        of_clips = rng.uniform(0.4, 0.8, clips)
+        rates = np.clip(of_clips[:, None] + rng.normal(0, 0.1, (clips, looks)), 0, 1).ravel()
+        units = Units(
+            clips=np.repeat(np.arange(clips), looks),
+            frames=np.full(clips * looks, float(frames)),
+            values=np.round(rates * frames),
+        )
+        interval = rate_interval(units)
+        held += interval.low <= of_clips.mean() <= interval.high
+    assert held / experiments > 0.91  # 95 % less three standard errors
