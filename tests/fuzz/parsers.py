@@ -30,6 +30,7 @@ from harness.sources.foreign import refuse_foreign
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_depth_file, read_disparity, read_ids
 from harness.sources.media.video import Video
+from harness.sources.recordings import orbbec, zed
 from harness.sources.sintel import read_camera, read_segments
 from tests import calibrations
 from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity, write_video
@@ -287,7 +288,16 @@ PARSERS: Sequence[Parser] = (
     Parser("MCAP, protobuf", "take.mcap", whole.mcap("protobuf"), states.read_recording),
     Parser("MCAP of a depth camera", "take.mcap", whole.depth_bag("mcap"), states.read_recording),
     Parser("MCAP of a video", "take.mcap", whole.video_mcap, states.read_recording),
-    Parser("message: strips of the ZED", "message.bin", whole.zed_message, states.read_zed_message),
+    Parser(
+        "message: strips of the ZED", "message.bin", whole.zed_message, states.read_sdk_image(zed.ENCODING, zed.IMAGES)
+    ),
+    Parser(
+        "message: image of Orbbec's SDK",
+        "message.bin",
+        (whole.orbbec_image("content"), whole.orbbec_image("metadata first")),
+        states.read_sdk_image(orbbec.ENCODING, orbbec.IMAGE),
+    ),
+    Parser("message: calibration of Orbbec's SDK", "message.bin", whole.orbbec_profile, states.read_orbbec_profile),
     Parser("ROS 1 bag", "take.bag", tuple(map(whole.depth_bag, ("bag", "bag bz2", "bag lz4"))), states.read_recording),
     Parser("ROS 2 bag", "take.db3", whole.depth_bag("db3"), states.read_recording),
     Parser("ROS 2 bag's metadata", "metadata.yaml", states.write_metadata, states.read_with_metadata),

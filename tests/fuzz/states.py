@@ -35,7 +35,7 @@ from harness.score.labelled_run import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score as score_columns
 from harness.sources.calibration_files.read import read_cameras
-from harness.sources.recordings import messages, zed
+from harness.sources.recordings import messages, orbbec
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth, read_image
@@ -361,10 +361,18 @@ def read_message(kind: str) -> Read:
     return read
 
 
-def read_zed_message(path: Path) -> Any:
-    """Reads an image of the ZED's SDK, in strips."""
-    type_ = messages.message_type(zed.ENCODING, zed.ENCODING, zed.IMAGES, b"")
-    return read_image(type_, path.read_bytes(), str(path))
+def read_sdk_image(encoding: str, name: str) -> Read:
+    """Reads an image of a camera's SDK."""
+    type_ = messages.message_type(encoding, encoding, name, b"")
+    return lambda path: read_image(type_, path.read_bytes(), str(path))
+
+
+def read_orbbec_profile(path: Path) -> Any:
+    """Reads the calibration and the pose of depth."""
+    type_ = messages.message_type(orbbec.ENCODING, "", orbbec.PROFILE, b"")
+    data, where = path.read_bytes(), str(path)
+    with messages.reading(type_, where):
+        return messages.camera(type_, data, where), orbbec.colour_from_depth(data, where)
 
 
 # Networks

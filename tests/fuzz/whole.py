@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
 from harness.run.fitted import FittedWeights, MethodScore, fitted_text
-from tests import calibrations, depth_recordings, zed
+from tests import calibrations, depth_recordings, orbbec, zed
 from tests.disk import labels_text, moving_picture, picture, write_bytes, write_image
 from tests.exchanges import cvat_box, cvat_document, cvat_track, exchange, row
 from tests.harness.damage import project
@@ -325,6 +325,16 @@ def video_mcap(path: Path) -> None:
 
 def zed_message(path: Path) -> None:
     path.write_bytes(zed.message(zed.strips(moving_picture(1, *SMALL))))
+
+
+def orbbec_image(layout: orbbec.Layout) -> Write:
+    pixels = moving_picture(1, *SMALL)
+    return lambda path: path.write_bytes(orbbec.image(layout, SMALL, "rgb8", 3 * SMALL[0], pixels.tobytes()))
+
+
+def orbbec_profile(path: Path) -> None:
+    turn = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    path.write_bytes(orbbec.Profile(size_px=SMALL, fx=30.0, cx=15.5, cy=11.5, rotation=turn).message())
 
 
 def ros_message(kind: str, **fields: Any) -> Write:

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_yaml
+from harness.sources.recordings import orbbec
 from harness.sources.recordings.containers import (
     MOST_BYTES,
     TooLargeError,
@@ -203,7 +204,7 @@ class BagContainer:
             connections = [
                 connection
                 for connection in reader.connections
-                if connection.topic == topic.name and _message_type(connection).name == topic.type.name
+                if _name(connection) == topic.name and _message_type(connection).name == topic.type.name
             ]
             messages = reader.messages(connections, place.offset, place.offset + 1)
             return bytes([data for _, _, data in messages][place.place])
@@ -235,7 +236,8 @@ class BagContainer:
         always: list[Connection] = []
         images: list[Connection] = []
         topic_of = {
-            connection.id: topics.meet(connection.topic, _message_type(connection)) for connection in reader.connections
+            connection.id: topics.meet(_name(connection), _message_type(connection))
+            for connection in reader.connections
         }
         for connection in reader.connections:
             topic = topic_of[connection.id]
@@ -290,7 +292,15 @@ def _close(readers: dict[Path, Any]) -> None:
         reader.close()
 
 
+def _name(connection: Connection) -> str:
+    """The name by which a topic is known: that of a driver for a recording of an SDK."""
+    return orbbec.name_of(connection.topic) or connection.topic
+
+
 def _message_type(connection: Connection) -> MessageType:
+    if orbbec.name_of(connection.topic) is not None:  # the file's definitions are not those of its messages
+        name = orbbec.IMAGE if connection.msgtype == orbbec.IMAGE else orbbec.PROFILE
+        return message_type(orbbec.ENCODING, "", name, b"")
     is_ros1 = not hasattr(connection.ext, "serialization_format")
     schema_encoding = "ros1msg" if is_ros1 else _SCHEMAS.get(connection.msgdef.format, "ros2msg")
     definition = connection.msgdef.data.encode()

@@ -15,7 +15,7 @@ from harness.sources.calibration import check_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.media.images import width_by_height
-from harness.sources.recordings import realsense
+from harness.sources.recordings import orbbec, realsense
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, motion_in, reading
 from harness.sources.recordings.topics import (
@@ -224,11 +224,16 @@ def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, st
 
 
 def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | None:
-    """The pose colour_from_depth sent by RealSense's driver (``.../extrinsics/depth_to_color``); None if there is none.
+    """The pose colour_from_depth that RealSense's driver or Orbbec's SDK recorded; None if neither did.
 
-    ``realsense2_camera_msgs/Extrinsics``: the rotation is by columns, as in librealsense's rs2_extrinsics.
+    The driver sends ``realsense2_camera_msgs/Extrinsics`` (``.../extrinsics/depth_to_color``), whose rotation is by
+    columns, as in librealsense's rs2_extrinsics. The SDK has the pose in the calibration of depth.
     """
     for topic in topics:
+        if topic.name == orbbec.DEPTH_INFO and topic.type.is_orbbec and topic.places:
+            data, where = recording.read(topic, topic.places[0])
+            with reading(topic.type, where):
+                return orbbec.colour_from_depth(data, where)
         if topic.type.kind == "extrinsics" and topic.name.endswith("depth_to_color") and topic.places:
             data, where = recording.read(topic, topic.places[0])
             with reading(topic.type, where):

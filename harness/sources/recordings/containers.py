@@ -176,7 +176,7 @@ class TopicIndex:
             topic.count += 1
         if kind is None:
             return
-        has_header = (kind in IMAGES or kind == "calibration") and not topic.type.is_zed
+        has_header = (kind in IMAGES or kind == "calibration") and topic.type.has_stamps
         stamp = log_time_ns if self._by_log_time or not has_header else stamp_ns(topic.type, data, where)
         place = Place(stamp, *address)
         if is_in_window or kind != "video":

@@ -16,7 +16,8 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from harness.sources.calibration_files.documents import camera_of_ros
-from harness.sources.recordings import zed
+from harness.sources.recordings import orbbec, zed
+from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, reported_as
 from vfoa.geometry import rotation_of
@@ -41,6 +42,7 @@ _KINDS: dict[str, dict[str, Kind]] = {
     "cdr": _ROS,
     "ros1": _ROS,
     zed.ENCODING: {zed.IMAGES: "compressed"},
+    orbbec.ENCODING: {orbbec.IMAGE: "raw", orbbec.PROFILE: "calibration"},
     "protobuf": {
         f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
     },
@@ -109,9 +111,19 @@ class MessageType:
         return self.message_encoding in _SCHEMAS
 
     @property
+    def has_stamps(self) -> bool:
+        """Whether its messages say when an image was taken; those of some SDKs are logged with that time."""
+        return not self.is_zed and not self.is_orbbec
+
+    @property
     def is_zed(self) -> bool:
-        """Whether its messages are images of the ZED's SDK: of both views, logged at the times when they were taken."""
+        """Whether its messages are images of the ZED's SDK, which have both views."""
         return self.message_encoding == zed.ENCODING
+
+    @property
+    def is_orbbec(self) -> bool:
+        """Whether its messages are images or calibrations of Orbbec's SDK."""
+        return self.message_encoding == orbbec.ENCODING
 
 
 def ros_name(name: str) -> str:
@@ -251,24 +263,6 @@ def _named_types(description: Any) -> Iterator[str]:
         yield from _named_types(content[0])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageMessage:
-    """An image as a driver sent it, or a packet of a video.
-
-    ``form`` is the encoding of its pixels or its compression, as ROS and Foxglove name it, ``frame_id`` its coordinate
-    frame. ``size_px`` is the (width, height) of raw pixels, in rows of ``step`` bytes; None: compressed. ``is_key`` is
-    a packet's own flag for a key frame; None if it has none.
-    """
-
-    form: str
-    frame_id: str
-    data: bytes
-    size_px: tuple[int, int] | None = None
-    step: int = 0
-    is_bigendian: bool = False
-    is_key: bool | None = None
-
-
 def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     """Time at which the picture was taken: the header's stamp, nanoseconds.
 
@@ -300,9 +294,9 @@ def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:
     """
     with reading(kind, where):
         if kind.is_zed:
-            form, content, size_px = zed.image_of(data, where)
-            step = 2 * size_px[0] if size_px else 0
-            return ImageMessage(form=form, frame_id="", data=content, size_px=size_px, step=step)
+            return zed.image_of(data, where)
+        if kind.is_orbbec:
+            return orbbec.image_of(data)
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
         is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")
@@ -326,6 +320,8 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
         If the distortion model is unknown, or the matrices have another number of entries.
     """
     with reading(kind, where):
+        if kind.is_orbbec:
+            return orbbec.camera_of(data, where)
         field = fields_of(kind, data, where)
         if not _is_flat(kind):
             _check_full_size(field, where)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import collect_greatest, decode, decode_rgb, is_collecting
 from harness.sources.media.maps import default_counts_per_m, depth_map
-from harness.sources.recordings.messages import ImageMessage, MessageType, codec_of, picture
+from harness.sources.recordings.image_message import ImageMessage
+from harness.sources.recordings.messages import MessageType, codec_of, picture
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Image, Map
 
@@ -91,7 +92,7 @@ def _rows(raw: ImageMessage, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
-INFRARED = "infra|/ir(?![a-z])"
+INFRARED = "infra|[/_]ir(?![a-z])"
 """Names of topics in infrared, in lower case, as a pattern; a robot may be called iRobot."""
 _NO_DEPTH = re.compile(f"{INFRARED}|confidence|amplitude|thermal|disparity")
 

@@ -14,7 +14,8 @@ from pydantic import Field, model_validator
 
 from harness.sources.depth_optics import Intrinsics
 from harness.sources.media.frame_files import pair_names
-from harness.sources.recordings.messages import IMAGES, READ, ImageMessage, Kind, MessageType, codec_of
+from harness.sources.recordings.image_message import ImageMessage
+from harness.sources.recordings.messages import IMAGES, READ, Kind, MessageType, codec_of
 from harness.sources.recordings.pixels import INFRARED, may_be_depth
 from harness.sources.stereo_pairs import Packing
 from vfoa.errors import VfoaError

@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 
 from harness.sources.media.images import decode
+from harness.sources.recordings.image_message import ImageMessage
 
 ENCODING = "zed_sdk_encoded"
 IMAGES = "side_by_side"
@@ -45,8 +46,8 @@ def is_of_another_clock(topic: str) -> bool:
     return topic in _NOTES
 
 
-def image_of(data: bytes, where: str) -> tuple[str, bytes, tuple[int, int] | None]:
-    """Return form and content of an image's message, and for pixels their (width, height): h264, h265 or yuyv.
+def image_of(data: bytes, where: str) -> ImageMessage:
+    """Return the image in a message: a packet of h264 or h265, or pixels in yuyv.
 
     Raises
     ------
@@ -60,9 +61,10 @@ def image_of(data: bytes, where: str) -> tuple[str, bytes, tuple[int, int] | Non
     if len(content) < size:
         raise ValueError(f"{len(content)} bytes of content; expected {size}")
     if start := _START_CODE.match(content):
-        return _codec(content[start.end() :]), content, None
+        return ImageMessage(form=_codec(content[start.end() :]), data=content)
     pixels = np.vstack(_strips(data[_SIZES.size :], where))
-    return "yuyv", pixels.tobytes(), (pixels.shape[1] // 2, pixels.shape[0])
+    height, step = pixels.shape
+    return ImageMessage(form="yuyv", data=pixels.tobytes(), size_px=(step // 2, height), step=step)
 
 
 def _codec(unit: bytes) -> str:

@@ -184,6 +184,7 @@ FAMILIES = {
     "OAK-D": ("/oak/rgb/image_raw", "/oak/stereo/image_raw"),
     "ZED": ("/zed/zed_node/rgb/image_rect_color", "/zed/zed_node/depth/depth_registered"),
     "OpenNI": ("/camera/rgb/image_raw", "/camera/depth_registered/image_raw"),
+    "Orbbec": ("/camera/color/image_raw", "/camera/depth/image_raw"),
 }
 
 
@@ -202,6 +203,8 @@ def test_topics_of_cameras_are_found(tmp_path: Path, family: str) -> None:
             write.image(depth, taken.stamp_ns, pixels, encoding)
             # what the same drivers publish besides
             write.image("/camera/infra1/image_rect_raw", taken.stamp_ns, other.colour[..., 0].copy(), "mono8", "infra")
+            for side in ("left", "right"):
+                write.image(f"/camera/{side}_ir/image_raw", taken.stamp_ns, other.colour[..., 0].copy(), "mono8", "ir")
             write.image("/ir/image_raw", taken.stamp_ns, other.depth_mm, "mono16", "ir")
             write.image("/camera/camera/depth/image_rect_raw", taken.stamp_ns, other.depth_mm, "16UC1", "depth")
             write.image("/zed/confidence/confidence_map", taken.stamp_ns, np.ones((4, 4), np.float32), "32FC1")

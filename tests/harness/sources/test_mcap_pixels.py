@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.sources.media.images import greatest_values
 from harness.sources.recordings import pixels
-from harness.sources.recordings.messages import ImageMessage
+from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.pixels import rgb
 from tests.disk import HEIGHT, WIDTH, picture
 from vfoa.errors import VfoaError
