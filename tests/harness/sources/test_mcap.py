@@ -233,7 +233,7 @@ def test_a_file_may_say_what_rectified_the_images(tmp_path: Path) -> None:
 
 def test_calibrations_that_were_exchanged_are_named(tmp_path: Path) -> None:
     path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), RIGHT, LEFT)])
-    said = r"/stereo/left/camera_info and /stereo/right/camera_info: the baseline is -0\.12 m; .*--baseline METRES"
+    said = r"/stereo/left/camera_info and /stereo/right/camera_info: the baseline is -0\.12 m .*--baseline METRES"
     with pytest.raises(VfoaError, match=said):
         open_clip(path).frame(1)
 
