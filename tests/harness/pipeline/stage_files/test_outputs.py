@@ -129,7 +129,12 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
         with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said}"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
     deep = '{"info": ' + "[" * 100_000
-    for content, said in (("{", "not JSON"), ("[]", "the document"), (deep, "nested"), ("\ud800", "not JSON")):
+    for content, said in (
+        ("{", "not JSON"),
+        ("[]", "the document"),
+        (deep, "(?:nested|not JSON)"),
+        ("\ud800", "not JSON"),
+    ):
         (tmp_path / "coco" / "panoptic.json").write_bytes(content.encode(errors="surrogatepass"))
         with pytest.raises(VfoaError, match=rf"panoptic\.json: {said}"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
