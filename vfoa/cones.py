@@ -68,14 +68,8 @@ WEIGHTS = {
 class ConesSettings(MethodSettings):
     """Settings of :func:`pay_attention`.
 
-    Cones are full apex angles in degrees (``cones_deg``) or, as in the paper, base radii in centimetres at a height
-    of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
-    ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
-
-    ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
-    alone, so that a subject without it has no direction.
-
-    A ray counts for every box on its way, as in the paper.
+    Weights of one cue alone (``gaze``, ``head``) are ablations: a subject without that cue has no direction. A ray
+    counts for every box on its way, as in the paper.
     """
 
     method: Literal["cones"] = "cones"

@@ -48,10 +48,8 @@ TRANSITION = np.block([[np.eye(2), np.eye(2)], [np.zeros((2, 2)), DAMPING * np.e
 class GazeFilterSettings(Settings):
     """Settings of :func:`filter_cues`.
 
-    ``noise_deg`` is the error of one measurement along one axis. ``hold`` is the number of frames for which a saccade
-    opens the filter. A measurement more than ``gate_deg`` from the prediction counts as missing: nobody turns that far
-    in a frame. While a cue is missing, the prediction replaces it for at most ``max_missing`` frames. After that the
-    cue counts as missing, and the filter restarts with the next measurement, at whatever angle.
+    Nobody turns by more than ``gate_deg`` in a frame. After ``max_missing`` frames the cue counts as missing, and the
+    filter restarts with the next measurement, at whatever angle.
     """
 
     cues: Literal["off", "gaze", "both"] = "off"

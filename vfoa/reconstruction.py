@@ -49,16 +49,7 @@ _RESOLVED = 1e-7
 
 
 class ReconstructionSettings(Settings):
-    """Settings of :func:`reconstruct`.
-
-    Things are always targets, stuff only if its label is in ``stuff``. People are the instances with a label in
-    ``person``. ``boxes`` are along the camera's axes (the paper) or the smallest in any orientation. The gate keeps
-    points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the object's width
-    or height. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest points as is usual.
-    A cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out. ``eyes``: the eye
-    origin, from the head's direction or the paper's patch (:func:`eye_origin`), of at least ``min_eye_points`` and
-    at most ``max_eye_points``.
-    """
+    """Settings of :func:`reconstruct`."""
 
     stuff: tuple[str, ...] = ()
     """Labels of the stuff that is a target. Things are always targets."""

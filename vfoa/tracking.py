@@ -23,11 +23,7 @@ from vfoa.types import Float, Person
 
 
 class TrackingSettings(Settings):
-    """Settings of :class:`Tracker`, named as published.
-
-    ``sigma_l`` is the least score of a head that is followed, ``sigma_iou`` the least overlap from frame to frame.
-    ``ttl`` is the longest gap in frames; 0 is the published rule.
-    """
+    """Settings of :class:`Tracker`, named as published."""
 
     sigma_l: float = Field(default=0.0, ge=0)
     """Least score of a head that is followed."""

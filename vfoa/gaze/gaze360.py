@@ -32,18 +32,14 @@ class Gaze360:
     """Gaze of a person who is followed over frames. It needs a head but no face: it also works from behind."""
 
     class Settings(OnnxSettings):
-        """Settings of the crop and of the frames between crops.
-
-        ``margin``: added to the head's box on each side, as a share of its width or height. ``stride``: frames from one
-        crop to the next; by default an eighth of a second, as in the authors' code.
-        """
+        """Settings of the crop and of the frames between crops."""
 
         weights: str = "gaze360.onnx"
         """Path of the network, or a file's name in the folders of weights."""
         margin: float = Field(default=0.15, ge=0)
         """Margin added to the head's box on each side, as a share of its width or height."""
         stride: PositiveInt | None = None
-        """Frames from one crop to the next; an eighth of a second if not set."""
+        """Frames from one crop to the next; an eighth of a second if not set, as in the authors' code."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

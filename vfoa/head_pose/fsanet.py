@@ -25,9 +25,8 @@ class FsaNet:
     class Settings(RuntimeSettings):
         """Settings of the networks and the crop.
 
-        ``margin``: added to the face's box on each side, as a share of its width or height. Of 0.1 to 0.6, 0.3 has the
-        steadiest yaw on Sintel's bandage_2 (1.6 deg over 25 frames) and the least difference between an image and its
-        mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1).
+        Of margins of 0.1 to 0.6, 0.3 has the steadiest yaw on Sintel's bandage_2 (1.6 deg over 25 frames) and the least
+        difference between an image and its mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1).
         """
 
         weights: tuple[str, ...] = Field(

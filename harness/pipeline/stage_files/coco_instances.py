@@ -27,10 +27,7 @@ from vfoa.types import Instance, Instances, StereoFrame
 
 
 class CocoInstancesSettings(KeyFrameSettings):
-    """Location of the masks, a JSON file under ``root``, and which of them to keep.
-
-    With ``partial``, an image that the file does not list is an error only when it is read.
-    """
+    """Location of the masks, a JSON file under ``root``, and which of them to keep."""
 
     root: str
     """Folder of the file; ``${CLIP}`` stands for the clip's name."""

@@ -29,11 +29,7 @@ from vfoa.types import Instance, Instances, StereoFrame
 
 
 class CocoPanopticSettings(KeyFrameSettings):
-    """Location of the masks: a JSON file and a folder of PNG under ``root``.
-
-    Stuff is kept only if it is named, or all of it. With ``partial``, a frame without masks is an error only when it is
-    read: enough for a run of the clip's first frames.
-    """
+    """Location of the masks: a JSON file and a folder of PNG under ``root``."""
 
     root: str
     """Folder of the masks; ``${CLIP}`` stands for the clip's name."""

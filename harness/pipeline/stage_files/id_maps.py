@@ -34,11 +34,7 @@ from vfoa.weights import weights_of
 
 
 class IdMapsSettings(KeyFrameSettings):
-    """Location of the maps: ``pattern`` (one printf field for the frame number) and ``objects`` under ``root``.
-
-    With ``partial``, a frame without a map is an error only when it is read: enough for a run of the clip's first
-    frames.
-    """
+    """Location of the maps, and of the table of their objects, under ``root``."""
 
     root: str
     """Folder of the maps; ``${CLIP}`` stands for the clip's name."""

@@ -20,11 +20,7 @@ from vfoa.types import Disparity, StereoFrame
 
 
 class FileMatcherSettings(Settings):
-    """Location of the maps: ``pattern`` (one printf field for the frame number) under ``root``.
-
-    With ``partial``, a frame without a map is an error only when it is read: enough for a run of the clip's first
-    frames.
-    """
+    """Location of the maps under ``root``."""
 
     root: str
     """Folder of the maps; ``${CLIP}`` stands for the clip's name."""
