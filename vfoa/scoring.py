@@ -95,17 +95,17 @@ def score(
         If lengths differ, no frame counts, a probability is not in [0, 1], those of a frame add up to more than 1 (or
         to less, with ``"none"``), or an answer has none.
     """
-    labels, said = _names(truth), _names(answers)
-    if len(labels) != len(said):
-        raise VfoaError(f"score: answers: found {len(said)}; expected {len(labels)}, one for each label")
+    labels, predicted = _names(truth), _names(answers)
+    if len(labels) != len(predicted):
+        raise VfoaError(f"score: answers: found {len(predicted)}; expected {len(labels)}, one for each label")
     counts = (labels != "") & (labels != IGNORED)
     if not counts.any():
         raise VfoaError(f"score: truth: none of {len(labels)} frames counts; expected names of targets, or {NOWHERE!r}")
-    labels, said, is_given = labels[counts], said[counts], (said != "")[counts]
-    correct, is_nowhere = labels == said, labels == NOWHERE
+    labels, predicted, is_given = labels[counts], predicted[counts], (predicted != "")[counts]
+    correct, is_nowhere = labels == predicted, labels == NOWHERE
     targets, nowhere = share(correct[~is_nowhere]), share(correct[is_nowhere])
-    table = confusion(labels, said)
-    worth = {} if probabilities is None else _worth(_chances(probabilities, counts), labels, said, is_given)
+    table = confusion(labels, predicted)
+    worth = {} if probabilities is None else _worth(_chances(probabilities, counts), labels, predicted, is_given)
     return Score(
         n=len(labels),
         correct=int(correct.sum()),
@@ -145,7 +145,9 @@ def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str,
     return chances
 
 
-def _worth(chances: dict[str, Float], labels: NDArray[Any], said: NDArray[Any], is_given: Flags) -> dict[str, float]:
+def _worth(
+    chances: dict[str, Float], labels: NDArray[Any], predicted: NDArray[Any], is_given: Flags
+) -> dict[str, float]:
     """Log loss, Brier's score and calibration error, by name."""
     names = list(chances)
     values = np.stack([*chances.values()], axis=1) if names else np.zeros((len(labels), 0))
@@ -153,12 +155,12 @@ def _worth(chances: dict[str, Float], labels: NDArray[Any], said: NDArray[Any], 
     if NOWHERE not in chances:
         names.append(NOWHERE)
         values = np.append(values, np.maximum(1 - values.sum(axis=1, keepdims=True), 0), axis=1)
-    if unknown := sorted(set(said[is_given].tolist()) - set(names)):
+    if unknown := sorted(set(predicted[is_given].tolist()) - set(names)):
         raise VfoaError(
             f"score: probabilities: found none of the answer {unknown[0]!r}; expected those of every answer"
         )
     columns = np.array(names)
-    is_true, is_said = columns == labels[:, None], columns == said[:, None]
+    is_true, is_predicted = columns == labels[:, None], columns == predicted[:, None]
     values = np.where(is_given[:, None], values, 0)
     on_truth = (values * is_true).sum(axis=1)
     brier = (1 - on_truth) ** 2 + ((values * ~is_true) ** 2).sum(axis=1)
@@ -166,7 +168,7 @@ def _worth(chances: dict[str, Float], labels: NDArray[Any], said: NDArray[Any], 
         "log_loss": log_loss(on_truth),
         "brier": share(np.where(is_given, brier, BRIER_WITHOUT_ANSWER)),
         "calibration_error": calibration_error(
-            (values * is_said).sum(axis=1)[is_given], (is_true & is_said).any(axis=1)[is_given]
+            (values * is_predicted).sum(axis=1)[is_given], (is_true & is_predicted).any(axis=1)[is_given]
         ),
     }
 

@@ -83,9 +83,9 @@ def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -
         stores = [store, *(stack.enter_context(closing(label_store)) for label_store in others)]
         known = {_journal(label_store.path) for label_store in stores}
         for journal in _journal(store.path).parent.glob(f"{manifest.name}*.jsonl"):
-            of = journal.parent.parent / f"{journal.stem}.csv"
-            if journal not in known and of.stem.partition("@")[0] == manifest.name:
-                stack.enter_context(closing(Journal(journal, of=of)))
+            labels = journal.parent.parent / f"{journal.stem}.csv"
+            if journal not in known and labels.stem.partition("@")[0] == manifest.name:
+                stack.enter_context(closing(Journal(journal, of=labels)))
         yield stores
 
 

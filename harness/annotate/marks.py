@@ -41,8 +41,8 @@ class Stretch:
         if self.mark is None:
             return [self.first, self.last]
         mark = self.mark
-        said = mark.target, mark.note, mark.point_px, mark.is_suggested, mark.carried
-        return [self.first, self.last, *said, *([list(mark.tags)] if mark.tags else [])]
+        values = mark.target, mark.note, mark.point_px, mark.is_suggested, mark.carried
+        return [self.first, self.last, *values, *([list(mark.tags)] if mark.tags else [])]
 
     @classmethod
     def parse(cls, plain: Sequence[Any]) -> Stretch:

@@ -72,10 +72,10 @@ def _forward_notes(clip: WornBodies, people: Mapping[str, int], aims: Sequence[_
             continue
         in_body = np.array([aim.to_target @ clip.left_from_body(name, aim.number) for aim in own])
         if (forward := other_forward(in_body, clip.forward(name))) is not None:
-            found, said = ((np.round(each, 2) + 0.0).tolist() for each in (forward, clip.forward(name)))
+            found, expected = ((np.round(each, 2) + 0.0).tolist() for each in (forward, clip.forward(name)))
             yield (
                 f"{name}: with the labels, the face points along {found} in the axes of the body; "
-                f"heads.{name}.forward in [source] says {said}"
+                f"heads.{name}.forward in [source] says {expected}"
             )
 
 

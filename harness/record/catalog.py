@@ -103,13 +103,10 @@ def _add(server: Server, name: str, run: Path, clips: Sequence[RecordedClip], fo
     for clip in clips:
         by_name = clip.layer_files()
         layers |= {file: layer for layer, file in by_name.items()}
-        of_verdicts = {
-            of.configuration: RecordingFile(clip.files.verdicts(of.configuration)).properties()
-            for of in clip.layers
-            if clip.files.verdicts(of.configuration).is_file()
-        }
-        has_errors &= all("commonest_error" in known or not known.get("wrong") for known in of_verdicts.values())
-        labelled = max((_count(known) for known in of_verdicts.values()), default=0)
+        verdicts = (clip.files.verdicts(each.configuration) for each in clip.layers)
+        properties = [RecordingFile(path).properties() for path in verdicts if path.is_file()]
+        has_errors &= all("commonest_error" in known or not known.get("wrong") for known in properties)
+        labelled = max(map(_count, properties), default=0)
         about = {RUN: {"run": name, "clip": clip.files.clip, "labelled": labelled}}
         about |= {name: {"settings": text} for name, text in settings.items() if text}
         layers[_write_properties(folder / f"{clip.files.clip}.rrd", next(iter(by_name.values())), about)] = RUN

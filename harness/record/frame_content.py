@@ -130,17 +130,17 @@ def _log_curves(
     An entity takes 4 kB, however few its frames. A value that was not measured is NaN, which leaves a gap.
     """
     for subject in record.subjects:
-        values, of = attention_by_name(record, subject), names[subject.track_id]
-        others = [name for name in dict.fromkeys(known) if name != of]
+        values, person = attention_by_name(record, subject), names[subject.track_id]
+        others = [name for name in dict.fromkeys(known) if name != person]
         for what in ("total", *CUES):
             by_name = {name: number for name, value in values.items() if (number := getattr(value, what)) is not None}
             numbers = np.array([by_name.pop(name, np.nan) for name in others])
             if not np.isnan(numbers).all():
-                path = entities.curves(configuration, of, what)
+                path = entities.curves(configuration, person, what)
                 log.keep(path, partial(_lines, others, colours), key="style")
                 log.row(path, rr.Scalars, scalars=numbers)
             for name, number in by_name.items():
-                path = entities.curves(configuration, of, what, name)
+                path = entities.curves(configuration, person, what, name)
                 log.keep(path, partial(_lines, [name], colours), key="style")
                 log.number(path, number)
 

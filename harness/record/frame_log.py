@@ -101,8 +101,8 @@ class FrameLog:
     def end(self) -> None:
         """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before.keys() - self._now.keys()):
-            of = self._before[path]
-            self._add(self._time, path, of, dict.fromkeys(of[1], ()))
+            shown = self._before[path]
+            self._add(self._time, path, shown, dict.fromkeys(shown[1], ()))
         self._before, self._now = self._now, {}
 
     def send(self) -> None:

@@ -132,8 +132,8 @@ class LayerFile:
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
         if free < LEAST_FREE_BYTES:
-            said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
-            raise OSError(errno.ENOSPC, said, str(self._partial))
+            reason = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
+            raise OSError(errno.ENOSPC, reason, str(self._partial))
 
     def _assemble(self) -> None:
         """Write the chunks of the partial file into the complete file, and remove the partial one."""

@@ -164,8 +164,8 @@ class _VerdictLayer:
             if row.first_frame <= last and row.last_frame >= first
         ]
         names = self._subjects, self._targets, self._labels is None, self._traits
-        of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
-        return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
+        inputs = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
+        return hashlib.sha256(repr(inputs).encode()).hexdigest()[:32]
 
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _LoggedBlock:
         log = FrameLog(layer.stream, before=shown)

@@ -194,40 +194,44 @@ def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[su
     port = free_port()
     arguments = ["--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
     # a file, since a full pipe that nobody reads would block the viewer
-    with tempfile.TemporaryFile() as said, started(arguments, said) as process:
+    with tempfile.TemporaryFile() as stderr, started(arguments, stderr) as process:
         try:
-            yield process, _connect(process, port, said, instead)
+            yield process, _connect(process, port, stderr, instead)
         except ConnectionError as error:
-            raise _ended(process, said, instead) or VfoaError(f"the Rerun viewer: found no answer ({error})") from None
+            raise _ended(process, stderr, instead) or VfoaError(
+                f"the Rerun viewer: found no answer ({error})"
+            ) from None
         except TimeoutError as error:
             raise VfoaError(
                 f"the Rerun viewer: found no answer ({error}); try again when the machine is idle"
             ) from None
 
 
-def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO, instead: str) -> ViewerClient:
+def _connect(process: subprocess.Popen[bytes], port: int, stderr: BinaryIO, instead: str) -> ViewerClient:
     deadline = time.monotonic() + _CONNECT_S
     while time.monotonic() < deadline:
         try:
             return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except Exception:  # the client has no error type of its own for "not yet there"
-            if ended := _ended(process, said, instead, _POLL_S):
+            if ended := _ended(process, stderr, instead, _POLL_S):
                 raise ended from None
     raise VfoaError(f"the Rerun viewer: expected an answer within {_CONNECT_S:.0f} s, found none")
 
 
-def _ended(process: subprocess.Popen[bytes], said: BinaryIO, instead: str, wait_s: float = _ENDS_S) -> VfoaError | None:
+def _ended(
+    process: subprocess.Popen[bytes], stderr: BinaryIO, instead: str, wait_s: float = _ENDS_S
+) -> VfoaError | None:
     """Why the viewer has ended; None if it runs ``wait_s`` seconds later: it may answer before it has a window."""
     try:
         process.wait(wait_s)
     except subprocess.TimeoutExpired:
         return None
-    said.seek(0)
-    lines = said.read().decode(errors="replace").strip().splitlines()
-    said_last = lines[-1] if lines else ""
-    if "DISPLAY" in said_last:
+    stderr.seek(0)
+    lines = stderr.read().decode(errors="replace").strip().splitlines()
+    last_line = lines[-1] if lines else ""
+    if "DISPLAY" in last_line:
         return VfoaError(f"the Rerun viewer: found no display to open its window on; {instead}")
-    return VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
+    return VfoaError(f"the Rerun viewer ended with status {process.returncode}: {last_line}")
 
 
 def free_port() -> int:
@@ -275,8 +279,10 @@ def viewer_binary() -> Path:
 
 
 @contextmanager
-def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the program with these arguments until the block ends, for whatever reason; ``said`` receives its stderr."""
+def started(
+    arguments: Sequence[str], stderr: IO[bytes] | int = subprocess.DEVNULL
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the program with these arguments until the block ends, for whatever reason."""
     with tempfile.TemporaryDirectory(prefix="vfoa-") as folder:
         analytics = Path(folder) / "rerun" / "analytics.json"
         analytics.parent.mkdir()
@@ -288,7 +294,7 @@ def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL
         nowhere = dict.fromkeys([*proxies, *map(str.upper, proxies)], _NOWHERE)
         environment = inherited | nowhere | {"XDG_CONFIG_HOME": folder}
         command = [str(viewer_binary()), *arguments]
-        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=stderr)
         try:
             yield process
         finally:

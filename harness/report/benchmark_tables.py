@@ -118,7 +118,7 @@ def benchmark_lines(scores: Mapping[str, Scores], unlabelled_settings: Table) ->
     return [
         f"In settings that nobody labelled {best['Method']} is best: mean log loss {best['Mean log loss']}, "
         f"balanced FRR {best['Mean balanced %']} %.",
-        *(f"{MATERIALS[name].title}: {' '.join(verdict_lines(of)[:2])}" for name, of in scores.items()),
+        *(f"{MATERIALS[name].title}: {' '.join(verdict_lines(own)[:2])}" for name, own in scores.items()),
     ]
 
 
@@ -129,7 +129,7 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
     """
     atomic_write(folder / "benchmark.md", "\n".join(map(to_markdown, tables)))
     atomic_write(folder / "benchmark.csv", to_csv(tables[0]))
-    methods = {row.configuration for of in scores.values() for row in of.overall()}
+    methods = {row.configuration for of_material in scores.values() for row in of_material.overall()}
     facts = [f"{len(scores)} of {len(MATERIALS)} materials", f"{len(methods)} methods"]
     links = {MATERIALS[name].title: f"{name}/report.html" for name in scores}
     page = folder / "benchmark.html"

@@ -118,9 +118,9 @@ def scores_table(scores: Scores) -> Table:
 
 
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
-    events, said, nowhere = row.events, row.nowhere, [""] * 5
-    if said:
-        nowhere = [*map(str, said), csv_share(said.precision), csv_share(said.recall)]
+    events, matches, nowhere = row.events, row.nowhere, [""] * 5
+    if matches:
+        nowhere = [*map(str, matches), csv_share(matches.precision), csv_share(matches.recall)]
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
         *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),

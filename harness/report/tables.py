@@ -279,9 +279,9 @@ def nowhere_table(scores: Scores) -> Table:
         "Looking at nothing",
         "Clip | Configuration | True | Said | Both | Precision % | Recall %",
         (
-            (row.clip or ALL, row.configuration, *said, percent(said.precision), percent(said.recall))
+            (row.clip or ALL, row.configuration, *matches, percent(matches.precision), percent(matches.recall))
             for row in scores.by_clip()
-            if (said := row.nowhere) and (said.true or said.predicted)
+            if (matches := row.nowhere) and (matches.true or matches.predicted)
         ),
         words=2,
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),

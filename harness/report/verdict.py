@@ -74,22 +74,22 @@ def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
     if len(factors) > 2:
         return _many_factors(factors)
     return [
-        _fitting(*(_Sentence(f"{{}}: {form}", [key, *of]) for form, of in contrast.sentence()))
+        _fitting(*(_Sentence(f"{{}}: {form}", [key, *names]) for form, names in contrast.sentence()))
         for key, contrast in factors.items()
     ]
 
 
 def _many_factors(factors: Mapping[str, _Contrast]) -> list[str]:
     """A line on the factors that make a difference, and one on the others."""
-    gains = [f"{key} ({of.best}: {of.gains})" for key, of in factors.items() if of.beaten]
-    unshown = [key for key, of in factors.items() if not of.beaten]
-    possible = max((of.possible for of in factors.values() if not of.beaten and not math.isnan(of.possible)), default=0)
+    gains = [f"{key} ({contrast.best}: {contrast.gains})" for key, contrast in factors.items() if contrast.beaten]
+    unshown = {key: contrast.possible for key, contrast in factors.items() if not contrast.beaten}
+    possible = max((points for points in unshown.values() if not math.isnan(points)), default=0)
     remaining = f" (at most {possible:.1f} points)" if possible else ""
     lines = []
     if gains:
         lines.append(_listed("A difference is shown for {}.", gains))
     if unshown:
-        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", unshown))
+        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", list(unshown)))
     return lines
 
 
@@ -260,11 +260,11 @@ class _Sentence(NamedTuple):
 def _fitting(*sentences: _Sentence) -> str:
     """The first sentence that fits a line, else the last one, whose longest names lose their middles."""
     for form, names in sentences:
-        said = form.format(*names)
-        if len(said) <= MOST_CHARACTERS:
-            return said
+        sentence = form.format(*names)
+        if len(sentence) <= MOST_CHARACTERS:
+            return sentence
     widths = [len(name) for name in names]
-    for _ in range(len(said) - MOST_CHARACTERS):
+    for _ in range(len(sentence) - MOST_CHARACTERS):
         widths[widths.index(max(widths))] -= 1
     return form.format(*map(_cut, names, widths))
 

@@ -251,13 +251,13 @@ def attend_clip(
     errors: dict[str, VfoaError] = {}
     groups = [*_read_together(tables, {name: each.attend for name, each in named.items()})]
     for names in groups:
-        group, paths = [named[name] for name in names], tables[names[0]]
-        answering = [Answering(clip, context, of, keys[of.name], sinks) for of in group]
+        paths, settings = tables[names[0]], named[names[0]].attend
+        answering = [Answering(clip, context, named[name], keys[name], sinks) for name in names]
         with ExitStack() as opened:
             for each in answering:
                 opened.enter_context(each)
             try:
-                for block in _blocks(read_scenes(paths, group[0].attend.attention.cloud_points)):
+                for block in _blocks(read_scenes(paths, settings.attention.cloud_points)):
                     for number, frames in _in_turn(block, {n: each.takes_many for n, each in enumerate(answering)}):
                         answering[number].attend(frames)
                     for _ in block:
@@ -265,7 +265,7 @@ def attend_clip(
             except VfoaError as error:  # a table that is damaged
                 for each in answering:
                     each.fail(error)
-        errors |= {of.name: each.error for of, each in zip(group, answering, strict=True) if each.error}
+        errors |= {name: each.error for name, each in zip(names, answering, strict=True) if each.error}
     return errors
 
 

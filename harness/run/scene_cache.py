@@ -46,7 +46,7 @@ class SceneCache:
     def fetch(self) -> bool:
         """Copy the scenes that the run lacks into its folder; return whether some were copied."""
         lacking = {
-            name: of for name, of in keys_of(self.decided).items() if not has_scene(self.directory, self.clip, of)
+            name: keys for name, keys in keys_of(self.decided).items() if not has_scene(self.directory, self.clip, keys)
         }
         return sum(self._fetch(name, keys) for name, keys in lacking.items()) > 0
 

@@ -206,9 +206,9 @@ def open_parquet(path: Path, schema: pa.Schema) -> Iterator[ParquetFile]:
         with opened(path) as content, ParquetFile(content, page_checksum_verification=True) as file:
             found = file.schema_arrow
             if (version := (found.metadata or {}).get(b"vfoa.format")) != FORMAT:
-                it = f"one of format {version.decode(errors='replace')}" if version else "another file"
+                other = f"one of format {version.decode(errors='replace')}" if version else "another file"
                 raise VfoaError(
-                    f"{path}: expected a table of format {FORMAT.decode()}, found {it}: run the experiment again"
+                    f"{path}: expected a table of format {FORMAT.decode()}, found {other}: run the experiment again"
                 )
             if not found.equals(schema):
                 raise VfoaError(f"{path}: expected the columns {schema.names}, found {found.names} or other types")

@@ -74,7 +74,7 @@ def _schema() -> pa.Schema:
 
     words, number = pa.string(), pa.int64()
     types = {"clip": words, "configuration": words, "frame": number, "stage": words, "ms": pa.float32()}
-    return pa.schema([pa.field(name, of, nullable=False) for name, of in types.items()])
+    return pa.schema([pa.field(name, type_, nullable=False) for name, type_ in types.items()])
 
 
 def join_timings(directory: RunDirectory, pairs: Iterable[Pair]) -> None:

@@ -128,7 +128,8 @@ def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
     """One for each configuration with probabilities, in the order of the subjects."""
     found = []
     for name, group in _with_values(subjects, "confidence").items():
-        frames = np.concatenate([np.stack([of.confidence, of.correct, of.brier], axis=1) for of in group])
+        columns = ([each.confidence, each.correct, each.brier] for each in group)
+        frames = np.concatenate([np.stack(of_subject, axis=1) for of_subject in columns])
         clips = list(dict.fromkeys(of_subject.clip for of_subject in group))
         codes = np.repeat(
             [clips.index(of_subject.clip) for of_subject in group], [len(of_subject.frames) for of_subject in group]

@@ -37,11 +37,11 @@ def data_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Setti
     )
     notes = []
     for doubt in doubts:
-        said: dict[str, str] = {}
+        texts: dict[str, str] = {}
         for (clip, configuration), part in judged.items():
-            if clip not in said and (text := doubt(part, settings.get(configuration, {}))):
-                said[clip] = f"{clip} under {configuration}: {text}."
-        notes += [Note(text, NoteKind.DOUBT) for text in said.values()]
+            if clip not in texts and (text := doubt(part, settings.get(configuration, {}))):
+                texts[clip] = f"{clip} under {configuration}: {text}."
+        notes += [Note(text, NoteKind.DOUBT) for text in texts.values()]
     return tuple(notes)
 
 

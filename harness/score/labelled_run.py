@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -197,7 +198,7 @@ def _labelled_pairs(run: FinishedRun, reference: Reference, configuration: str) 
 
 def cases_of(looks: LookColumns) -> set[Case]:
     """The cases that the people of a clip have, of those whose eyes are known."""
-    eyes, gaze, head = (np.isfinite(of[:, 0]) for of in (looks.eyes_m, looks.gaze, looks.head))
+    eyes, gaze, head = (np.isfinite(vectors[:, 0]) for vectors in (looks.eyes_m, looks.gaze, looks.head))
     rows: dict[Case, Flags] = {"both": eyes & gaze & head, "gaze": eyes & gaze & ~head, "head": eyes & head & ~gaze}
     return {case for case, found in rows.items() if found.any()}
 
@@ -233,7 +234,8 @@ def labelled_runs(
     runs = []
     for name, by_pair in people.items():
         seeds = len({pair.configuration for pair in pairs if base_of(pair.configuration) == name})
-        of_all = [replace(each, sequence=replace(each.sequence, weight=1 / seeds)) for of in by_pair for each in of]
+        everyone = itertools.chain.from_iterable(by_pair)
+        of_all = [replace(each, sequence=replace(each.sequence, weight=1 / seeds)) for each in everyone]
         if not any(person.labelled for person in of_all):
             raise VfoaError(
                 f"fit: {experiment}: found no labelled frame with a measured direction and the target that is looked "

@@ -329,8 +329,8 @@ def _seed_rates(group: list[JudgedSubject]) -> tuple[float, ...]:
     return tuple(float(np.concatenate(flags).mean()) for flags in by_seed.values()) if len(by_seed) > 1 else ()
 
 
-def _matches(true: Flags, said: Flags) -> MatchCounts:
-    return MatchCounts(true=_count(true), predicted=_count(said), matched=_count(true & said))
+def _matches(true: Flags, predicted: Flags) -> MatchCounts:
+    return MatchCounts(true=_count(true), predicted=_count(predicted), matched=_count(true & predicted))
 
 
 def _beats(group: list[JudgedSubject], baselines: Flags) -> Beats:

@@ -231,8 +231,8 @@ class _Pair:
     ) -> tuple[SubjectVerdicts, Codes, Float]:
         code, n = self.words.code, len(frames)
         seen = np.flatnonzero(person != UNKNOWN)
-        of, label_of = person[seen], label.at(seen)
-        answers = _SubjectAnswers(self, of, label_of)
+        people, label_of = person[seen], label.at(seen)
+        answers = _SubjectAnswers(self, people, label_of)
         predicted, error_type = np.full(n, UNKNOWN, dtype=np.intp), np.full(n, code("no_subject"), dtype=np.intp)
         predicted[seen], error_type[seen] = answers.predicted(), answers.error_types(code(subject))
         if self.traits.says_nowhere:
@@ -250,8 +250,8 @@ class _Pair:
             confidence[seen] = np.where(answers.is_given, chance, np.nan)
             is_worth = answers.missing == UNKNOWN
             worth[seen[is_worth]] = answers.worths(chance)[is_worth]
-        hits[seen] = hits_of(answers.right, self.baselines.picks[of])
-        angles_rad[seen] = self.baselines.angles_rad[of]
+        hits[seen] = hits_of(answers.right, self.baselines.picks[people])
+        angles_rad[seen] = self.baselines.angles_rad[people]
         judged = SubjectVerdicts(
             words=self.words,
             clip=self.columns.clip,
@@ -269,7 +269,7 @@ class _Pair:
             angles_rad=angles_rad,
         )
         is_compared = label_of.is_scored & (at[seen] % COMPARED_EVERY == 0)
-        aims, is_known = answers.aims(self.baselines.directions[of])
+        aims, is_known = answers.aims(self.baselines.directions[people])
         return judged, at[seen][is_compared & is_known], aims[is_compared & is_known]
 
 
@@ -296,19 +296,19 @@ class LabelColumns:
 class _SubjectAnswers:
     """The answers about one subject in the n frames in which the person was seen."""
 
-    def __init__(self, pair: _Pair, of: Codes, label: LabelColumns) -> None:
+    def __init__(self, pair: _Pair, people: Codes, label: LabelColumns) -> None:
         columns, view, self.code = pair.columns, pair.view, pair.words.code
-        self.pair, self.of, self.label = pair, of, label
-        self.names, self.ids, self.totals = view.names[of], view.ids[of], pair.totals[of]
-        self.centers_m, self.has_box = view.centers_m[of], view.has_box[of]
-        self.missing, self.no_gaze = columns.missing[of], columns.looks.no_gaze[of]
+        self.pair, self.people, self.label = pair, people, label
+        self.names, self.ids, self.totals = view.names[people], view.ids[people], pair.totals[people]
+        self.centers_m, self.has_box = view.centers_m[people], view.has_box[people]
+        self.missing, self.no_gaze = columns.missing[people], columns.looks.no_gaze[people]
         self.is_given = (self.missing == UNKNOWN) | (self.missing == self.code(NO_OBJECT))
-        self.focus = np.where(columns.focus[of] == UNKNOWN, UNKNOWN, columns.focus[of] - view.firsts[of])
-        self.truly_nowhere, self.right = label.is_nowhere, named_by(label, view, of)
+        self.focus = np.where(columns.focus[people] == UNKNOWN, UNKNOWN, columns.focus[people] - view.firsts[people])
+        self.truly_nowhere, self.right = label.is_nowhere, named_by(label, view, people)
 
     def predicted(self) -> Codes:
         """The code of what is predicted, UNKNOWN without an answer."""
-        nothing = np.where(self.pair.has_total[self.of], self.code(NOWHERE), self.code(NO_HIT))
+        nothing = np.where(self.pair.has_total[self.people], self.code(NOWHERE), self.code(NO_HIT))
         named = np.where(self.focus == UNKNOWN, nothing, self._at_focus(self.names))
         return np.where(self.is_given, named, UNKNOWN)
 
@@ -321,7 +321,7 @@ class _SubjectAnswers:
         code, missing, nowhere = self.code, self.missing, self.truly_nowhere
         is_right = np.where(nowhere, self.focus == UNKNOWN, (self.focus != UNKNOWN) & self._at_focus(self.right))
         is_hit = self.totals > 0
-        bodies = self.pair.columns.scene.bodies[self.of]
+        bodies = self.pair.columns.scene.bodies[self.people]
         is_namesake = self.names == subject
         is_own = (is_namesake & (self.ids == bodies[:, None])).any(axis=1)
         is_another = (bodies != NO_ID) & is_namesake.any(axis=1) & ~is_own
@@ -338,16 +338,16 @@ class _SubjectAnswers:
             (~is_hit.any(axis=1), code("no_hit")),
             ((self.right & is_hit).any(axis=1), code("outscored")),
         )
-        return np.select([case for case, _ in cases], [of for _, of in cases], code("missed"))
+        return np.select([case for case, _ in cases], [error_type for _, error_type in cases], code("missed"))
 
     def chances(self) -> Float:
         """The probability of each answer; NaN where there is none."""
-        chance = np.where(self.focus == UNKNOWN, self.pair.nowhere[self.of], self._at_focus(self.totals))
+        chance = np.where(self.focus == UNKNOWN, self.pair.nowhere[self.people], self._at_focus(self.totals))
         return np.minimum(chance, 1.0)
 
     def worths(self, chances: Float) -> Float:
         """What the probabilities are worth (n, 5), as :class:`harness.score.verdicts.Worth`."""
-        nowhere, n = self.pair.nowhere[self.of], len(self.of)
+        nowhere, n = self.pair.nowhere[self.people], len(self.people)
         is_value = ~np.isnan(self.totals)
         on_target = np.where(self.right & is_value, self.totals, 0).cumsum(axis=1)[:, -1]
         on_truth = np.where(self.truly_nowhere, nowhere, on_target)
@@ -373,7 +373,7 @@ class _SubjectAnswers:
         with_box = self.right & self.has_box
         first = np.argmax(with_box, axis=1)
         centers = np.take_along_axis(self.centers_m, first[:, None, None], axis=1)[:, 0]
-        aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.of]], axis=1)
+        aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.people]], axis=1)
         return aims, with_box.any(axis=1) & ~np.isnan(aims).any(axis=(1, 2))
 
 

@@ -126,11 +126,11 @@ def with_cues(belief: Belief, cues: MeasuredCues, error: Error) -> Belief:
     """Add the hypotheses of a cue that is measured for the first time."""
     if belief.error is None and cues.gaze is not None:
         gaze = gaze_hypotheses(error)
-        belief = replace(_of_pairs(belief, lambda of: of.repeat(len(gaze.scale), axis=-1)), gaze=gaze)
+        belief = replace(_of_pairs(belief, lambda array: array.repeat(len(gaze.scale), axis=-1)), gaze=gaze)
         belief = replace(belief, log_weights=belief.log_weights + gaze.log_prior)
     if belief.motion is None and cues.head is not None:
         head = head_hypotheses(error)
-        belief = replace(_of_pairs(belief, lambda of: of.repeat(len(head.share), axis=-2)), head=head)
+        belief = replace(_of_pairs(belief, lambda array: array.repeat(len(head.share), axis=-2)), head=head)
         belief = replace(belief, log_weights=belief.log_weights + head.log_prior[:, None])
     return belief
 
@@ -155,7 +155,7 @@ def pruned(belief: Belief) -> Belief:
     if np.count_nonzero(rows) > 0.8 * len(rows):
         return belief
     return replace(
-        _of_pairs(replace(belief, log_weights=belief.log_weights - top.max()), lambda of: of[..., rows]),
+        _of_pairs(replace(belief, log_weights=belief.log_weights - top.max()), lambda array: array[..., rows]),
         gaze=belief.gaze.kept(rows),
         error=belief.error.kept(rows) if belief.error else None,
     )

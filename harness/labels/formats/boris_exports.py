@@ -83,8 +83,7 @@ def _project(path: Path, rows: Sequence[tuple[int, Mapping[str, str]]], sets: Se
         for time, image, comment in ends if kind == "STATE" else ends[:1]:
             column = image if observation["type"] == "IMAGES" else time
             at = _number(cells.get(column, ""), f"{path}:{line}: {column}")
-            said = cells.get(comment, "")
-            event = [at, cells["Subject"], behaviour, modifiers, said]
+            event = [at, cells["Subject"], behaviour, modifiers, cells.get(comment, "")]
             observation["events"].append([*event, at, ""] if observation["type"] == "IMAGES" else event)
             film = next((cells[column] for column in _FILMS if not is_missing(cells.get(column, ""))), None)
             if film not in (None, "LIVE", "Not found"):
@@ -112,14 +111,14 @@ def _source(cells: Mapping[str, str]) -> dict[str, Any]:
         if not cells.get("Observation type", "").startswith("Live")
     ]
     listed = cells.get("Media duration (s)", "")
-    lengths = [of.split(";") for of in listed.split("|")] if not is_missing(listed) else [[]]
+    lengths = [of_player.split(";") for of_player in listed.split("|")] if not is_missing(listed) else [[]]
     pairs = zip(players, lengths, strict=False)
     return {
         **found,
         "type": "MEDIA",
         "lengths": lengths[0],
         "file": {str(n): films for n, films in enumerate(players, start=1)},
-        "media_info": {"length": {film: s for films, of in pairs for film, s in zip(films, of, strict=False)}},
+        "media_info": {"length": {film: s for films, own in pairs for film, s in zip(films, own, strict=False)}},
     }
 
 

@@ -152,8 +152,8 @@ class HeadTable:
         )
         for names, boxes in ((BOX, self._boxes), (FACE, self._faces)):
             has_area = (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
-            said = f"{', '.join(names)}: expected a box with an area"
-            columns.refuse_first(~(has_area | np.isnan(boxes[:, 0])), lambda row, said=said: said)  # type: ignore[misc]
+            why = f"{', '.join(names)}: expected a box with an area"
+            columns.refuse_first(~(has_area | np.isnan(boxes[:, 0])), lambda row, why=why: why)  # type: ignore[misc]
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""

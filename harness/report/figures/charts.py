@@ -145,8 +145,8 @@ def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
     """
     counts: Counter[str] = Counter()
     truths, answers = set[str](), set[str]()
-    for of in pairs:
-        for (truth, answer), count in of.items():
+    for of_pair in pairs:
+        for (truth, answer), count in of_pair.items():
             truths.add(truth)
             answers.add(answer)
             counts[truth] += count
@@ -191,9 +191,9 @@ def learning_curve(fits: Sequence[tuple[str, FitRecord]], width: float) -> Figur
         prefix = f"{name}: " if name else ""
         x, y = np.array(_points(fit)).T
         axes.plot(x, 100 * y, color=colour(number), marker=shape(number), ms=4, label=f"{prefix}{FITTED} weights")
-        for method, line, said in _LEVELS:
+        for method, line, label in _LEVELS:
             if score := fit.score_of(method):
-                axes.axhline(100 * score.frr, color=colour(number), ls=line, lw=0.9, label=f"{prefix}{said}")
+                axes.axhline(100 * score.frr, color=colour(number), ls=line, lw=0.9, label=f"{prefix}{label}")
     axes.set_xscale("log")
     ticks = sorted({second for _, fit in fits for second, _ in _points(fit)})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

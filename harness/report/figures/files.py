@@ -148,11 +148,11 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
         chosen = _failure(each.scores, recorded, wanted)
         if chosen is None:
             continue
-        clip, of = clips[chosen.clip], (chosen.clip, chosen.configuration)
+        clip, pair = clips[chosen.clip], (chosen.clip, chosen.configuration)
         directory = RunDirectory(each.run)
         reader = TableReader(directory, directory.read_manifest(), [chosen.clip])
         near = [frame for frame in clip.frames if abs(frame - chosen.frame) <= _AROUND]
-        blocks = [block for block in reader.blocks if (block.clip, block.configuration) == of]
+        blocks = [block for block in reader.blocks if (block.clip, block.configuration) == pair]
         content = read_frame(clip, chosen.configuration, chosen.subject, chosen.frame)
         failure = WrongFrame(
             verdict=chosen,
@@ -161,7 +161,7 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
             verdicts=[
                 verdict
                 for verdict in each.scores.verdicts
-                if (verdict.clip, verdict.configuration, verdict.subject) == (*of, chosen.subject)
+                if (verdict.clip, verdict.configuration, verdict.subject) == (*pair, chosen.subject)
                 and verdict.frame in near
             ],
             targets=_targets(each.run, chosen.clip),

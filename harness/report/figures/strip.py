@@ -199,9 +199,9 @@ def _draw_curves(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     lanes = {"truth": [v.truth for v in failure.verdicts], "answer": [v.predicted for v in failure.verdicts]}
     for number, (lane, names) in enumerate(lanes.items()):
         y = -row * (number + 1.15)
-        for verdict, said in zip(failure.verdicts, names, strict=True):
-            if said is not None and (said in failure.targets or said == NOWHERE):
-                fill = _css(colours.of(said))
+        for verdict, target in zip(failure.verdicts, names, strict=True):
+            if target is not None and (target in failure.targets or target == NOWHERE):
+                fill = _css(colours.of(target))
                 axes.add_patch(Rectangle((verdict.frame - 0.5, y), 1, 0.85 * row, fc=fill, ec="none"))
         axes.text(frames[0] - 0.7, y + 0.4 * row, lane, ha="right", va="center", size=5.5)
     axes.axhline(0, color=SOFT, lw=0.5)

@@ -253,7 +253,7 @@ def _pictures(
     clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], thumbnails: Thumbnails
 ) -> dict[str, Any] | None:
     """``pictures`` by frame; ``seen`` by subject, configuration and frame, for the frames judged wrong."""
-    pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}
+    pictures = {frame: uri for (name, frame), uri in thumbnails.pictures.items() if name == clip}
     if not pictures:
         return None
     seen = {

@@ -135,7 +135,7 @@ def attended(attention: RunAttention, pair: Pair, subject: str) -> AttentionByTa
 
 def target_colours(attention: RunAttention, clip: str) -> Colours:
     """The colours of a clip's targets, in order of appearance."""
-    return Colours(name for (of, _), part in attention.items() if of == clip for name in part.targets)
+    return Colours(target for (name, _), part in attention.items() if name == clip for target in part.targets)
 
 
 def frames_of(judged: BySubject) -> NDArray[np.int64]:

@@ -84,13 +84,13 @@ class MotiveClip(MotionCaptureClip):
 
 def _unit_m(first: Sequence[str], path: Path) -> float:
     """The unit of length, m, from the first line, which also says how rotations are written."""
-    said = dict(zip(first[::2], first[1::2], strict=False))
-    if _FIRST not in said:
+    header_values = dict(zip(first[::2], first[1::2], strict=False))
+    if _FIRST not in header_values:
         raise VfoaError(f"{path}:1: no {_FIRST!r}; expected a CSV of Motive with its header")
     for name, expected in _READ.items():
-        if (found := said.get(name, expected)) != expected:
+        if (found := header_values.get(name, expected)) != expected:
             raise VfoaError(f"{path}:1: {name}: found {found!r}; expected {expected}: choose it in Motive's CSV export")
-    if (unit := said.get("Length Units", "")) not in _UNITS_M:
+    if (unit := header_values.get("Length Units", "")) not in _UNITS_M:
         raise VfoaError(f"{path}:1: Length Units: {did_you_mean(unit, _UNITS_M)}")
     return _UNITS_M[unit]
 

@@ -84,7 +84,7 @@ class QualisysClip(MotionCaptureClip):
             a matrix that is no rotation.
         """
         rows = csv_lines(read_text(path), path, 0, "\t")
-        said, header = _above(rows, path)
+        header_values, header = _above(rows, path)
         bodies = _bodies(header, path)
         clock = [header.index(name) for name in ("Frame", "Time") if name in header]
         columns = [*clock, *(place for places in bodies.values() for place in places)]
@@ -93,7 +93,7 @@ class QualisysClip(MotionCaptureClip):
             numbers, times_s = frame_numbers(cells[:, 0], lines, path), cells[:, 1]
         else:
             numbers = [1 + every * place for place in range(len(lines))]
-            cell = next(iter(said.get("FREQUENCY", ())), "")
+            cell = next(iter(header_values.get("FREQUENCY", ())), "")
             rate_hz = frames_per_second(cell, f"{path}: FREQUENCY", ", or the columns Frame and Time")
             times_s = (np.array(numbers) - 1) / rate_hz
         of_bodies = np.split(cells[:, len(clock) :], len(bodies), axis=1)
@@ -118,11 +118,11 @@ def _included(path: Path) -> str | None:
 
 def _above(rows: Iterator[tuple[int, list[str]]], path: Path) -> tuple[dict[str, Sequence[str]], list[str]]:
     """What the first lines say, by name, and the names of columns below them."""
-    said: dict[str, Sequence[str]] = {}
+    header_values: dict[str, Sequence[str]] = {}
     for _, cells in rows:
         if _MATRIX[0] in cells:
-            return said, cells
-        said[cells[0]] = cells[1:]
+            return header_values, cells
+        header_values[cells[0]] = cells[1:]
     raise VfoaError(
         f"{path}: no line with the names of columns, {_MATRIX[0]} among them; expected 6DOF data with header, names of "
         "columns and rotation matrix, chosen in QTM's TSV export"
