@@ -15,7 +15,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scene_identity import key_of
 from harness.run.scenes import FolderWriter, remove_unused
-from harness.run.table_columns import Tables, answer_columns, look_columns, measured_columns, scene_columns
+from harness.run.table_columns import TableFiles, answer_columns, look_columns, measured_columns, scene_columns
 from harness.run.table_files import Row, TableWriter, make_table
 from harness.run.tables import TABLES
 
@@ -36,7 +36,7 @@ def _measures(record: FrameRecord) -> FrameMeasures | None:
     return record.measures if isinstance(record, MeasuredRecord) else None
 
 
-class MemoryTables(Tables):
+class MemoryTables(TableFiles):
     """Tables of records that are in no file."""
 
     def __init__(self, rows: Mapping[str, list[Row]]) -> None:

@@ -25,14 +25,14 @@ _KEPT_SCENES = 8
 """Scenes, and directions of people, that a reader keeps for the next configurations."""
 
 
-class Tables:
+class TableFiles:
     """The files of tables, by the tables' names."""
 
     def __init__(self, paths: Mapping[str, Path]) -> None:
         self.paths = dict(paths)
 
     @classmethod
-    def of_folder(cls, folder: Path, tables: Iterable[str]) -> Tables:
+    def of_folder(cls, folder: Path, tables: Iterable[str]) -> TableFiles:
         """Those of a folder."""
         return cls({table: folder / f"{table}.parquet" for table in tables})
 
@@ -68,30 +68,32 @@ class ColumnReader:
         scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
         looks = self._looks(paths["directions"].parent, scene)
         measured = self._measured(paths["directions"].parent, paths["frames"].parent, scene)
-        return answer_columns(pair, scene, looks, measured, Tables(paths), self.words, self._filtered[pair[1]])
+        return answer_columns(pair, scene, looks, measured, TableFiles(paths), self.words, self._filtered[pair[1]])
 
     def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
-        return scene_columns(Tables.of_folder(folder, SCENE_TABLES), self.words, dict(names_now))
+        return scene_columns(TableFiles.of_folder(folder, SCENE_TABLES), self.words, dict(names_now))
 
     def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
-        return look_columns(scene, Tables.of_folder(folder, DIRECTIONS_TABLES), self.words)
+        return look_columns(scene, TableFiles.of_folder(folder, DIRECTIONS_TABLES), self.words)
 
     def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> Measured:
-        tables = Tables.of_folder(of_scene, SCENE_TABLES).paths | Tables.of_folder(folder, DIRECTIONS_TABLES).paths
-        return measured_columns(scene, Tables(tables), self.words)
+        tables = (
+            TableFiles.of_folder(of_scene, SCENE_TABLES).paths | TableFiles.of_folder(folder, DIRECTIONS_TABLES).paths
+        )
+        return measured_columns(scene, TableFiles(tables), self.words)
 
 
-def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
+def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
     """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
     about = tables.read("frames", ("frame", "time_ns", "has_truth", "fx_px", "baseline_m", "has_right"))
     frames = _numbers(about, "frame")
     check_ascending(tables.paths["frames"], frames.tolist())
-    found = tables.read("instances", ("frame", "instance_id", "name", "box_px", "center_m"))
-    instances, instance_at = _in_order(found, frames, tables.paths["instances"])
+    of_instances = ("frame", "instance_id", "name", "box_px", "center_m")
+    instances, instance_at = _in_order(tables, "instances", of_instances, frames)
     ids = _numbers(instances, "instance_id")
     _check_distinct(frames, instance_at, ids, tables.paths["instances"])
-    seen = tables.read("people", ("frame", "track_id", "name", "instance_id", "head_box_px"))
-    people, person_at = _in_order(seen, frames, tables.paths["people"])
+    of_people = ("frame", "track_id", "name", "instance_id", "head_box_px")
+    people, person_at = _in_order(tables, "people", of_people, frames)
     heads_px = _vectors(people, "head_box_px", 4)
     return SceneColumns(
         frames=frames,
@@ -114,11 +116,10 @@ def scene_columns(tables: Tables, words: Words, names_now: Mapping[str, str]) ->
     )
 
 
-def look_columns(scene: SceneColumns, tables: Tables, words: Words) -> LookColumns:
+def look_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> LookColumns:
     """Read where the people of a scene look; a :class:`VfoaError` says that the tables do not fit each other."""
-    path = tables.paths["directions"]
     names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m")
-    table = _of_people(scene, tables.read("directions", names), path)
+    table = _of_people(scene, tables, "directions", names)
     eyes_m, gaze, head = (_vectors(table, name, 3) for name in ("eye_origin_m", "gaze", "head"))
     return LookColumns(
         eyes_m=eyes_m,
@@ -137,7 +138,7 @@ def answer_columns(
     scene: SceneColumns,
     looks: LookColumns,
     measured: Measured,
-    tables: Tables,
+    tables: TableFiles,
     words: Words,
     filtered: Sequence[Cue],
 ) -> PairColumns:
@@ -150,7 +151,7 @@ def answer_columns(
     """
     path = tables.paths["answers"]
     columns = (*_ANSWERS, *(f"{cue}_filtered" for cue in filtered))
-    table = _of_people(scene, tables.read("answers", columns), path)
+    table = _of_people(scene, tables, "answers", columns)
     after = {"gaze": looks.gaze, "head": looks.head}
     after |= {cue: _vectors(table, f"{cue}_filtered", 3) for cue in filtered}
     attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
@@ -180,15 +181,15 @@ def answer_columns(
     )
 
 
-def measured_columns(scene: SceneColumns, tables: Tables, words: Words) -> Measured:
+def measured_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> Measured:
     """Read the measures of a scene and of where its people look; none without ground truth."""
     if not scene.has_truth.any():
         return Measured()
     about = tables.read("frames", [f"disparity_{name}" for name in OF_DISPARITY])
     disparities = np.stack([_floats(about, f"disparity_{name}") for name in OF_DISPARITY], axis=1)
-    truths = tables.read("objects", ("frame", "truth_id", "label", "instance_id", *OF_OBJECT))
-    objects, at = _in_order(truths, scene.frames, tables.paths["objects"])
-    people, _ = _in_order(tables.read("true_people", ("frame", *OF_PERSON)), scene.frames, tables.paths["true_people"])
+    of_objects = ("frame", "truth_id", "label", "instance_id", *OF_OBJECT)
+    objects, at = _in_order(tables, "objects", of_objects, scene.frames)
+    people, _ = _in_order(tables, "true_people", ("frame", *OF_PERSON), scene.frames)
     truth_ids, labels = _numbers(objects, "truth_id"), _words(objects, "label", words)
     _, first = np.unique(truth_ids, return_index=True)
     rows = _find(scene, at, _numbers(objects, "instance_id", NO_ID))
@@ -239,23 +240,24 @@ def _check_distinct(frames: NDArray[np.int64], at: Codes, ids: NDArray[np.int64]
         raise VfoaError(f"{path}: frame {number}: expected distinct instance ids in targets")
 
 
-def _in_order(table: Any, frames: NDArray[np.int64], path: Path) -> tuple[Any, Codes]:
-    """The rows of a table in the order of the frames, and the place of each one's frame."""
+def _in_order(tables: TableFiles, name: str, columns: Sequence[str], frames: NDArray[np.int64]) -> tuple[Any, Codes]:
+    """Read columns of a table: its rows in the order of the frames, and the place of each one's frame."""
+    table = tables.read(name, columns)
     numbers = _numbers(table, "frame")
     at = np.searchsorted(frames, numbers)
     is_there = np.append(frames, 0)[at] == numbers
     is_there &= at < len(frames)
     if not is_there.all():
-        raise VfoaError(f"{path}: frame {numbers[~is_there][0]} is not in frames.parquet")
+        raise VfoaError(f"{tables.paths[name]}: frame {numbers[~is_there][0]} is not in frames.parquet")
     if (np.diff(at) >= 0).all():
         return table, at
     order = np.argsort(at, kind="stable")
     return table.take(order), at[order]
 
 
-def _of_people(scene: SceneColumns, table: Any, path: Path) -> Any:
-    """The rows of a table in the order of the scene's people, one for each of them; else a :class:`VfoaError`."""
-    table, at = _in_order(table, scene.frames, path)
+def _of_people(scene: SceneColumns, tables: TableFiles, name: str, columns: Sequence[str]) -> Any:
+    """Read columns of a table that has a row for each of the scene's people, in their order."""
+    table, at = _in_order(tables, name, columns, scene.frames)
     tracks = _numbers(table, "track_id")
     known = min(len(tracks), len(scene.tracks))
     differs = (at[:known] != scene.person_at[:known]) | (tracks[:known] != scene.tracks[:known])
@@ -263,7 +265,7 @@ def _of_people(scene: SceneColumns, table: Any, path: Path) -> Any:
         first = int(np.argmax(differs)) if differs.any() else known
         places = [places[first] for places in (at, scene.person_at) if first < len(places)]
         number = scene.frames[min(places)]
-        raise VfoaError(f"{path}: frame {number}: expected the tracks of people, a row for each of them")
+        raise VfoaError(f"{tables.paths[name]}: frame {number}: expected the tracks of people, a row for each of them")
     return table
 
 

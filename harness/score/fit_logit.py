@@ -23,7 +23,7 @@ from harness.run.executors import Executor
 from harness.run.experiment import Experiment
 from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
-from harness.run.table_columns import Tables, look_columns, scene_columns
+from harness.run.table_columns import TableFiles, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
 from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, cases_of, labelled_runs, truths_of
@@ -313,7 +313,7 @@ def _logit(configuration: Configuration) -> LogitSettings:
 
 def _labelled_pair(clip: str, configuration: Configuration, paths: Mapping[str, Path], labels: Labels) -> LabelledPair:
     """The pair of a clip that is perceived: cases are fitted of which it has some frames, and to all of its frames."""
-    tables, words = Tables(paths), Words()
+    tables, words = TableFiles(paths), Words()
     scene = scene_columns(tables, words, {})
     looks = look_columns(scene, tables, words)
     cases = cases_of(looks)
