@@ -40,9 +40,12 @@ def test_the_real_tool_verifies_all_layers(frames, record_run):
 
 
 def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
-    before = pickle.dumps(frames)
+    def content():  # not the frames themselves: their class is in a conftest, one of several modules of that name
+        return pickle.dumps([(each.frame, each.percepts, each.result, each.record) for each in frames])
+
+    before = content()
     record_run(frames)
-    assert pickle.dumps(frames) == before
+    assert content() == before
 
 
 def test_curves_equal_the_record(frames, record_run, read_back):
