@@ -22,7 +22,7 @@ from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rat
 from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 from scripts.measure.simulated_looks import HZ, Simulated, World, simulate
 
-CLIPS, LASTS_S = (4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
+CLIPS, LASTS_S = (2, 3, 4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
 LOOKS_S, MARGINS = (0.7, 3.0), (1.9, 2.6)
 PILOTS = (2, 3, 4, 6, 12, 24)
 _POOL = 3000
