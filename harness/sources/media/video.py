@@ -83,7 +83,7 @@ class Video:
         index = _indexed(path) if stamp is None else _kept(path, stamp)
         self.frames, self.rate_hz, self.notes = range(len(index.stamps_ns)), index.rate_hz, index.notes
         self.times_ns = tuple(at - index.stamps_ns[0] for at in index.stamps_ns)
-        self._stamps_ns, self._turn = index.stamps_ns, index.turn
+        self._stamps_ns, self._turn, self._can_seek = index.stamps_ns, index.turn, index.can_seek
         self._capture: Any = None
         self._position = -1
 
@@ -128,7 +128,7 @@ class Video:
 
     def _jump(self, place: int) -> None:
         """Go to a frame at or before ``place``: by a seek if the time stamp proves where it led, else to the start."""
-        if place > STEP:
+        if place > STEP and self._can_seek:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
             places = {stamp: number for number, stamp in enumerate(self._stamps_ns)}
@@ -144,11 +144,15 @@ class Video:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Index:
-    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`."""
+    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`.
+
+    ``can_seek``: a decoder that begins with a key frame gives whole pictures.
+    """
 
     stamps_ns: tuple[int, ...]
     rate_hz: float | None
     turn: Turn
+    can_seek: bool
     notes: tuple[str, ...]
 
 
@@ -174,7 +178,9 @@ def _indexed(path: Path) -> _Index:
     if turn != UPRIGHT:
         notes.append(f"{path.name}: pictures are {turn}, as the file says")
     rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
-    return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
+    return _Index(
+        stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, can_seek=_has_whole_key_frames(path), notes=tuple(notes)
+    )
 
 
 def _readable(path: Path) -> str:
@@ -221,6 +227,27 @@ def _turn_of(path: Path) -> Turn:
         if turn.matrix == (a, b, c, d):
             return turn
     raise VfoaError(f"{path}: pictures are rotated by a part of 90 degrees; expected multiples of 90")
+
+
+def _has_whole_key_frames(path: Path) -> bool:
+    """Whether a key frame in the middle can be decoded alone.
+
+    A coder may refresh pictures part by part (x264's intra-refresh): a decoder can begin at each refresh, but pictures
+    are whole only after it. FFmpeg gives none before; OpenCV shows them with the parts that are missing.
+    """
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "NONE"
+            container.seek((container.start_time or 0) + (container.duration or 0) // 2)
+            for packet in container.demux(stream):
+                if packet.is_keyframe:
+                    return bool([*packet.decode(), *stream.codec_context.decode(None)])
+    except av.FFmpegError:
+        return False
+    return True
 
 
 def container_tags(path: Path) -> dict[str, str]:

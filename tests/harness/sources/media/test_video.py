@@ -37,6 +37,31 @@ def test_a_frame_found_by_seeking_is_the_frame_found_by_reading(tmp_path: Path, 
     assert np.argmin(differences, axis=1).tolist() == list(range(COUNT))
 
 
+@pytest.mark.parametrize(
+    ("coder", "can_seek"), [("intra-refresh=1:keyint=10:bframes=0", False), ("open-gop=1:keyint=10:bframes=3", True)]
+)
+def test_pictures_are_whole_where_a_decoder_cannot_begin_with_one(tmp_path: Path, coder: str, can_seek: bool) -> None:
+    """A coder may refresh pictures part by part, so that the first ones after a seek lack parts."""
+    path = tmp_path / "a.mp4"
+    images = [moving_picture(number, 256, 96) for number in range(1, 121)]
+    write_coded(path, images, {"crf": "12", "x264-params": coder})
+    in_order = Video(path)
+    assert in_order._can_seek == can_seek
+    frames = [in_order.read(place) for place in in_order.frames]
+    assert all(np.abs(frame.astype(int) - image).mean() < 3 for frame, image in zip(frames, images, strict=True))
+    for place in (*range(0, 90, 10), *range(90, 120)):
+        assert np.array_equal(Video(path).read(place), frames[place])
+
+
+def write_coded(path: Path, images: list[np.ndarray], options: dict[str, str]) -> None:
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("libx264", rate=25, options=options)
+        stream.height, stream.width, stream.pix_fmt = *images[0].shape[:2], "yuv420p"
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
 def test_what_the_container_says_is_read(tmp_path: Path) -> None:
     video = Video(write_video(tmp_path / "a.mp4", IMAGES[:10], "mp4v", rate_hz=12.5))
     assert (video.frames, video.rate_hz, video.notes) == (range(10), 12.5, ())
