@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import Field, model_validator
 
 from vfoa.geometry import Boxes, entry_distances, fov_from_radius, left_from_crop, of_people, stacked
 from vfoa.methods import MethodSettings, boxes_of_others
@@ -76,9 +76,9 @@ class ConesSettings(MethodSettings):
     """``cones`` of rays; ``bayes``, a posterior over the objects; ``logit``, weights fitted to labels; ``nearest``."""
     cones_deg: tuple[Annotated[float, Field(gt=0, lt=180)], ...] | None = Field(default=None, min_length=1)
     """Full apex angles of the cones. Set this or ``cones_cm``; one cone of 10 cm without either."""
-    cones_cm: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(default=None, min_length=1)
+    cones_cm: tuple[Annotated[float, Field(gt=0, le=10_000)], ...] | None = Field(default=None, min_length=1)
     """Base radii of the cones at a height of 1.10 m, as in the paper, instead of ``cones_deg``."""
-    n_rays: PositiveInt = 40
+    n_rays: int = Field(default=40, gt=0, le=100_000)
     """Rays on the surface of each cone."""
     axis_ray: bool = True
     """Also cast one ray along the axis of each cone."""

@@ -196,7 +196,8 @@ def export_predictions(
             targets=of_run.targets,
             **options,
         )
-        yield place, (*predicted.notes, *written.write(place, predicted.labels, exchange))
+        notes = (*predicted.notes, *written.write(place, predicted.labels, exchange))
+        yield place, notes if len(chosen) == 1 else tuple(f"{clip_name}: {note}" for note in notes)
 
 
 def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:

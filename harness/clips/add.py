@@ -276,9 +276,9 @@ def _free_paths(name: str, bare: str | None) -> tuple[Path, Path]:
     paths = Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
     if paths[0].is_file() and read_text(paths[0]) == bare and _is_left_over(paths[1]):
         return paths
-    for taken in (clip_files().get(name), find("annotations", name)):
+    for what, taken in (("a clip", clip_files().get(name)), ("labels", find("annotations", name))):
         if taken is not None and not _is_left_over(taken):
-            raise VfoaError(f"{taken}: a clip of this name exists; expected another name: --name NAME")
+            raise VfoaError(f"{taken}: found {what} of this name; expected another name: --name NAME")
     return paths
 
 

@@ -184,7 +184,11 @@ def replacing(path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     # mkstemp makes private files; results are meant to be shared, unless their owner made them private
     mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_UMASK
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:  # of a folder that cannot be written
+        error.filename = str(path)
+        raise
     os.close(handle)
     temporary = Path(name)
     try:

@@ -11,7 +11,7 @@ The interval of a difference is that of the sign-flip test (:mod:`harness.score.
 percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know about the
 Bootstrap", The American Statistician 69, 2015, section 4.3): as far out as Student's t with the resample's degrees of
 freedom, and by the factor by which a resample's spread is too small. In ``reports/coverage.md`` the plain percentiles
-of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well, but with
+of resampled clips cover 80 to 90 % at 4 to 8 clips, these 90 % and more; a bootstrap-t covers as well, but with
 intervals two to five times as wide at 4 to 6 clips.
 
 If resampling is not possible (too few units for :func:`can_resample`, or all of them equal), the interval of a rate has

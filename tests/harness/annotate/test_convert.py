@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,18 @@ def test_pympi_reads_what_was_predicted(tmp_path: Path) -> None:
     assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 101, "cup")]
     assert [value for *_, value in document.get_annotation_data_for_tier("girl:state")] == ["suggested"] * 2
     assert document.get_annotation_data_for_tier("girl:note")[0][2] == "probability 0.75"
+
+
+def test_notes_on_several_clips_name_theirs(tmp_path: Path) -> None:
+    girl = ["bird", None]
+    records = [replace(record, clip=clip) for clip in ("a", "b") for record in frames_of(girl).values()]
+    names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
+    clips = [
+        {"name": clip, "names": names, "frames": [1, 2], "times_ns": [0, 10**9], "rate_hz": 1.0} for clip in ("a", "b")
+    ]
+    of_records.write_run(tmp_path, records, clips=clips, configurations={"one": {}})
+    notes = [notes for _, notes in export_predictions(tmp_path, "csv")]
+    assert [[note.partition(" frames of girl")[0] for note in of_clip] for of_clip in notes] == [["a: 1"], ["b: 1"]]
 
 
 def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:

@@ -120,6 +120,8 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + "[grid]\n'atention.n_rays' = [4]\n", r"atention\.n_rays: .*'attention'"),
         (HEAD + "[grid]\n'attention.n_ray' = [4]\n", "'attention.n_ray'; did you mean 'n_rays'"),
         (HEAD + "[grid]\n'attention.n_rays' = ['many']\n", r"attention.n_rays: .*'many'"),
+        (HEAD + "[grid]\n'attention.n_rays' = [1000000000]\n", r"attention.n_rays: .*100000"),
+        (HEAD + "[grid]\n'attention.cones_cm' = [[1e308]]\n", r"attention.cones_cm.*10000"),
         (HEAD + "[grid]\n'attention.n_rays' = 4\n", r"grid\.attention\.n_rays: expected a list"),
         (HEAD + "[grid]\nattention.n_rays = 4\n", r"grid\.attention\.n_rays: expected a list"),
         (HEAD + "[grid.attention]\nn_rays = [4]\none = { n_rays = 4 }\n", "attention: .*both, .*'n_rays' and 'one'"),
