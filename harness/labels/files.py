@@ -234,9 +234,17 @@ class AnnotationFiles:
         return tuple(path for path in (*labels, self.find_drawn()) if path is not None)
 
     def annotators(self) -> tuple[str, ...]:
-        """Everyone who has a file for this clip, sorted; ``<clip>.csv`` is not counted."""
-        stems = (path.stem for folder in self._folders for path in folder.glob(f"{self.clip}@*.csv"))
-        return tuple(sorted({stem.partition("@")[2] for stem in stems}))
+        """Everyone who has a file for this clip, sorted; ``<clip>.csv`` is not counted.
+
+        Raises
+        ------
+        VfoaError
+            If the name of a file has another one than :meth:`place` takes.
+        """
+        paths = [path for folder in self._folders for path in folder.glob(f"{self.clip}@*.csv")]
+        for path in paths:
+            _check_annotator(path.stem.partition("@")[2], str(path))
+        return tuple(sorted({path.stem.partition("@")[2] for path in paths}))
 
     @property
     def _beside(self) -> Path:
@@ -253,6 +261,10 @@ class AnnotationFiles:
     def _stem(self, annotator: str | None) -> str:
         if annotator is None:
             return self.clip
-        if not _NAME.fullmatch(annotator):
-            raise VfoaError(f"annotator: found {annotator!r}; expected a name of letters, digits and . _ - only")
+        _check_annotator(annotator, "annotator")
         return f"{self.clip}@{annotator}"
+
+
+def _check_annotator(name: str, where: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise VfoaError(f"{where}: found the annotator {name!r}; expected a name of letters, digits and . _ - only")

@@ -70,6 +70,8 @@ class OwnTable(ReadOnly):
         known = [row for row in rows if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
         if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
             _check_unit(known, place, exchange, path)
+        if place[0] in ("start_ms", "time_ms"):
+            _check_milliseconds(known, place, exchange, path)
         if place[0] in ("time_s", "time_ms", "time_ns"):
             imported = _moments(known, place[0], exchange, path)
         elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
@@ -236,6 +238,25 @@ def _check_unit(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, 
         raise VfoaError(
             f"{path}: {' and '.join(place)}: times reach {last:g} s, the clip ends at {end_s:g} s; expected seconds, "
             f"or columns called {names[len(place) == 1]} if they are {unit}"
+        )
+
+
+def _check_milliseconds(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> None:
+    """Reject milliseconds with a point that are probably seconds, or whole ones with a point after the thousands.
+
+    Raises
+    ------
+    VfoaError
+        If there are some, and all times would end near the clip's end if they were a thousand times as long.
+    """
+    cells = [cells[column] for _, cells in rows for column in place]
+    if not all(_NUMBER.fullmatch(cell) for cell in cells) or not (pointed := [cell for cell in cells if "." in cell]):
+        return
+    last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
+    if _LEAST_SHARE <= last / max(end_s, 1) <= _MOST_SHARE:
+        raise VfoaError(
+            f"{path}: {' and '.join(place)}: found {pointed[0]!r}, and times that reach {last:g} ms of a clip of "
+            f"{end_s:g} s; expected milliseconds without a sign between thousands, or columns in seconds"
         )
 
 

@@ -46,6 +46,12 @@ def test_an_annotators_name_is_one_word(manifest: ClipManifest, name: str) -> No
         manifest.annotations.place(name)
 
 
+def test_a_file_of_another_name_is_named(manifest: ClipManifest, tmp_path: Path) -> None:
+    write_text(tmp_path / "annotations" / "clip@Ben B.csv", ROWS.format("none"))
+    with pytest.raises(VfoaError, match=r"annotations/clip@Ben B\.csv: found the annotator 'Ben B'"):
+        manifest.annotations.annotators()
+
+
 def test_a_new_file_goes_beside_the_manifest(manifest: ClipManifest, tmp_path: Path) -> None:
     assert manifest.annotations.place("ben") == tmp_path / "annotations" / "clip@ben.csv"
     assert manifest.annotations.place() == tmp_path / "annotations" / "clip.csv"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -83,9 +84,11 @@ MINUTE = PlainClip(frames=range(1, 1501))
         ("subject,target,start,end\ngirl,bird,1,100\ngirl,cup,101,1490\n", "first_frame and last_frame"),
         ("subject,target,time\ngirl,bird,40\ngirl,cup,50000\n", "time_ms"),
         ("subject,target,time\ngirl,bird,1\ngirl,cup,1500\n", "called frame"),
+        ("subject;target;start_ms;end_ms\ngirl;bird;0;1.040\ngirl;cup;4.000;59.000\n", "sign between thousands"),
+        ("subject,target,start_ms,end_ms\ngirl,bird,0,4.5\ngirl,cup,4.5,59\n", "columns in seconds"),
     ],
 )
-def test_seconds_that_are_something_else_are_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_times_that_are_something_else_are_refused(tmp_path: Path, text: str, said: str) -> None:
     """They would be labels of nearly nothing, or of the whole clip."""
     with pytest.raises(VfoaError, match=said):
         _read(tmp_path, text, MINUTE)
@@ -103,6 +106,19 @@ def test_seconds_that_are_something_else_are_refused(tmp_path: Path, text: str, 
 def test_labels_of_a_longer_film_stay_seconds(tmp_path: Path, text: str) -> None:
     labels, _ = _read(tmp_path, text, MINUTE)
     assert [row.label.target for row in labels.ranges] == ["bird"]
+
+
+def test_milliseconds_may_have_a_fraction(tmp_path: Path) -> None:
+    text = "subject,target,start_ms,end_ms\ngirl,bird,0,1050.5\ngirl,cup,4000.25,59000\n"
+    labels, _ = _read(tmp_path, text, MINUTE, gaps="none")
+    assert labels == Labels([row(1, 27, "bird"), row(28, 100, "none"), row(101, 1475, "cup")])
+
+
+def test_labels_that_are_cut_are_counted(tmp_path: Path) -> None:
+    text = "subject,target,start_s,end_s\nboy,cup,-3,0.2\ngirl,bird,0,0.3\ngirl,cup,0.3,9.5\n"
+    _, notes = _read(tmp_path, text)
+    (note,) = [note for note in notes if "beyond the clip" in note]
+    assert re.search(r"2 labels .* by up to 9\.0 s .*mine\.csv:2\.$", note)
 
 
 def test_what_is_left_out_is_said(tmp_path: Path) -> None:
