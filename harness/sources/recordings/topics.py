@@ -390,7 +390,8 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     if settings.both is not None:
         packed = named((topic for topic in topics if topic.is_image), settings.both, "both", where)
         return Sides(packed, packed, None)
-    of_zed = [topic for topic in topics if topic.type.is_zed and topic.is_image]
+    is_named = settings.left is not None or settings.right is not None or settings.depth is not None
+    of_zed = [topic for topic in topics if topic.type.is_zed and topic.is_image and not is_named]
     if len(of_zed) == 1:
         return Sides(of_zed[0], of_zed[0], None)
     if of_zed:

@@ -100,6 +100,8 @@ def test_of_several_cameras_one_is_named(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"2 cameras; expected both = .*Camera_SN12/side_by_side"):
         open_clip(path, calibration=conf)
     assert len(open_clip(path, calibration=conf, both="Camera_SN12/side_by_side").frames) == 1
+    with pytest.raises(VfoaError, match=r"no left topic '/left'"):
+        open_clip(path, calibration=conf, left="/left", right="/right")
 
 
 @pytest.mark.parametrize(
