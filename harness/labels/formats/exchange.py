@@ -271,34 +271,33 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown
     VfoaError
         If a frame lies in two spans of a subject, or a span ends before it begins.
     """
-    rows, outside, cut = list[tuple[str, LabelRange]](), list[str](), list[tuple[int, str]]()
+    rows, inside, outside = list[tuple[str, LabelRange]](), list[Span](), list[str]()
     timeline = shown or exchange.shown
     for span in sorted(spans, key=lambda span: (span.start_ms, span.end_ms)):
         if span.end_ms < span.start_ms:
             raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
         if covered := timeline.between(span.start_ms * MS, span.end_ms * MS):
             first, last = covered
-            cut.append((max(_beyond_ns(span, timeline)), span.where))
+            inside.append(span)
             row = LabelRange(first_frame=first, last_frame=last, subject=span.subject, label=span.label)
             rows.append((span.where, row))
         else:
             outside.append(span.where)
     check_sequence(rows, exchange.timeline, allow_gaps=True)
-    return without(outside, _with_cut(cut, exchange.labels((row for _, row in rows), path), path), path)
+    imported = exchange.labels((row for _, row in rows), path)
+    return without(outside, _with_cut(inside, timeline, imported, path), path)
 
 
 _NOTED_NS = 1_000_000_000
 """Time by which a label lasts beyond the clip above which a note says so."""
 
 
-def _beyond_ns(span: Span, timeline: Timeline) -> tuple[int, int]:
-    """By how much a span begins before the clip, and ends after it."""
+def _with_cut(spans: Sequence[Span], timeline: Timeline, imported: Imported, path: object) -> Imported:
+    """Labels with a note on those of these spans, which hold frames of the clip, that last beyond it."""
+    if not spans:
+        return imported
     begin_ns, end_ns = timeline.span_ns(timeline.frames[0], timeline.frames[-1])
-    return begin_ns - span.start_ms * MS, span.end_ms * MS - end_ns
-
-
-def _with_cut(beyond: Iterable[tuple[int, str]], imported: Imported, path: object) -> Imported:
-    """Labels with a note on those that last beyond the clip, by their times in ns and their places in the file."""
+    beyond = [(max(begin_ns - span.start_ms * MS, span.end_ms * MS - end_ns), span.where) for span in spans]
     cut = [(most_ns, where) for most_ns, where in beyond if most_ns > _NOTED_NS]
     if not cut:
         return imported

@@ -224,8 +224,8 @@ def _check_unit(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, 
     VfoaError
         If times reach more than five times the clip's end, and in the other unit end near it.
     """
-    cells = [cells[column] for _, cells in rows for column in place]
-    if place[0] not in ("start_s", "time_s") or not cells or not all(_NUMBER.fullmatch(cell) for cell in cells):
+    cells = _numbers(rows, place)
+    if place[0] not in ("start_s", "time_s") or not cells:
         return
     last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
     units = (
@@ -249,8 +249,8 @@ def _check_milliseconds(rows: Sequence[_Row], place: Sequence[str], exchange: Ex
     VfoaError
         If there are some, and all times would end near the clip's end if they were a thousand times as long.
     """
-    cells = [cells[column] for _, cells in rows for column in place]
-    if not all(_NUMBER.fullmatch(cell) for cell in cells) or not (pointed := [cell for cell in cells if "." in cell]):
+    cells = _numbers(rows, place)
+    if not (pointed := [cell for cell in cells if "." in cell]):
         return
     last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
     if _LEAST_SHARE <= last / max(end_s, 1) <= _MOST_SHARE:
@@ -258,6 +258,12 @@ def _check_milliseconds(rows: Sequence[_Row], place: Sequence[str], exchange: Ex
             f"{path}: {' and '.join(place)}: found {pointed[0]!r}, and times that reach {last:g} ms of a clip of "
             f"{end_s:g} s; expected milliseconds without a sign between thousands, or columns in seconds"
         )
+
+
+def _numbers(rows: Sequence[_Row], place: Sequence[str]) -> list[str]:
+    """The cells that say where rows hold, if all of them are numbers; else none."""
+    found = [cells[column] for _, cells in rows for column in place]
+    return found if all(map(_NUMBER.fullmatch, found)) else []
 
 
 def _time_ms(cell: str, where: str, *, unit_ms: int) -> int:
