@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +83,7 @@ class Video:
         index = _indexed(path) if stamp is None else _kept(path, stamp)
         self.frames, self.rate_hz, self.notes = range(len(index.stamps_ns)), index.rate_hz, index.notes
         self.times_ns = tuple(at - index.stamps_ns[0] for at in index.stamps_ns)
-        self._stamps_ns, self._turn, self._can_seek = index.stamps_ns, index.turn, index.can_seek
+        self._stamps_ns, self._turn = index.stamps_ns, index.turn
         self._capture: Any = None
         self._position = -1
 
@@ -138,21 +138,38 @@ class Video:
                     return
         self._capture, self._position = _open(self.path), -1
 
+    @cached_property
+    def _can_seek(self) -> bool:
+        """Whether a key frame in the middle can be decoded alone.
+
+        A coder may refresh pictures part by part (x264's intra-refresh): a decoder can begin at each refresh, but
+        pictures are whole only after it. FFmpeg gives none before; OpenCV shows them with the parts that are missing.
+        """
+        import av
+
+        try:
+            with av.open(str(self.path)) as container:
+                stream = container.streams.video[0]
+                stream.thread_type = "NONE"
+                container.seek((container.start_time or 0) + (container.duration or 0) // 2)
+                for packet in container.demux(stream):
+                    if packet.is_keyframe:
+                        return bool([*packet.decode(), *stream.codec_context.decode(None)])
+        except av.FFmpegError:
+            return False
+        return True
+
     def _undecodable(self, place: int) -> VfoaError:
         return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Index:
-    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`.
-
-    ``can_seek``: a decoder that begins with a key frame gives whole pictures.
-    """
+    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`."""
 
     stamps_ns: tuple[int, ...]
     rate_hz: float | None
     turn: Turn
-    can_seek: bool
     notes: tuple[str, ...]
 
 
@@ -178,9 +195,7 @@ def _indexed(path: Path) -> _Index:
     if turn != UPRIGHT:
         notes.append(f"{path.name}: pictures are {turn}, as the file says")
     rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
-    return _Index(
-        stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, can_seek=_has_whole_key_frames(path), notes=tuple(notes)
-    )
+    return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
 
 
 def _readable(path: Path) -> str:
@@ -227,27 +242,6 @@ def _turn_of(path: Path) -> Turn:
         if turn.matrix == (a, b, c, d):
             return turn
     raise VfoaError(f"{path}: pictures are rotated by a part of 90 degrees; expected multiples of 90")
-
-
-def _has_whole_key_frames(path: Path) -> bool:
-    """Whether a key frame in the middle can be decoded alone.
-
-    A coder may refresh pictures part by part (x264's intra-refresh): a decoder can begin at each refresh, but pictures
-    are whole only after it. FFmpeg gives none before; OpenCV shows them with the parts that are missing.
-    """
-    import av
-
-    try:
-        with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            stream.thread_type = "NONE"
-            container.seek((container.start_time or 0) + (container.duration or 0) // 2)
-            for packet in container.demux(stream):
-                if packet.is_keyframe:
-                    return bool([*packet.decode(), *stream.codec_context.decode(None)])
-    except av.FFmpegError:
-        return False
-    return True
 
 
 def container_tags(path: Path) -> dict[str, str]:

@@ -94,13 +94,13 @@ class VideoDecoder:
         with self._lock:
             number = self._number[place]
             before = bisect.bisect_right(self._keys, number)
-            if number not in self._frames and not before:
+            if not before:
                 raise VfoaError(
                     f"{self._where}: the video begins without a key frame: packet {number + 1} cannot be decoded; "
                     "expected "
                     + (f"start_s in [source] after packet {self._keys[0] + 1}" if self._keys else "a key frame")
                 )
-            for key in self._keys[max(before - _MOST_STARTS, 0) : before][::-1]:
+            for key in reversed(self._keys[max(before - _MOST_STARTS, 0) : before]):
                 if self._decodes(number, key):
                     return self._frames[number]
             raise VfoaError(
