@@ -50,8 +50,8 @@ MUTATIONS = (
     Mutation(
         "Holm goes on after the first that it does not reject",
         "harness/score/comparison.py",
-        "SIGNIFICANCE / (family - min(ordered.index(comparison.p), rejected))",
-        "SIGNIFICANCE / (family - ordered.index(comparison.p))",
+        "SIGNIFICANCE / (family - min(rank, rejected))",
+        "SIGNIFICANCE / (family - rank)",
         "harness/score/test_comparison.py",
     ),
     Mutation(

@@ -155,18 +155,23 @@ def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     ordered = sorted(comparison.p for comparison in comparisons)
     corrected = holm([comparison.p for comparison in comparisons])
     family, rejected = len(comparisons), sum(p < SIGNIFICANCE for p in corrected)
+
+    def interval(comparison: Comparison) -> Interval:
+        """The interval at the level at which Holm tests the comparison; equal p have one level, whatever their order.
+
+        The smallest p is tested at 5 % / family, the next at 5 % / (family - 1) ..., up to the first that is not below.
+        """
+        if comparison.units is None or comparison.is_identical:
+            return NO_INTERVAL
+        rank = ordered.index(comparison.p)
+        return difference_interval(comparison.units, SIGNIFICANCE / (family - min(rank, rejected)))
+
     return tuple(
         replace(
             comparison,
             p_holm=p,
             family=family,
-            interval=NO_INTERVAL
-            if comparison.units is None or comparison.is_identical
-            # Holm tests the smallest p at 5 % / family, the next at 5 % / (family - 1) ..., and stops at the first not
-            # below; equal p have one level, whatever the order of the comparisons
-            else difference_interval(
-                comparison.units, SIGNIFICANCE / (family - min(ordered.index(comparison.p), rejected))
-            ),
+            interval=interval(comparison),
             detectable=math.nan if comparison.units is None else detectable_difference(comparison.units, family),
         )
         for comparison, p in zip(comparisons, corrected, strict=True)
