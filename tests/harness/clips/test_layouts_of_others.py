@@ -185,6 +185,19 @@ def test_euroc_keeps_its_nanoseconds(tmp_path: Path) -> None:
     assert vfoa("check", "mine")[0]["problems"] == []
 
 
+@pytest.mark.parametrize("sides", [("left/{}.png", "right/{}.png"), ("{}_left.png", "{}_right.png")])
+def test_dates_with_times_of_day_are_the_frames_times(tmp_path: Path, sides: tuple[str, str]) -> None:
+    dates = ("2026-11-28_08-59-59-950", "2026-11-28_09-00-00-000", "2026-11-28_09-00-00-050")
+    for number, date in enumerate(dates, start=1):
+        pair(tmp_path / "data", *(side.format(date) for side in sides), number)
+    assert vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)["frames"] == 3
+    clip = load_manifest("mine").open()
+    nine = np.datetime64("2026-11-28T09:00:00", "ns").astype(int)
+    assert [clip.time_ns(number) for number in clip.frames] == [nine - 50_000_000, nine, nine + 50_000_000]
+    assert clip.rate_hz == 20.0
+    np.testing.assert_array_equal(clip.frame(clip.frames[2]).left, views(3)[0])
+
+
 def test_names_that_are_given_win_over_those_that_are_seen(tmp_path: Path) -> None:
     pair(tmp_path / "data", "aloeL.png", "aloeR.png")
     vfoa("add", tmp_path / "data", *NUMBERS, "--set", "left=aloeR.png", "--set", "right=aloeL.png", "--name", "turned")

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.sources.media.frame_files import find_frames, number_names, printf_name
@@ -133,6 +135,51 @@ def test_seconds_and_their_decimals_are_one_number(pattern: str) -> None:
     stamps = ((1_718_000_000, 900_000), (1_718_000_001, 100_000), (1_718_000_001, 500_000))
     names = [pattern.format(s=second, us=us) + ".png" for second, us in stamps]
     assert list(number_names(names, "left").values()) == names
+
+
+FRAMES_MS = (900, 940, 980, 1020, 60_000, 86_400_040)
+"""Of a film over a second's, a minute's and midnight's end."""
+
+
+@pytest.mark.parametrize(
+    ("pattern", "digits"),
+    [
+        ("%Y-%m-%d_%H-%M-%S-", 3),
+        ("%Y_%m_%d_%H_%M_%S_", 6),
+        ("cam0_%Y%m%d_%H%M%S_", 3),
+        ("%Y%m%d_%H%M%S", 6),
+        ("%Y%m%d%H%M%S", 3),
+        ("%Y-%m-%dT%H:%M:%S.", 9),
+        ("Image__%Y-%m-%d__%H-%M-%S,", 2),
+    ],
+)
+def test_a_date_and_its_time_of_day_are_one_number(pattern: str, digits: int) -> None:
+    start = datetime(2023, 12, 31, 23, 59, 58, tzinfo=UTC)
+    times = [start + timedelta(milliseconds=ms) for ms in FRAMES_MS]
+    names = [time.strftime(pattern) + f"{time.microsecond * 1000:09d}"[:digits] + "_left.png" for time in times]
+    since_1970 = [round(start.timestamp()) * 10**9 + ms * 10**6 for ms in FRAMES_MS]
+    assert number_names(reversed(names), "left") == dict(zip(since_1970, names, strict=True))
+
+
+def test_a_date_without_decimals_is_a_time_and_one_beside_an_index_is_not() -> None:
+    seconds = ["20230501_123058", "20230501_123059", "20230501_123100"]
+    assert np.diff(list(number_names([f"{name}.png" for name in seconds], "left"))).tolist() == [10**9, 10**9]
+    names = [f"2023-05-01_12-30-{44 + number // 3}_{number:04d}.png" for number in range(9)]
+    assert list(number_names(names, "left").values()) == names
+    assert list(number_names(names, "left")) == list(range(9))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["20230501_123045_05", "20230501_123045_40", "20230501_123046_7"],
+        ["20231301_123045_05", "20231301_123046_04"],
+        ["2023-05-01_12-59-59-05_PM", "2023-05-01_01-00-00-04_PM"],
+    ],
+)
+def test_what_is_no_certain_date_is_not_taken_for_one(names: list[str]) -> None:
+    with pytest.raises(VfoaError, match="numbers differ"):
+        number_names([f"{name}.png" for name in names], "left")
 
 
 def test_decimals_of_several_lengths_are_not_taken_for_an_index() -> None:

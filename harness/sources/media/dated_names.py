@@ -1,0 +1,64 @@
+"""Dates and times in the names of images: ``2023-05-01_12-30-45-123``, ``20230501_123045_123456``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+_DATED = re.compile(
+    r"(?<!\d)(20\d\d)([-_.]?)(\d\d)\2(\d\d)[^0-9]{0,3}"  # the date; its two marks are the same
+    r"(\d\d)[-_.:]?(\d\d)[-_.:]?(?P<second>\d\d)(?:(?P<mark>[-_.,])?(?P<decimals>\d{1,9})|(?![-_.,]?\d))"
+    r"(?!\d|[-_ ]?[ap]m\b)",
+    re.IGNORECASE,
+)
+_RUN = re.compile(r"\d+")
+
+
+class Dates(NamedTuple):
+    """The time of each name, ns since 1970 as a clock at UTC would have it, and which runs of digits it takes up."""
+
+    times_ns: list[int]
+    runs: range
+
+
+def find_dates(names: Sequence[str]) -> Dates | None:
+    """The dates with times of day in names; None if one has none, or all have the same second.
+
+    A number after the second is its decimals, unless it is an index, which grows from each second to the next.
+    """
+    found = [match for match in map(_DATED.search, names) if match]
+    times = [time for match in found if (time := _time_of(match)) is not None]
+    decimals = [match["decimals"] or "" for match in found]
+    if len(times) < len(names) or len(set(times)) == 1 or len(set(map(len, decimals))) > 1:
+        return None
+    is_index = bool(found[0]["mark"]) and _is_index(sorted(zip(times, map(int, decimals), strict=True)))
+    end = "second" if is_index or not decimals[0] else "decimals"
+    runs = {(_runs_to(match, match.start()), _runs_to(match, match.end(end))) for match in found}
+    if len(runs) > 1:
+        return None
+    if end == "decimals":
+        times = [time + int(digits.ljust(9, "0")) for time, digits in zip(times, decimals, strict=True)]
+    return Dates(times, range(*runs.pop()))
+
+
+def _time_of(match: re.Match[str]) -> int | None:
+    """The second in ns since 1970; None if there is no such day, hour, minute or second."""
+    year, _, month, day, hour, minute, second, *_ = match.groups()
+    try:
+        return int(np.datetime64(f"{year}-{month}-{day}T{hour}:{minute}:{second}", "ns").astype(np.int64))
+    except ValueError:
+        return None
+
+
+def _is_index(numbered: Sequence[tuple[int, int]]) -> bool:
+    """Whether numbers beside ascending times always grow, where decimals would begin again with the next second."""
+    steps = list(pairwise(numbered))
+    return all(number < later for (_, number), (_, later) in steps) and any(a == b for (a, _), (b, _) in steps)
+
+
+def _runs_to(match: re.Match[str], place: int) -> int:
+    return len(_RUN.findall(match.string[:place]))
