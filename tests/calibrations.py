@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -152,6 +154,73 @@ def write_depthai(path: Path, rig: Rig) -> Path:
         cameras.append([number, camera])
     pair = {"leftCameraSocket": 1, "rightCameraSocket": 2}
     return write_text(path, json.dumps({"cameraData": cameras, "stereoRectificationData": pair}, indent=4))
+
+
+def matlab_struct(rig: Rig) -> dict[str, Any]:
+    """What toStruct of MATLAB's stereoParams has: rows times matrices, pixels from 1, millimetres."""
+
+    def camera(k: Array, d: Array) -> dict[str, Any]:
+        return {
+            "RadialDistortion": d[:2].tolist(),
+            "TangentialDistortion": d[2:].tolist(),
+            "ImageSize": [SIZE[1], SIZE[0]],
+            "WorldUnits": "millimeters",
+            "EstimateSkew": False,
+            "IntrinsicMatrix": (k + np.outer([1, 1, 0], [0, 0, 1])).T.tolist(),
+        }
+
+    return {
+        **{f"CameraParameters{number}": camera(k, d) for number, k, d in zip((1, 2), rig.k, rig.d, strict=True)},
+        "RotationOfCamera2": rig.rotation.T.tolist(),
+        "TranslationOfCamera2": (1000 * rig.translation_m).tolist(),
+        "Version": {"Name": "MATLAB", "Release": "(R2021b)"},
+    }
+
+
+def write_matlab(path: Path, rig: Rig) -> Path:
+    return write_text(path, json.dumps({"stereoParams": matlab_struct(rig)}))
+
+
+def write_matlab_matrices(path: Path, rig: Rig) -> Path:
+    """The matrices of both cameras by OpenCV, as scripts copy them from MATLAB, metres."""
+    struct = matlab_struct(rig)
+    nodes = {
+        f"{name}{number}": np.array(struct[f"CameraParameters{number}"][name], np.float64)
+        for number in (1, 2)
+        for name in ("IntrinsicMatrix", "RadialDistortion", "TangentialDistortion")
+    }
+    pose = {"RotationOfCamera2": rig.rotation.T, "TranslationOfCamera2": rig.translation_m}
+    return write_opencv(path, {**nodes, **pose, "ImageSize": np.array([[SIZE[1], SIZE[0]]], np.float64)})
+
+
+def write_matlab_for_opencv(path: Path, rig: Rig) -> Path:
+    """What stereoParametersToOpenCV returns, by its names, metres; the size is rows, columns."""
+    names = {"K1": "intrinsicMatrix1", "K2": "intrinsicMatrix2", "R": "rotationOfCamera2", "T": "translationOfCamera2"}
+    names |= {"D1": "distortionCoefficients1", "D2": "distortionCoefficients2"}
+    values = {names[name]: value.tolist() for name, value in opencv_nodes(rig).items()}
+    return write_text(path, json.dumps({**values, "imageSize": [SIZE[1], SIZE[0]]}))
+
+
+def write_opencv_lists(path: Path, rig: Rig) -> Path:
+    """Write by OpenCV itself with the types of C++: a table for each camera, and sequences of numbers."""
+
+    def sequence(name: str, values: Iterable[float]) -> None:
+        storage.startWriteStruct(name, cv2.FileNode_SEQ | cv2.FileNode_FLOW)
+        for value in values:
+            storage.write("", value)
+        storage.endWriteStruct()
+
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    sequence("imageSize", SIZE)
+    for side, k, d in zip(("left", "right"), rig.k, rig.d, strict=True):
+        storage.startWriteStruct(f"camera_{side}", cv2.FileNode_MAP)
+        storage.write("K", k)
+        sequence("distortion", d.tolist())
+        storage.endWriteStruct()
+    storage.write("R", rig.rotation)
+    sequence("T", rig.translation_m.tolist())
+    storage.release()
+    return path
 
 
 def write_orb_slam_3(path: Path, rig: Rig) -> Path:

@@ -200,6 +200,10 @@ def _check_lens(camera: RawCamera, where: str) -> None:
     _check_shape("K", k, (3, 3), where)
     if not (k[0, 0] > 0 and k[1, 1] > 0):
         raise VfoaError(f"{where}: K: found focal lengths {k[0, 0]:g}, {k[1, 1]:g}; expected positive")
+    if k[1, 0] or k[2, 0] or k[2, 1]:
+        raise VfoaError(
+            f"{where}: K: found {k.tolist()}; expected [fx 0 cx; 0 fy cy; 0 0 1] (transposed, as in MATLAB?)"
+        )
     if d.ndim != 1 or d.size not in counts or not np.isfinite(d).all():
         raise VfoaError(f"{where}: D: found {d.size} coefficients; expected one of {counts}, finite")
 

@@ -85,7 +85,9 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
     """
     given = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
-        values = np.asarray(given, dtype=np.float64).reshape(-1)  # also converts "1e-05", which YAML 1.1 reads as text
+        # also converts "1e-05", which YAML 1.1 reads as text; OpenCV's XML has sequences of numbers as one text
+        words = given.split() if isinstance(given, str) else given
+        values = np.asarray(words, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError, OverflowError):
         raise VfoaError(f"{where}: found {given!r}; expected numbers") from None
     if (count is not None and values.size != count) or not np.isfinite(values).all():
@@ -129,7 +131,8 @@ def _value(element: Element) -> Any:
         parts = {child.tag: (child.text or "").split() for child in element}
         return _shaped({**parts, **{name: parts[name][0] for name in ("rows", "cols") if name in parts}})
     if len(element):
-        return [_value(child) for child in element]
+        is_sequence = all(child.tag == "_" for child in element)
+        return [_value(child) for child in element] if is_sequence else {child.tag: _value(child) for child in element}
     return text.strip('"')
 
 
@@ -294,8 +297,8 @@ _OF_A_CAMERA = {
     "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
 _OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix"),
-    "T": ("t", "trans", "translation", "translationvector"),
+    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2"),
+    "T": ("t", "trans", "translation", "translationvector", "translationofcamera2"),
 }
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
@@ -307,9 +310,12 @@ _ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} 
     for role, names in _OF_A_CAMERA.items()
     for name in names
     for sides in (("1", "l", "left"), ("2", "r", "right"))
-    for spelling in (*(f"{name}{side}" for side in sides), f"{sides[2]}{name}")
+    for spelling in (
+        *(f"{name}{side}" for side in sides),
+        *(f"{side}{name}" for side in (sides[2], f"{sides[2]}camera", f"camera{sides[2]}")),
+    )
 }
-"""The role of each lower-case name without underscores: ``cameramatrixleft`` is K1."""
+"""The role of each lower-case name without underscores: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
 
 
 def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
@@ -323,14 +329,14 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
         If a matrix is missing, occurs under two names, or has a wrong shape.
     """
     matrices = _opencv_matrices(document, where)
-    size_px = _opencv_size(document, where)
+    size_px = _opencv_size(document, matrices, where)
     unrectified = [
         name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
     ]
     if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    model: Model = "equidistant" if fisheye else "plumb_bob"
+    model: Model = "equidistant" if fisheye or _says_fisheye(document) else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
     if is_rectifying or is_posed:
         size_px = size_px or size()
@@ -399,15 +405,36 @@ def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     return matrix.reshape(shape)
 
 
-def _opencv_size(document: Document, where: str) -> tuple[int, int] | None:
+def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
     plain = {str(name).lower().replace("_", ""): value for name, value in document.items()}
     pairs = [("imagewidth", "imageheight"), ("width", "height")]
-    values = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
-    values = values or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
+    named = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
+    values = named or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
     if values is None:
         return None
     width, height = numbers(values, f"{where}: image size", 2)
+    if named is None and _is_shape(width, height, matrices):
+        width, height = height, width
     return (int(width), int(height)) if width > 0 and height > 0 else None
+
+
+def _says_fisheye(document: Document) -> bool:
+    """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add."""
+    plain = {str(name).lower().replace("_", ""): value for name, value in document.items()}
+    models = [str(plain.get(name)) for name in ("model", "cameramodel", "distortionmodel")]
+    return str(plain.get("fisheye")).lower() in ("true", "1") or any(
+        MODELS.get(name) == "equidistant" for name in models
+    )
+
+
+def _is_shape(first: float, second: float, matrices: Mapping[str, Float]) -> bool:
+    """Whether an image size is (rows, columns), as of NumPy or MATLAB: the principal point is nearer to that middle."""
+    k = next((matrices[name] for name in ("K1", "P1") if name in matrices), None)
+    if k is None or k.size not in (9, 12) or not (first > 0 and second > 0):
+        return False
+    column, row = k.reshape(3, -1)[:2, 2]
+    off = [abs(column / width - 0.5) + abs(row / height - 0.5) for width, height in ((first, second), (second, first))]
+    return off[1] < off[0]
 
 
 def _is_trivial(matrix: Float) -> bool:

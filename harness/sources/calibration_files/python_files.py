@@ -19,7 +19,8 @@ SAVE = 'np.savez("stereo.npz", K1=K1, D1=D1, K2=K2, D2=D2, R=R, T=T, image_size=
 
 _MATLAB = (
     "a file of MATLAB",
-    "expected JSON: jsonencode of a struct with K1 D1 K2 D2 R T image_size, as stereoParametersToOpenCV returns them",
+    "expected what jsonencode(toStruct(stereoParams)) returns, in a file .json (or, of a struct with K1 D1 K2 D2 R T, "
+    "jsonencode of that)",
 )
 _PICKLE = "a pickle of Python, which could run any code", f"expected the same matrices by {SAVE}"
 _HDF5 = "a file of HDF5", f"expected the same matrices by {SAVE}"

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import basalt, depthai, documents, orb_slam, texts
+from harness.sources.calibration_files import basalt, depthai, documents, matlab, orb_slam, texts
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -38,9 +38,10 @@ class Options(Settings):
     """Settings of a manifest for what a calibration's file does not contain.
 
     ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr
-    and Basalt. ``calibration_unit`` is that of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``.
-    ``rectified``: the images are rectified already, although the file also says how to rectify. ``baseline_m``: the
-    distance of the two cameras, which replaces the file's or completes a file without one.
+    and Basalt. ``calibration_unit`` is that of the translation; by default metres, or what MATLAB's file says.
+    ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are rectified already, although the
+    file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces the file's or
+    completes a file without one.
     """
 
     calibration_cameras: tuple[int, int] | None = None
@@ -134,6 +135,9 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
         return basalt.PROGRAM, basalt.basalt_pair(merged, options.calibration_cameras or (0, 1), where)
     if orb_slam.is_orb_slam(merged):
         return orb_slam.PROGRAM, orb_slam.orb_slam_pair(merged, size, where, rectified=options.rectified)
+    if matlab.is_matlab(merged):
+        has_unit = "calibration_unit" in options.model_fields_set
+        return matlab.PROGRAM, matlab.matlab_pair(merged, size, where, has_unit=has_unit)
     if depthai.is_depthai(merged):
         if options.rectified:
             raise VfoaError(
@@ -184,7 +188,7 @@ _CALIBRATION_NAME = re.compile(
 )
 _CALIBRATION_CONTENT = re.compile(
     rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b|"
-    rb"Camera1?\.fx\b|T_imu_cam\b)",
+    rb"Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b)",
     re.IGNORECASE,
 )
 

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
+from harness.sources.calibration_files.read import METRES, Options, Unit, find_calibrations, read_cameras
 from harness.sources.rectification import RawCalibration, RawCamera, Rectifier, rectify_pose
 from tests import calibrations
 from tests.calibrations import RIG, SIZE, Rig, opencv_nodes, rectification, write_opencv, write_yaml
@@ -55,6 +55,11 @@ def _lists(root: Path) -> list[Path]:
     return [write_yaml(root / "c.yaml", {**nodes, "image_size": list(SIZE), "rms": 0.3})]
 
 
+def _below(root: Path) -> Path:
+    root.mkdir(parents=True, exist_ok=True)
+    return root
+
+
 FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
     "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
@@ -71,6 +76,12 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "orb-slam 3": lambda root: [calibrations.write_orb_slam_3(root / "mine.yaml", RIG)],
     "openvins": lambda root: [calibrations.write_openvins(root / "camchain.yaml", RIG)],
     "basalt": lambda root: [calibrations.write_basalt(root / "mine.json", RIG)],
+    "opencv lists, yaml": lambda root: [calibrations.write_opencv_lists(_below(root) / "c.yml", RIG)],
+    "opencv lists, xml": lambda root: [calibrations.write_opencv_lists(_below(root) / "c.xml", RIG)],
+    "opencv lists, json": lambda root: [calibrations.write_opencv_lists(_below(root) / "c.json", RIG)],
+    "matlab": lambda root: [calibrations.write_matlab(root / "mine.json", RIG)],
+    "matlab's matrices": lambda root: [calibrations.write_matlab_matrices(root / "mine.yml", RIG)],
+    "matlab for opencv": lambda root: [calibrations.write_matlab_for_opencv(root / "mine.json", RIG)],
 }
 
 
@@ -344,6 +355,51 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
         read_cameras([path], _size)
     with pytest.raises(VfoaError, match=r"no cam3; .*cam0, cam1, cam2"):
         read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
+
+
+@pytest.mark.parametrize("unit", ["m", "cm", "mm"])
+def test_a_unit_that_is_said_replaces_that_of_matlab_s_file(tmp_path: Path, unit: Unit) -> None:
+    """MATLAB writes millimetres wherever nobody has said the unit of the board's squares."""
+    path = calibrations.write_matlab(tmp_path / "c.json", RIG)
+    expected = 1000 * METRES[unit] * np.linalg.norm(RIG.translation_m)
+    assert _raw([path], Options(calibration_unit=unit)).rectified().baseline_m == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("number", "values", "message"),
+    [
+        (None, {"RotationOfCamera2": None}, "no RotationOfCamera2"),
+        (None, {"CameraParameters2": None}, "no CameraParameters2"),
+        (2, {"IntrinsicMatrix": None}, "camera 2: no IntrinsicMatrix"),
+        (1, {"RadialDistortion": [0.1]}, "camera 1: .*found 1 and 2 numbers"),
+        (1, {"K": [700, 3, 630, 0, 700, 360, 0, 0, 1]}, "camera 1: .*skew of 3 px"),
+    ],
+)
+def test_what_is_wrong_in_matlab_s_file_is_named(
+    tmp_path: Path, number: int | None, values: dict[str, Any], message: str
+) -> None:
+    struct = calibrations.matlab_struct(RIG)
+    changed = struct if number is None else struct[f"CameraParameters{number}"]
+    changed.update(values)
+    for name in [name for name, value in values.items() if value is None]:
+        del changed[name]
+    with pytest.raises(VfoaError, match=message) as error:
+        _raw([write_text(tmp_path / "c.json", json.dumps(struct))])
+    assert str(error.value).startswith(str(tmp_path / "c.json"))
+
+
+def test_a_camera_matrix_of_rows_times_matrices_is_refused(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"K1": nodes["K1"].T, "K2": nodes["K2"].T})
+    with pytest.raises(VfoaError, match=r"left: K: found .*expected \[fx 0 cx; 0 fy cy; 0 0 1\]"):
+        _raw([path])
+
+
+@pytest.mark.parametrize("said", [{"fisheye": True}, {"camera_model": "fisheye"}, {"distortion_model": "equidistant"}])
+def test_a_file_that_says_so_is_of_fisheye_lenses(tmp_path: Path, said: dict[str, Any]) -> None:
+    values = {name: value.tolist() for name, value in opencv_nodes(FISHEYE).items()}
+    cameras = _raw([write_text(tmp_path / "c.json", json.dumps({**values, **said}))])
+    _assert_rows_match_and_depths_come_back(cameras, FISHEYE, _points(3))
 
 
 def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
