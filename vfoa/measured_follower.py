@@ -91,6 +91,9 @@ class MeasuredFollower:
         for what, table in (("people", people), ("objects", objects)):
             if not isinstance(table, Mapping):
                 raise VfoaError(f"{what}: expected a mapping by name, found {type(table).__name__}")
+            for name in table:
+                if not (isinstance(name, str) and name):
+                    raise VfoaError(f"{what}: expected names, texts that are not empty, found {name!r}")
         boxes: dict[str, Box3D | None] = {}
         seen = []
         self._people |= people.keys()

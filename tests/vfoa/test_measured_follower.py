@@ -155,6 +155,8 @@ def _observed(person: Person) -> Observed:
         ({"anna": {"eyes_m": EYES}}, {}, "anna: .*Observed.*dict"),
         ([Observed(eyes_m=EYES)], {}, "people: .*list"),
         ({}, [(0, 0, 1)], "objects: .*list"),
+        ({"": Observed(eyes_m=EYES)}, {}, "people: .*''"),
+        ({}, {0: CUP}, "objects: .* 0"),
     ],
 )
 def test_a_wrong_measurement_is_named_and_changes_nothing(
