@@ -12,7 +12,15 @@ from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.check_measured import direction_notes, measurement_problems
 from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
-from harness.clips.matching import first_middle_last, matched_offsets_px, motion, near_notes, right_offset
+from harness.clips.matching import (
+    ROWS_FRAMES,
+    first_middle_last,
+    matched_offsets_px,
+    motion,
+    near_notes,
+    offset_by_rows,
+    right_offset,
+)
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError
@@ -119,12 +127,16 @@ QUICK_FRAMES, QUICK_OFFSET, MOST_OFFSET = 48, 16, 1500
 """Frames in the middle of a clip in which motion is compared, and the offsets that are tried there and over all."""
 
 
-def _time_notes(manifest: ClipManifest, changes: Float, most: int) -> Iterator[str]:
-    """A note if the right views are not of the time of the left ones, by the motion (2, N) in both."""
-    if (by := right_offset(changes, min(most, changes.shape[1] // 2))) is None:
+def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -> Iterator[str]:
+    """A note if the right views are not of the time of the left ones, by the motion (2, N) in both, or by its rows."""
+    by = right_offset(changes, min(most, changes.shape[1] // 2))
+    if by is None and changes.shape[1] >= ROWS_FRAMES:
+        by = offset_by_rows(lambda number: attempt(lambda: clip.frame(number))[0], _middle(clip.frames, ROWS_FRAMES))
+    if by is None:
         return
-    seen = f"what moves in the left view moves {abs(by)} frames {'later' if by > 0 else 'earlier'} in the right one"
-    if manifest.source.get("layout") == "videos":
+    frames = "1 frame" if abs(by) == 1 else f"{abs(by)} frames"
+    seen = f"what moves in the left view moves {frames} {'later' if by > 0 else 'earlier'} in the right one"
+    if manifest.source.get("layout") in ("videos", "images") and "stamps" not in manifest.source:
         yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + by} in [source]"
     else:
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
@@ -235,7 +247,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *([few] if has_right and not is_matched else []),
             *dict.fromkeys(note for frame in frames for note in camera_notes(frame.rig)),
             *_rectified_notes(manifest, error_px),
-            *_time_notes(manifest, changes, MOST_OFFSET if every_frame else QUICK_OFFSET),
+            *_time_notes(manifest, clip, changes, MOST_OFFSET if every_frame else QUICK_OFFSET),
             *_picture_bits_notes(greatest),
             *depth_notes(frames),
             *near_notes(frames),
@@ -253,10 +265,10 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     )
 
 
-def _middle(numbers: Sequence[int]) -> Sequence[int]:
+def _middle(numbers: Sequence[int], count: int = QUICK_FRAMES) -> Sequence[int]:
     """Frames that follow each other, in the middle of a clip."""
-    begin = max(len(numbers) - QUICK_FRAMES, 0) // 2
-    return numbers[begin : begin + QUICK_FRAMES]
+    begin = max(len(numbers) - count, 0) // 2
+    return numbers[begin : begin + count]
 
 
 def _moving(clip: Clip, numbers: Sequence[int]) -> tuple[Float, tuple[str, ...]]:

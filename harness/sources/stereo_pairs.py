@@ -177,7 +177,7 @@ class PairFiles(Settings):
 
     ``both`` is the same for files that hold both views. ``stamps``: the numbers in the images' names are times, in this
     unit, and those of a pair may be ``tolerance_ms`` apart. ``times`` is a file with the time of each left image in a
-    line, as in KITTI's raw recordings. ``swap`` exchanges left and right. ``right_offset``: of two videos that were not
+    line, as in KITTI's raw recordings. ``swap`` exchanges left and right. ``right_offset``: of cameras that were not
     started together, the frame of ``right`` that was taken with frame 0 of ``left``; -3 if that is frame 3 of ``left``
     with frame 0 of ``right``.
     """
@@ -210,8 +210,8 @@ class PairFiles(Settings):
             raise ValueError(f"times: found {self.times!r}; expected it only for the layout images, and without stamps")
         if self.tolerance_ms is not None and (self.stamps is None or self.layout != "images"):
             raise ValueError('tolerance_ms: expected stamps = "ns" (or us, ms, s) beside it, and the layout images')
-        if self.right_offset and self.layout != "videos":
-            raise ValueError(f"right_offset: found {self.right_offset}; expected it only for the layout videos")
+        if self.right_offset and (self.both is not None or self.stamps is not None):
+            raise ValueError(f"right_offset: found {self.right_offset}; expected it only for two views by number")
         return self
 
     def views(self, folder: Path) -> StereoPairs:
@@ -232,6 +232,8 @@ class PairFiles(Settings):
             left = self._images(find_frames(folder, self.both, "source.both"), folder)
         else:
             lefts, rights = find_sides(folder, str(self.left), str(self.right))
+            if self.right_offset:
+                rights = {number - self.right_offset: path for number, path in rights.items()}
             if self.stamps is not None:
                 rights = _joined_by_time(lefts, rights, self.tolerance_ms, TICKS_NS[self.stamps])
             left, right = self._images(lefts, folder), ImageFiles(rights)

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.clips.matching import motion, right_offset
+from harness.clips.matching import ROWS_FRAMES, motion, offset_by_rows, right_offset
+from harness.sources.media.images import read_rgb
 from tests.disk import write_image, write_video
 from tests.harness.clips.adding import NUMBERS, vfoa
 from tests.scenes import make_rig
@@ -38,7 +40,8 @@ def _film(count: int, seed: int, *, is_still: bool = False) -> list[tuple[Image,
 
 def _frames(pairs: Sequence[tuple[Image, Image]], late: int) -> list[StereoFrame]:
     """Frames whose right views are those of ``late`` frames before."""
-    rig = make_rig(WIDTH, HEIGHT)
+    height, width = pairs[0][0].shape[:2]
+    rig = make_rig(width, height)
     lefts, rights = pairs[max(late, 0) :], pairs[max(-late, 0) :]
     return [
         StereoFrame(index=number, time_ns=number, left=left, right=right, rig=rig)
@@ -60,6 +63,52 @@ def test_views_of_other_places_are_not_told(tmp_path: Path) -> None:
     one, other = _film(80, 5), _film(80, 6)
     pairs = [(left, right) for (left, _), (_, right) in zip(one, other, strict=True)]
     assert right_offset(motion(_frames(pairs, 0)), 16) is None
+
+
+def _poster(seed: int, step: tuple[int, int]) -> list[tuple[Image, Image]]:
+    """Pairs in which a poster moves by (columns, rows) in each frame, before a wall 8 pixels apart."""
+    random = np.random.default_rng(seed)
+    wall, poster = (
+        cv2.resize(random.integers(0, 255, (60, 80, 3), np.uint8), size) for size in ((408, 300), (160, 120))
+    )
+    pairs = []
+    for number in range(ROWS_FRAMES + 2):
+        views = wall[:, :400].copy(), wall[:, 8:].copy()
+        for view, disparity in zip(views, (24, 0), strict=True):
+            row, column = 20 + step[1] * number, 40 + step[0] * number + disparity
+            view[row : row + 120, column : column + 160] = poster
+        pairs.append(views)
+    return pairs
+
+
+@pytest.mark.parametrize("late", [-2, -1, 0, 1, 2])
+def test_what_moves_as_fast_in_each_frame_is_told_by_its_rows(late: int) -> None:
+    frames = _frames(_poster(1, (2, 3)), late)[:ROWS_FRAMES]
+    assert right_offset(motion(frames), 7) is None
+    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == (late or None)
+
+
+def test_rows_tell_nothing_of_what_moves_sideways_or_cannot_be_read() -> None:
+    frames = _frames(_poster(2, (3, 0)), 1)
+    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) is None
+    frames = _frames(_poster(1, (2, 3)), 1)
+    assert offset_by_rows(lambda number: None if number == 5 else frames[number], range(ROWS_FRAMES)) is None
+    still = _frames([_poster(3, (0, 0))[0]] * (ROWS_FRAMES + 2), 1)
+    assert offset_by_rows(still.__getitem__, range(ROWS_FRAMES)) is None
+
+
+@pytest.mark.parametrize("late", [-1, 0, 2])
+def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, late: int) -> None:
+    training = shared_data / "sintel" / "training"
+    pairs = [
+        (
+            read_rgb(training / "clean_left" / "bandage_2" / f"frame_{number:04d}.png"),
+            read_rgb(training / "clean_right" / "bandage_2" / f"frame_{number:04d}.png"),
+        )
+        for number in range(15, 15 + ROWS_FRAMES + 2)
+    ]
+    frames = _frames(pairs, late)[:ROWS_FRAMES]
+    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == (late or None)
 
 
 def test_frames_that_cannot_be_read_are_no_motion() -> None:
@@ -101,11 +150,21 @@ def test_two_videos_that_were_not_started_together_are_told_their_offset(tmp_pat
 
 
 @pytest.mark.usefixtures("work_here")
-def test_folders_of_images_are_asked_for_their_clock(tmp_path: Path) -> None:
+def test_folders_of_images_are_told_their_offset_by_number_and_asked_for_their_clock(tmp_path: Path) -> None:
     pairs = _film(60, 9)
     for number, ((left, _), (_, right)) in enumerate(zip(pairs[3:], pairs, strict=False)):
         write_image(tmp_path / "data" / "left" / f"{number:03d}.png", left)
         write_image(tmp_path / "data" / "right" / f"{number:03d}.png", right)
     vfoa("add", tmp_path / "data", *NUMBERS, "--name", "mine")
     (checked,) = vfoa("check", "mine")
-    assert [note for note in checked["notes"] if "moves 3 frames later in the right one" in note]
+    assert [
+        note.rpartition(": ")[2] for note in checked["notes"] if "moves 3 frames later in the right one" in note
+    ] == ["say right_offset = 3 in [source]"]
+    vfoa("add", tmp_path / "data", *NUMBERS, "--name", "right", "--set", "right_offset=3")
+    (checked,) = vfoa("check", "right")
+    assert not [note for note in checked["notes"] if "moves" in note]
+    for file in sorted((tmp_path / "data").glob("*/*.png")):
+        file.rename(file.with_stem(f"{1718000000000 + 40 * int(file.stem)}"))
+    vfoa("add", tmp_path / "data", *NUMBERS, "--name", "stamped")
+    (checked,) = vfoa("check", "stamped")
+    assert [note for note in checked["notes"] if note.endswith("of both cameras of one clock?")]

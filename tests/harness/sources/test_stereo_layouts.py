@@ -235,9 +235,30 @@ def _flat(number: int) -> np.ndarray:
     return np.full((16, 16, 3), 40 + 12 * number, np.uint8)
 
 
-def test_an_offset_without_two_videos_or_common_frames_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("offset", [2, -3])
+def test_numbered_images_of_cameras_that_were_not_started_together(tmp_path: Path, offset: int) -> None:
+    for side, first, count in ((0, 0, 10), (1, -offset, 9)):
+        for number in range(count):
+            write_image(tmp_path / f"{side}" / f"{number:04d}.png", _flat(first + number))
+    settings = {"left": "0", "right": "1", "right_offset": offset, "rate_hz": 25, "camera": CAMERA}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    assert clip.frames == tuple(range(max(0, -offset), min(10, 9 - offset)))
+    for number in clip.frames:
+        frame = clip.frame(number)
+        assert frame.right is not None
+        assert np.array_equal(frame.left, frame.right)
+        assert frame.time_ns == number * 40_000_000
+
+
+@pytest.mark.parametrize(
+    "files", [{"left": "a", "right": "b", "stamps": "ns"}, {"layout": "images_top_bottom", "both": "a"}]
+)
+def test_an_offset_of_stamped_or_packed_views_is_refused(files: dict[str, Any]) -> None:
     with pytest.raises(ValidationError, match="right_offset"):
-        StereoFolderSettings.model_validate({"left": "a", "right": "b", "right_offset": 1, "camera": CAMERA})
+        StereoFolderSettings.model_validate({**files, "right_offset": 1, "camera": CAMERA})
+
+
+def test_an_offset_without_common_frames_is_refused(tmp_path: Path) -> None:
     for side in (0, 1):
         write_video(tmp_path / f"{side}.mkv", [_flat(1)] * 3)
     settings = {"layout": "videos", "left": "0.mkv", "right": "1.mkv", "right_offset": 5, "camera": CAMERA}
