@@ -190,9 +190,9 @@ def _documents(layers: LayerNames) -> list[rrb.TextDocumentView | rrb.TextLogVie
 def _plots(layers: LayerNames, subject: str | None, span: tuple[int, int] | None) -> rrb.Tabs | rrb.TimeSeriesView:
     room = None
     if span is not None:  # for the legend, which would hide the first frames
-        left = int(span[0] - _LEGEND_SHARE * (span[1] - span[0]))
-        first, last = rrb.TimeRangeBoundary.absolute(seq=left), rrb.TimeRangeBoundary.absolute(seq=span[1])
-        room = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
+        left = rrb.TimeRangeBoundary.absolute(seq=int(span[0] - _LEGEND_SHARE * (span[1] - span[0])))
+        # the range holds on the timeline of times, too, where a last frame would be some nanoseconds
+        room = rrb.TimeAxis(view_range=rr.TimeRange(start=left, end=rrb.TimeRangeBoundary.infinite()))
     if subject is None:
         return _plot(layers, None, "total", room, legend=True)
     return rrb.Tabs(*(_plot(layers, subject, value, room, legend=True) for value in ("total", *CUES)), active_tab=0)

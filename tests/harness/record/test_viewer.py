@@ -67,6 +67,17 @@ def test_a_scene_without_clouds_is_seen_by_its_boxes(frames, record_run):
     np.testing.assert_allclose(np.sort(found, axis=1), np.sort(box_corners(boxes), axis=1), atol=1e-6)
 
 
+def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frames, tmp_path):
+    write_run(tmp_path / "run", {CONFIGURATION: frames})
+    (composed,) = find_recordings(tmp_path / "run", None, None)
+    reader = RrdReader(composed.files_to_open(tmp_path)[0])
+    chunks = reader.stream(store=reader.blueprints()[0]).filter(components="TimeAxis:view_range")
+    ranges = [chunk.to_record_batch().column("TimeAxis:view_range")[0].as_py() for chunk in chunks]
+    assert ranges
+    first = frames[0].frame.index
+    assert all(room["start"] < first and room["end"] is None for (room,) in ranges)
+
+
 needs_vulkan = pytest.mark.skipif(
     ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")),
     reason="needs a Vulkan driver (Debian: mesa-vulkan-drivers libvulkan1)",
